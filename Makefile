@@ -1,0 +1,60 @@
+# Every target works from a fresh checkout: it makes .venv, fills it and builds the native module
+# first where that is needed. Needs Python 3.11+, make and a C++20 compiler; the rest comes from PyPI.
+
+BIN := .venv/bin
+export PYTHON CXX
+
+# Two calls of make in one checkout must not build into the same folders at once.
+LOCK := $(if $(shell command -v flock),flock .venv.lock)
+
+CORE := $(shell find zenoh_tf/core -type f)
+PACKAGES := zenoh_tf server/zenoh_tf_server client/zenoh_tf_client
+
+.DEFAULT_GOAL := help
+.PHONY: help native demo test lint format bench core-test image-test clean
+
+help: ## say what there is
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
+
+native: .venv/native.stamp ## make .venv, build the native module, install it all editable
+
+.venv/requirements.stamp: pyproject.toml scripts/venv.sh scripts/compiler.sh
+	@$(LOCK) sh scripts/venv.sh
+	@touch $@
+
+# No build isolation: the build requirements are in .venv already, and CMake's cache stays valid.
+.venv/native.stamp: .venv/requirements.stamp pyproject.toml $(CORE)
+	@sh scripts/compiler.sh >/dev/null
+	@echo "building the native module"
+	@$(LOCK) $(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--no-build-isolation --no-deps --editable .
+	@touch $@
+
+demo: native ## a server, sensors and clients on this machine, in under 20 s
+	@$(BIN)/python examples/demo.py
+
+test: native ## the C++ tests of the core, then pytest
+	@$(LOCK) sh scripts/core_test.sh plain
+	@$(BIN)/python -m pytest $(ARGS)
+
+lint: native ## ruff, mypy --strict
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+format: .venv/requirements.stamp ## let ruff format and sort the imports
+	@$(BIN)/ruff check --select I --fix .
+	@$(BIN)/ruff format .
+
+bench: native ## the benchmarks; prints JSON
+	@$(BIN)/python -m bench
+
+core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
+	@$(LOCK) sh scripts/core_test.sh plain thread address
+
+image-test: native ## build the container image for real, run it, use it from outside
+	@$(BIN)/python docker/image_test.py
+
+clean: ## remove everything that make made
+	rm -rf .venv .venv.lock build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
