@@ -2,7 +2,11 @@
 # first where that is needed. Needs Python 3.11+, make and a C++20 compiler; the rest comes from PyPI.
 
 BIN := .venv/bin
-export PYTHON CXX
+export PYTHON
+# make's own default for CXX says nothing about what is installed: scripts/compiler.sh looks.
+ifneq ($(origin CXX),default)
+export CXX
+endif
 
 # Two calls of make in one checkout must not build into the same folders at once.
 LOCK := $(if $(shell command -v flock),flock .venv.lock)
@@ -24,10 +28,9 @@ native: .venv/native.stamp ## make .venv, build the native module, install it al
 
 # No build isolation: the build requirements are in .venv already, and CMake's cache stays valid.
 .venv/native.stamp: .venv/requirements.stamp pyproject.toml $(CORE)
-	@sh scripts/compiler.sh >/dev/null
 	@echo "building the native module"
-	@$(LOCK) $(BIN)/python -m pip install --quiet --disable-pip-version-check \
-		--no-build-isolation --no-deps --editable .
+	@compiler=$$(sh scripts/compiler.sh) && CXX=$$compiler $(LOCK) $(BIN)/python -m pip install \
+		--quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@
 
 demo: native ## a server, sensors and clients on this machine, in under 20 s
