@@ -1,0 +1,174 @@
+"""The container engines that the image test can use: Docker's, or buildah and podman on their own.
+
+Both are driven through their command lines, which agree on nearly everything.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import stand_in
+
+_DEBIAN_PACKAGES = ("buildah", "podman", "runc", "mmdebstrap")
+
+
+class Engine:
+    """Docker: a daemon runs, and reaches a registry or has the base image already."""
+
+    name = "docker"
+    tool: tuple[str, ...] = ("docker",)
+
+    def prepare_base(self, image: str) -> str:
+        """Make ``image`` available under its name; returns where it came from."""
+        return "pulled by the build where it is not here yet"
+
+    def build(self, context: Path, dockerfile: Path, tag: str) -> None:
+        self._run("build", "-f", str(dockerfile), "-t", tag, str(context))
+
+    def start(self, tag: str, name: str, *options: str) -> None:
+        """Start the image's own entry point in the background."""
+        self._run("run", "-d", "--name", name, *options, tag)
+
+    def publish(self, port: int) -> list[str]:
+        """Options of ``start`` that make the container's port reachable from this machine."""
+        return ["-p", f"127.0.0.1::{port}"]
+
+    def reach(self, name: str, port: int) -> tuple[list[str], str]:
+        """How this machine reaches the port: what a command must start with, and the endpoint."""
+        ports = self.inspect(name)["NetworkSettings"]["Ports"][f"{port}/tcp"]
+        return [], f"tcp/127.0.0.1:{ports[0]['HostPort']}"
+
+    def is_healthy(self, name: str) -> bool:
+        """What the image's own health check says now."""
+        return bool(self.inspect(name)["State"]["Health"]["Status"] == "healthy")
+
+    def execute(self, name: str, *command: str) -> subprocess.CompletedProcess[str]:
+        return self._run("exec", name, *command, check=False)
+
+    def run_once(self, tag: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run to the end; ``arguments`` are options, the entry point among them, and a command."""
+        options = [argument for argument in arguments if argument.startswith("--")]
+        return self._run("run", "--rm", *options, tag, *arguments[len(options) :], check=False)
+
+    def signal(self, name: str, signal: str) -> None:
+        self._run("kill", "--signal", signal, name)
+
+    def inspect(self, name: str) -> Any:
+        return json.loads(self._run("inspect", name).stdout)[0]
+
+    def logs(self, name: str) -> str:
+        done = self._run("logs", name, check=False)
+        return done.stdout + done.stderr
+
+    def remove(self, name: str) -> None:
+        self._run("rm", "-f", name, check=False)
+
+    def close(self, tag: str) -> None:
+        """Leave nothing behind."""
+        self._run("rmi", "-f", tag, check=False)
+
+    def _run(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess[str]:
+        return run([*self.tool, *arguments], check=check)
+
+
+class Podman(Engine):
+    """buildah and podman as root with a store of their own: no daemon, no change to the machine."""
+
+    name = "buildah and podman"
+    tool = ("podman", "--log-level=fatal")
+
+    def __init__(self) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="zenoh-tf-image-"))
+        storage = self._folder / "storage.conf"
+        storage.write_text(
+            "[storage]\n"
+            'driver = "overlay"\n'
+            f'graphroot = "{self._folder}/graph"\n'
+            f'runroot = "{self._folder}/run"\n'
+        )
+        containers = self._folder / "containers.conf"
+        # Limits low enough to be granted inside another container; cgroups without systemd.
+        containers.write_text(
+            "[containers]\n"
+            'default_ulimits = ["nofile=1024:4096", "nproc=1024:4096"]\n'
+            "[engine]\n"
+            'runtime = "runc"\n'
+            'cgroup_manager = "cgroupfs"\n'
+            'events_logger = "file"\n'
+        )
+        os.environ["CONTAINERS_STORAGE_CONF"] = str(storage)
+        os.environ["CONTAINERS_CONF"] = str(containers)
+
+    def prepare_base(self, image: str) -> str:
+        local = f"localhost/{image}"
+        remote = f"docker.io/library/{image}"
+        if self._run("pull", "--quiet", remote, check=False).returncode == 0:
+            self._run("tag", remote, local)
+            return "pulled"
+        self._run("import", str(stand_in.tarball(image)), local)
+        return (
+            "A STAND-IN made from Debian's packages and this machine's Python: no registry reached"
+        )
+
+    def build(self, context: Path, dockerfile: Path, tag: str) -> None:
+        options = [
+            "--pull-never",
+            "--isolation",
+            "chroot",
+            "--network",
+            "host",
+            "--format",
+            "docker",
+        ]
+        command = ["buildah", "bud", *options, "-f", str(dockerfile), "-t", tag, str(context)]
+        run(command)
+
+    def publish(self, port: int) -> list[str]:
+        # A network of its own with nothing but loopback: no bridge, no port of this machine taken.
+        return ["--network", "none"]
+
+    def reach(self, name: str, port: int) -> tuple[list[str], str]:
+        pid = self.inspect(name)["State"]["Pid"]
+        return ["nsenter", f"--net=/proc/{pid}/ns/net"], f"tcp/127.0.0.1:{port}"
+
+    def is_healthy(self, name: str) -> bool:
+        # No systemd, no timer: ask for one run of the image's check.
+        return self._run("healthcheck", "run", name, check=False).returncode == 0
+
+    def close(self, tag: str) -> None:
+        run(["buildah", "rm", "--all"], check=False)
+        run(["buildah", "rmi", "--all", "--force"], check=False)
+        run(["umount", str(self._folder / "graph" / "overlay")], check=False)
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def choose() -> Engine:
+    """Docker if its daemon answers, else buildah and podman, installed first where that may be."""
+    if shutil.which("docker") and run(["docker", "info"], check=False).returncode == 0:
+        return Engine()
+    if os.geteuid() != 0:
+        raise SystemExit("no Docker engine answers; without one, building an image here needs root")
+    missing = [tool for tool in _DEBIAN_PACKAGES if shutil.which(tool) is None]
+    if missing:
+        if shutil.which("apt-get") is None:
+            raise SystemExit(f"no Docker engine answers, and missing: {', '.join(missing)}")
+        print(f"no Docker engine answers: installing {', '.join(missing)}", flush=True)
+        run(["apt-get", "update", "-qq"])
+        install = ["apt-get", "install", "-y", "-qq", "--no-install-recommends"]
+        run(["env", "DEBIAN_FRONTEND=noninteractive", *install, *missing])
+    return Podman()
+
+
+def run(command: list[str], *, check: bool = True) -> subprocess.CompletedProcess[str]:
+    """Run a command; a failure of one that is checked ends the test with what it said."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if check and done.returncode != 0:
+        said = (done.stdout + done.stderr)[-8000:]
+        raise SystemExit(f"failed with {done.returncode}: {' '.join(command)}\n{said}")
+    return done

@@ -1,0 +1,141 @@
+"""Builds the container image for real, runs it locked down, and uses it from outside.
+
+``make image-test`` calls it. With Docker where its daemon answers, else with buildah and podman.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import engines
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCKERFILE = ROOT / "docker/Dockerfile"
+TAG = "localhost/zenoh-tf:test"
+NAME = "zenoh-tf-image-test"
+PORT = 7447
+USER_ID = 10001
+STOP_TIME_MAX_S = 2.0
+
+LOCKED_DOWN = ("--read-only", "--cap-drop=ALL", "--security-opt=no-new-privileges")
+
+
+def main() -> int:
+    """Run every check; a failed one raises SystemExit with its reason."""
+    engine = engines.choose()
+    say("engine", engine.name)
+    try:
+        build(engine)
+        check_contents(engine)
+        engine.start(TAG, NAME, *LOCKED_DOWN, *engine.publish(PORT))
+        try:
+            check_health(engine)
+            check_privileges(engine)
+            check_outside_client(engine)
+            check_frozen_is_unhealthy(engine)
+            check_stop(engine)
+        except BaseException:
+            print(f"--- log of the container\n{engine.logs(NAME)}---", file=sys.stderr)
+            raise
+        finally:
+            engine.remove(NAME)
+    finally:
+        engine.close(TAG)
+    print("image test passed")
+    return 0
+
+
+def build(engine: engines.Engine) -> None:
+    base = DOCKERFILE.read_text().split("ARG BASE_IMAGE=")[1].split()[0]
+    say("base image", f"{base}: {engine.prepare_base(base)}")
+    start = time.monotonic()
+    engine.build(ROOT, DOCKERFILE, TAG)
+    say("built", f"in {time.monotonic() - start:.0f} s")
+    total, base_size = (engine.inspect(image)["Size"] / 1e6 for image in (TAG, base))
+    say("size", f"{total:.0f} MB, of which {base_size:.0f} MB are the base image")
+
+
+def check_contents(engine: engines.Engine) -> None:
+    found = engine.run_once(
+        TAG, "--entrypoint=sh", "-c", "command -v c++ g++ gcc cc clang cmake ninja; true"
+    )
+    expect(found.returncode == 0 and not found.stdout, f"build tools in the image: {found}")
+    say("no compiler", "in the final image")
+    configured = engine.inspect(TAG)["Config"]
+    expect(configured["User"].split(":")[0] not in ("", "0", "root"), "the image runs as root")
+
+
+def check_health(engine: engines.Engine) -> None:
+    start = time.monotonic()
+    until(lambda: engine.is_healthy(NAME), 60, "the container does not become healthy")
+    say("healthy", f"seen {time.monotonic() - start:.1f} s after the start")
+
+
+def check_privileges(engine: engines.Engine) -> None:
+    status = engine.execute(NAME, "cat", "/proc/1/status").stdout
+    facts = dict(line.split(":", 1) for line in status.splitlines())
+    expect(facts["Uid"].split() == [str(USER_ID)] * 4, f"runs with uids {facts['Uid']}")
+    for kind in ("CapPrm", "CapEff", "CapBnd"):
+        expect(int(facts[kind], 16) == 0, f"has capabilities: {kind} {facts[kind]}")
+    touched = engine.execute(NAME, "touch", "/opt/zenoh-tf/touched", "/touched")
+    expect(touched.returncode != 0, "the root file system can be written")
+    say("uid", f"{USER_ID}, no capabilities, read-only")
+
+
+def check_outside_client(engine: engines.Engine) -> None:
+    """Two processes of this machine: one sets, the other looks up."""
+    prefix, endpoint = engine.reach(NAME, PORT)
+    command = [*prefix, str(Path(sys.executable).with_name("zenoh-tf")), "--connect", endpoint]
+    engines.run([*command, "set", "map", "image_test", "1", "2", "3"])
+    answer = engines.run([*command, "--json", "lookup", "map", "image_test"])
+    transform = json.loads(answer.stdout)
+    expect(transform["translation"] == [1.0, 2.0, 3.0], f"the lookup answers {answer.stdout}")
+    say("outside client", f"set and looked up through {endpoint}")
+
+
+def check_frozen_is_unhealthy(engine: engines.Engine) -> None:
+    """A process that lives but does not answer must not pass for healthy."""
+    check = engine.inspect(NAME)["Config"]["Healthcheck"]["Test"][1:]
+    engine.signal(NAME, "STOP")
+    frozen = engine.execute(NAME, *check)
+    engine.signal(NAME, "CONT")
+    expect(frozen.returncode == 1, f"a frozen server passes for healthy: {frozen}")
+    until(
+        lambda: engine.execute(NAME, *check).returncode == 0, 30, "stays unhealthy after a freeze"
+    )
+    say("health check", f"tells a frozen server: {frozen.stderr.strip()}")
+
+
+def check_stop(engine: engines.Engine) -> None:
+    engine.signal(NAME, "TERM")
+    start = time.monotonic()
+    until(lambda: not engine.inspect(NAME)["State"]["Running"], 30, "ignores SIGTERM")
+    stop_time_s = time.monotonic() - start
+    code = engine.inspect(NAME)["State"]["ExitCode"]
+    expect(code == 0, f"ends with {code} on SIGTERM")
+    expect(stop_time_s <= STOP_TIME_MAX_S, f"takes {stop_time_s:.1f} s to stop")
+    say("stopped", f"{stop_time_s:.2f} s after SIGTERM, exit code 0")
+
+
+def expect(fact: bool, otherwise: str) -> None:
+    if not fact:
+        raise SystemExit(f"image test failed: {otherwise}")
+
+
+def until(condition: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
+    end = time.monotonic() + timeout_s
+    while not condition():
+        expect(time.monotonic() < end, f"{otherwise} (waited {timeout_s:.0f} s)")
+        time.sleep(0.05)
+
+
+def say(subject: str, fact: str) -> None:
+    print(f"{subject:>15}  {fact}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
