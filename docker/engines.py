@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +27,17 @@ class Engine:
 
     def prepare_base(self, image: str) -> str:
         """Make ``image`` available under its name; returns where it came from."""
-        return "pulled by the build where it is not here yet"
+        if self._run("image", "inspect", image, check=False).returncode == 0:
+            return "here already"
+        self._run("pull", "--quiet", image)
+        return "pulled"
 
     def build(self, context: Path, dockerfile: Path, tag: str) -> None:
         self._run("build", "-f", str(dockerfile), "-t", tag, str(context))
 
-    def start(self, tag: str, name: str, *options: str) -> None:
-        """Start the image's own entry point in the background."""
-        self._run("run", "-d", "--name", name, *options, tag)
+    def start(self, tag: str, name: str, *options: str, command: Sequence[str] = ()) -> None:
+        """Start a container in the background: its entry point, with ``command`` behind it."""
+        self._run("run", "-d", "--name", name, *options, tag, *command)
 
     def publish(self, port: int) -> list[str]:
         """Options of ``start`` that make the container's port reachable from this machine."""
@@ -51,10 +55,11 @@ class Engine:
     def execute(self, name: str, *command: str) -> subprocess.CompletedProcess[str]:
         return self._run("exec", name, *command, check=False)
 
-    def run_once(self, tag: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-        """Run to the end; ``arguments`` are options, the entry point among them, and a command."""
-        options = [argument for argument in arguments if argument.startswith("--")]
-        return self._run("run", "--rm", *options, tag, *arguments[len(options) :], check=False)
+    def run_once(
+        self, tag: str, *options: str, command: Sequence[str]
+    ) -> subprocess.CompletedProcess[str]:
+        """Run a container to its end."""
+        return self._run("run", "--rm", *options, tag, *command, check=False)
 
     def signal(self, name: str, signal: str) -> None:
         self._run("kill", "--signal", signal, name)

@@ -8,10 +8,11 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import engines
+from checks import expect, say, until
+from compose_check import check_compose
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCKERFILE = ROOT / "docker/Dockerfile"
@@ -35,7 +36,9 @@ def main() -> int:
         try:
             check_health(engine)
             check_privileges(engine)
-            check_outside_client(engine)
+            outside = outside_client(engine)
+            check_outside_client(outside)
+            check_compose(engine, TAG, NAME, outside)
             check_frozen_is_unhealthy(engine)
             check_stop(engine)
         except BaseException:
@@ -60,9 +63,8 @@ def build(engine: engines.Engine) -> None:
 
 
 def check_contents(engine: engines.Engine) -> None:
-    found = engine.run_once(
-        TAG, "--entrypoint=sh", "-c", "command -v c++ g++ gcc cc clang cmake ninja; true"
-    )
+    tools = "c++ g++ gcc cc clang cmake ninja"
+    found = engine.run_once(TAG, "--entrypoint=sh", command=["-c", f"command -v {tools}; true"])
     expect(found.returncode == 0 and not found.stdout, f"build tools in the image: {found}")
     say("no compiler", "in the final image")
     configured = engine.inspect(TAG)["Config"]
@@ -86,15 +88,18 @@ def check_privileges(engine: engines.Engine) -> None:
     say("uid", f"{USER_ID}, no capabilities, read-only")
 
 
-def check_outside_client(engine: engines.Engine) -> None:
-    """Two processes of this machine: one sets, the other looks up."""
+def outside_client(engine: engines.Engine) -> list[str]:
+    """The command line of a client on this machine, as far as the command."""
     prefix, endpoint = engine.reach(NAME, PORT)
-    command = [*prefix, str(Path(sys.executable).with_name("zenoh-tf")), "--connect", endpoint]
-    engines.run([*command, "set", "map", "image_test", "1", "2", "3"])
-    answer = engines.run([*command, "--json", "lookup", "map", "image_test"])
-    transform = json.loads(answer.stdout)
-    expect(transform["translation"] == [1.0, 2.0, 3.0], f"the lookup answers {answer.stdout}")
-    say("outside client", f"set and looked up through {endpoint}")
+    return [*prefix, str(Path(sys.executable).with_name("zenoh-tf")), "--connect", endpoint]
+
+
+def check_outside_client(outside: list[str]) -> None:
+    """Two processes of this machine: one sets, the other looks up."""
+    engines.run([*outside, "set", "map", "image_test", "1", "2", "3"])
+    answer = engines.run([*outside, "--json", "lookup", "map", "image_test"]).stdout
+    expect(json.loads(answer)["translation"] == [1.0, 2.0, 3.0], f"the lookup answers {answer}")
+    say("outside client", f"set and looked up: {' '.join(outside)}")
 
 
 def check_frozen_is_unhealthy(engine: engines.Engine) -> None:
@@ -119,22 +124,6 @@ def check_stop(engine: engines.Engine) -> None:
     expect(code == 0, f"ends with {code} on SIGTERM")
     expect(stop_time_s <= STOP_TIME_MAX_S, f"takes {stop_time_s:.1f} s to stop")
     say("stopped", f"{stop_time_s:.2f} s after SIGTERM, exit code 0")
-
-
-def expect(fact: bool, otherwise: str) -> None:
-    if not fact:
-        raise SystemExit(f"image test failed: {otherwise}")
-
-
-def until(condition: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
-    end = time.monotonic() + timeout_s
-    while not condition():
-        expect(time.monotonic() < end, f"{otherwise} (waited {timeout_s:.0f} s)")
-        time.sleep(0.05)
-
-
-def say(subject: str, fact: str) -> None:
-    print(f"{subject:>15}  {fact}", flush=True)
 
 
 if __name__ == "__main__":
