@@ -1,0 +1,115 @@
+"""Entry point of ``zenoh-tf``: arguments in, exit code out.
+
+Exit codes: 0 done, 1 refused or failed (one line on stderr), 2 wrong usage.
+Ctrl-C ends the process by its signal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import sys
+from collections.abc import Sequence
+from decimal import Decimal
+
+from zenoh_tf import TransformException
+from zenoh_tf_client.cli import query, replay, view, write
+from zenoh_tf_client.cli.errors import CommandError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+# argparse takes "-1e-3" and "-5." for options; "-0.001" it knows to be a number.
+_NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; ``argv`` defaults to the process's arguments. Returns the exit code."""
+    given = sys.argv[1:] if argv is None else list(argv)
+    args = _parser().parse_args([_plain_number(arg) for arg in given])
+    try:
+        code: int = args.run(args)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr, flush=True)
+        # Ended by the signal itself, as shells expect of a command that was interrupted; and
+        # an ordinary exit would wait for a session that is still being opened.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away (`| head`). Python would complain at exit about
+        # what is still buffered, so that goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except TransformException as error:
+        return _fail(f"{type(error).__name__}: {error}")
+    except CommandError as error:
+        return _fail(str(error))
+
+
+def _fail(message: str) -> int:
+    print("zenoh-tf: " + " ".join(message.split()), file=sys.stderr)
+    return 1
+
+
+def _plain_number(arg: str) -> str:
+    return format(Decimal(arg), "f") if _NEGATIVE_NUMBER.fullmatch(arg) else arg
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="zenoh-tf", description="Ask, change and watch a transform tree served over Zenoh."
+    )
+    _add_common(parser, top=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    common = argparse.ArgumentParser(add_help=False)
+    _add_common(common, top=False)
+    for family in (query, view, write, replay):
+        family.add(commands, common)
+    return parser
+
+
+def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
+    """The options that stand before the command or behind it."""
+
+    def default(value: object) -> object:
+        # Behind the command nothing is a default, or it would undo what stood before it.
+        return value if top else argparse.SUPPRESS
+
+    group = parser.add_argument_group("connection and output")
+    group.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=default(DEFAULT_ENDPOINT),
+        help=f"where the service listens (default {DEFAULT_ENDPOINT})",
+    )
+    group.add_argument(
+        "--tree", metavar="NAME", default=default("main"), help="which tree (default main)"
+    )
+    group.add_argument(
+        "--timeout",
+        metavar="S",
+        type=_positive_seconds,
+        default=default(5.0),
+        help="seconds to wait for the connection, and for each answer (default 5)",
+    )
+    group.add_argument(
+        "--json", action="store_true", default=default(False), help="print one JSON document"
+    )
+
+
+def _positive_seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
+    return seconds
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

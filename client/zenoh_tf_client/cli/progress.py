@@ -1,0 +1,47 @@
+"""A progress bar for people: on stderr, and only where stderr is a terminal."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from types import TracebackType
+
+_PARTS = " ▏▎▍▌▋▊▉█"
+_REDRAW_S = 0.1
+
+
+class Progress:
+    """Context manager; call ``to`` as often as you like."""
+
+    def __init__(self, total: int, unit: str) -> None:
+        self._total = max(total, 1)
+        self._unit = unit
+        self._on = sys.stderr.isatty()
+        self._drawn = 0.0
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._on:
+            # What comes next starts on a clean line.
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+
+    def to(self, done: int, *, note: str = "") -> None:
+        now = time.monotonic()
+        if not self._on or (now - self._drawn < _REDRAW_S and done < self._total):
+            return
+        self._drawn = now
+        text = f" {100 * done // self._total:3d} %  {done:,} {self._unit}  {note}".rstrip()
+        width = max(5, min(40, shutil.get_terminal_size().columns - len(text) - 1))
+        eighths = 8 * width * min(done, self._total) // self._total
+        bar = "█" * (eighths // 8) + (_PARTS[eighths % 8] if eighths < 8 * width else "")
+        sys.stderr.write(f"\r{bar:<{width}}{text}\x1b[K")
+        sys.stderr.flush()

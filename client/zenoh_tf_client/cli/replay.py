@@ -1,0 +1,98 @@
+"""``zenoh-tf replay``: publish a recording onto the service."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from zenoh_tf_client.cli import output
+from zenoh_tf_client.cli.connection import connect
+from zenoh_tf_client.cli.ingest import Feed
+from zenoh_tf_client.cli.progress import Progress
+from zenoh_tf_client.cli.recording import Message, open_recording
+from zenoh_tf_client.cli.types import Commands
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    replay = commands.add_parser(
+        "replay",
+        parents=[common],
+        help="publish a recording (MCAP, ROS 2 folder, ROS 1 bag)",
+        description="Publish the transforms of a recording, with the stamps that they were "
+        "recorded with, in the order of the log. Needs the rosbags library.",
+    )
+    replay.add_argument("file", metavar="FILE", type=Path)
+    speed = replay.add_mutually_exclusive_group()
+    speed.add_argument(
+        "--rate", metavar="N", type=_rate, default=1.0, help="times real speed (default 1)"
+    )
+    speed.add_argument("--fast", action="store_true", help="as fast as the service takes it")
+    replay.add_argument(
+        "--authority", metavar="NAME", default="replay", help="who says so (default replay)"
+    )
+    replay.set_defaults(run=_replay)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    start = time.monotonic()
+    # The recording first: a wrong file is known before anything is asked of the network.
+    with open_recording(args.file) as recording, connect(args) as tf:
+        number = 0
+        feed = Feed(tf, args.authority, patience_s=args.timeout)
+        with Progress(recording.message_count, "messages") as progress:
+            messages = recording.messages()
+            paced = messages if args.fast else _paced(messages, args.rate)
+            for number, message in enumerate(paced, start=1):
+                feed.add(message.transforms, static=message.static)
+                if not args.fast:
+                    feed.flush()
+                progress.to(number, note=f"{feed.transforms:,} transforms")
+            feed.finish()
+    spent_s = time.monotonic() - start
+    summary = {
+        "file": str(args.file),
+        "topics": recording.topics,
+        "messages": number,
+        "transforms": feed.transforms,
+        "skipped": recording.skipped,
+        "dropped_as_too_old": feed.dropped_as_too_old,
+        "seconds": round(spent_s, 3),
+    }
+    if args.json:
+        output.print_json(summary)
+    else:
+        print(
+            f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
+            f"({', '.join(recording.topics)})"
+        )
+        if recording.skipped:
+            print(f"{recording.skipped:,} skipped: no valid transform")
+        if feed.dropped_as_too_old:
+            print(
+                f"{feed.dropped_as_too_old:,} of them dropped by the server: older than its cache "
+                "keeps"
+            )
+    return 0
+
+
+def _paced(messages: Iterator[Message], rate: float) -> Iterator[Message]:
+    """The messages, each held back until its time has come."""
+    first_ns: int | None = None
+    start = time.monotonic()
+    for message in messages:
+        first_ns = message.log_ns if first_ns is None else first_ns
+        due = start + (message.log_ns - first_ns) / 1e9 / rate
+        time.sleep(max(0.0, due - time.monotonic()))
+        yield message
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.0 < rate < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number; see also --fast")
+    return rate

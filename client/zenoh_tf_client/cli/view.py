@@ -1,0 +1,84 @@
+"""``zenoh-tf frames`` and ``zenoh-tf stats``: what a server holds."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+from zenoh_tf import LookupException
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.cli import drawing, output, stamps
+from zenoh_tf_client.cli.connection import connect
+from zenoh_tf_client.cli.types import Commands
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    frames = commands.add_parser(
+        "frames",
+        parents=[common],
+        help="draw the tree, with age and rate of each link",
+        description="Draw the tree of frames, with the age, rate and authority of each link.",
+    )
+    frames.set_defaults(run=_frames)
+
+    stats = commands.add_parser(
+        "stats", parents=[common], help="the server's counters", description="Print the counters."
+    )
+    stats.set_defaults(run=_stats)
+
+
+def _frames(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        records = _records(tf)
+    if args.json:
+        output.print_json({"tree": args.tree, "frames": records})
+        return 0
+    if not records:
+        print(f"tree {args.tree!r} is empty")
+        return 0
+    links = [_link(record) for record in records]
+    moving = [link.newest_stamp_ns for link in links if link.newest_stamp_ns is not None]
+    now_ns = time.time_ns()
+    colour = output.Palette()
+    if moving and not stamps.is_clock_time(max(moving)):
+        # Recorded or simulated time: against the clock every link would be years old.
+        now_ns = max(moving)
+        print(colour.faint(f"ages count from the tree's newest stamp, {stamps.seconds(now_ns)} s"))
+    for line in drawing.draw(links, now_ns, colour):
+        print(line)
+    return 0
+
+
+def _stats(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        counters = tf.stats()
+    if args.json:
+        output.print_json(counters)
+        return 0
+    width = max(map(len, counters), default=0)
+    for name, value in sorted(counters.items()):
+        print(f"{name:<{width}}  {value:>14,}")
+    return 0
+
+
+def _records(tf: TransformClient) -> list[dict[str, Any]]:
+    """What the server says of each frame."""
+    records = []
+    for name in tf.frames():
+        try:
+            records.append({"frame": name, **tf.frame(name)})
+        except LookupException:
+            continue  # removed since we asked for the names
+    return records
+
+
+def _link(record: dict[str, Any]) -> drawing.Link:
+    return drawing.Link(
+        frame=record["frame"],
+        parent=record["parent"],
+        static=record["static"],
+        newest_stamp_ns=record["newest_stamp_ns"],
+        rate_hz=record["rate_hz"],
+        authority=record["authority"] or "",
+    )

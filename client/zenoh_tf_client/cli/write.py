@@ -1,0 +1,89 @@
+"""``zenoh-tf set`` and ``zenoh-tf clear``: change the tree."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client.cli import output, stamps
+from zenoh_tf_client.cli.connection import connect
+from zenoh_tf_client.cli.errors import CommandError
+from zenoh_tf_client.cli.types import Commands
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    set_ = commands.add_parser(
+        "set",
+        parents=[common],
+        help="store the pose of CHILD in PARENT",
+        # argparse would write the pose twice.
+        usage="zenoh-tf set [options] PARENT CHILD X Y Z [QX QY QZ QW]",
+        description="Store the pose of CHILD in PARENT: metres, and a quaternion (identity if "
+        "left out). Waits until the service has it.",
+    )
+    set_.add_argument("parent", metavar="PARENT")
+    set_.add_argument("child", metavar="CHILD")
+    set_.add_argument(
+        "pose", metavar="X Y Z [QX QY QZ QW]", nargs="+", type=float, help="3 or 7 numbers"
+    )
+    set_.add_argument("--static", action="store_true", help="holds at all times")
+    set_.add_argument(
+        "--stamp",
+        metavar="STAMP",
+        type=stamps.parse,
+        help="nanoseconds; seconds as 1700000000.5 or 12s; now (default); or now-0.5s",
+    )
+    set_.add_argument(
+        "--authority", metavar="NAME", default="zenoh-tf", help="who says so (default zenoh-tf)"
+    )
+    set_.set_defaults(run=_set, usage_error=set_.error)
+
+    clear = commands.add_parser(
+        "clear",
+        parents=[common],
+        help="forget what was published; static links stay",
+        description="Forget every sample. Static links stay.",
+    )
+    clear.set_defaults(run=_clear)
+
+
+def _set(args: argparse.Namespace) -> int:
+    if len(args.pose) not in (3, 7):
+        args.usage_error(f"a pose is 3 or 7 numbers, not {len(args.pose)}")
+    stamp_ns = time.time_ns() if args.stamp is None else args.stamp
+    rotation = args.pose[3:] or (0.0, 0.0, 0.0, 1.0)
+    stamped = StampedTransform(
+        args.parent, args.child, stamp_ns, Transform(args.pose[:3], rotation)
+    )
+    with connect(args) as tf:
+        stored = tf.set_transform(stamped, authority=args.authority, static=args.static)
+    if not stored:
+        raise CommandError(
+            f"dropped: {stamps.seconds(stamp_ns)} s is older than what the cache keeps of "
+            f"{args.child!r}"
+        )
+    if args.json:
+        output.print_json(
+            {
+                "parent": args.parent,
+                "child": args.child,
+                "stamp_ns": stamp_ns,
+                "static": args.static,
+                "stored": True,
+            }
+        )
+    else:
+        kind = "static" if args.static else f"at {stamps.seconds(stamp_ns)} s"
+        print(f"{args.parent} -> {args.child} stored, {kind}")
+    return 0
+
+
+def _clear(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        tf.clear()
+    if args.json:
+        output.print_json({"cleared": True})
+    else:
+        print(f"tree {args.tree!r} cleared; static links stay")
+    return 0
