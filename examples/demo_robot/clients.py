@@ -1,0 +1,173 @@
+"""Remote clients as processes: ``python -m demo_robot.clients ROLE --connect E --seconds S``.
+
+Each prints one JSON line with what it measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from demo_robot import motion
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+#: The object stays this far in front of the gripper while it is held, in metres.
+GRIP_M = 0.1
+
+#: The moving links from map to the wrist, as (parent, child).
+LINKS = [
+    ("map", "odom"),
+    ("odom", "base_link"),
+    ("base_link", "shoulder"),
+    ("shoulder", "elbow"),
+    ("elbow", "wrist"),
+]
+
+
+def watch_staleness(tf: TransformClient, seconds: float) -> dict[str, object]:
+    """Ask for the wrist in map in both ways; how old is each link, how wrong the answer?
+
+    An age counts from the moment of asking; an error is the distance to where the wrist truly
+    was at that moment.
+    """
+    ages: dict[str, list[list[float]]] = {"common": [], "latest": []}
+    errors: dict[str, list[float]] = {"common": [], "latest": []}
+    for _ in _until(seconds, pause_s=0.004):
+        asked = time.time_ns()
+        common = tf.lookup_transform("map", "wrist")
+        # The latest common time is one time for all links.
+        ages["common"].append([_ms(asked - common.stamp_ns)] * len(LINKS))
+        errors["common"].append(_wrist_error_mm(common, asked))
+
+        asked = time.time_ns()
+        # One atomic snapshot of the whole and of each link tells which samples the whole used.
+        latest, *links = tf.lookup_latest_transforms_xact([("map", "wrist"), *LINKS])
+        ages["latest"].append([_ms(asked - link.stamp_ns) for link in links])
+        errors["latest"].append(_wrist_error_mm(latest, asked))
+    return {
+        "answers": len(errors["latest"]),
+        "links": LINKS,
+        "age_ms": {kind: np.median(rows, axis=0).tolist() for kind, rows in ages.items()},
+        "mean_age_ms": {
+            kind: float(np.median(np.mean(rows, axis=1))) for kind, rows in ages.items()
+        },
+        "error_mm": {kind: statistics.median(values) for kind, values in errors.items()},
+    }
+
+
+def move_together(tf: TransformClient, seconds: float) -> dict[str, object]:
+    """Grasp the object, then lift gripper and object together, each time in one transaction."""
+    moves = 0
+    start = time.monotonic()
+    for _ in _until(seconds):
+        lift = 0.2 * (moves % 2)
+        now = time.time_ns()
+        tf.set_transforms_xact(
+            [
+                StampedTransform("wrist", "gripper", now, Transform((lift, 0.0, 0.0))),
+                StampedTransform("wrist", "object", now, Transform((lift + GRIP_M, 0.0, 0.0))),
+            ],
+            authority="planner",
+        )
+        moves += 1
+    return {"moves": moves, "spent_s": time.monotonic() - start}
+
+
+def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
+    """Read gripper and object over and over; count the pairs that never were in the tree."""
+
+    def separately() -> tuple[Transform, Transform]:
+        gripper = tf.lookup_latest_transform("wrist", "gripper").transform
+        return gripper, tf.lookup_latest_transform("wrist", "object").transform
+
+    def together() -> tuple[Transform, Transform]:
+        gripper, held = tf.lookup_latest_transforms_xact(
+            [("wrist", "gripper"), ("wrist", "object")]
+        )
+        return gripper.transform, held.transform
+
+    reads = {"separate": 0, "transaction": 0}
+    torn = {"separate": 0, "transaction": 0}
+    lifts: set[float] = set()
+    while not tf.can_transform("wrist", "gripper"):
+        time.sleep(0.01)
+    for _ in _until(seconds):
+        for kind, read in (("separate", separately), ("transaction", together)):
+            gripper, held = read()
+            distance = held.translation[0] - gripper.translation[0]
+            reads[kind] += 1
+            torn[kind] += abs(distance - GRIP_M) > 1e-9
+            lifts.add(round(float(gripper.translation[0]), 6))
+    return {"reads": reads, "torn": torn, "lifts_seen": sorted(lifts)}
+
+
+def measure_rates(tf: TransformClient, seconds: float) -> dict[str, object]:
+    """Lookups one at a time, then a thousand in a batch."""
+    took_us: list[float] = []
+    for _ in _until(seconds / 2):
+        start = time.perf_counter_ns()
+        tf.lookup_latest_transform_xact("map", "wrist")
+        took_us.append((time.perf_counter_ns() - start) / 1e3)
+
+    size, batches = 1000, 0
+    start_s = time.monotonic()
+    for _ in _until(seconds / 2):
+        stamps_ns = time.time_ns() - np.linspace(4e8, 3e8, size).astype(np.int64)
+        answers = tf.lookup_transforms("map", "wrist", stamps_ns)
+        if np.any(answers.status):
+            raise RuntimeError(f"a lookup failed with status {answers.status.max()}")
+        batches += 1
+    return {
+        "one_p50_us": statistics.median(took_us),
+        "batch": size,
+        "batched_per_s": size * batches / (time.monotonic() - start_s),
+    }
+
+
+def _until(seconds: float, pause_s: float = 0.0) -> Iterator[None]:
+    """One turn after another until ``seconds`` have passed."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        yield
+        time.sleep(pause_s)
+
+
+def _ms(age_ns: int) -> float:
+    return age_ns / 1e6
+
+
+def _wrist_error_mm(answer: StampedTransform, stamp_ns: int) -> float:
+    return error_mm(answer.transform, motion.X_map_wrist(stamp_ns))
+
+
+def error_mm(answer: Transform, truth: Transform) -> float:
+    """How far apart two poses' origins are."""
+    return 1e3 * float(np.linalg.norm(answer.translation - truth.translation))
+
+
+ROLES: dict[str, Callable[[TransformClient, float], dict[str, object]]] = {
+    "staleness": watch_staleness,
+    "mover": move_together,
+    "reader": watch_pairs,
+    "rates": measure_rates,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("role", choices=ROLES)
+    parser.add_argument("--connect", required=True)
+    parser.add_argument("--seconds", type=float, required=True)
+    args = parser.parse_args()
+    with TransformClient.connect(args.connect) as tf:
+        print(json.dumps(ROLES[args.role](tf, args.seconds)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""Child processes that never outlive the demo, however it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+EXAMPLES = Path(__file__).resolve().parent.parent
+
+
+class ChildFailed(Exception):
+    """A child process ended where it should not have."""
+
+
+class Child:
+    """One Python module running as a process."""
+
+    def __init__(self, module: str, *args: str) -> None:
+        self.name = " ".join([module, *args[:1]])
+        # Files, not pipes: nobody reads while the child runs, and a full pipe would stop it.
+        self._out = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed in end()
+        self._err = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *args],
+            cwd=EXAMPLES,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=self._out,
+            stderr=self._err,
+            # Ctrl-C reaches the demo alone, which then ends its children in order.
+            start_new_session=True,
+        )
+
+    def check(self) -> None:
+        """Raises ChildFailed if the process has ended."""
+        if self._process.poll() is not None:
+            raise ChildFailed(f"{self.name} ended: {self._last_words()}")
+
+    def terminate(self) -> None:
+        self._process.terminate()
+
+    def report(self, timeout_s: float = 10.0) -> dict[str, Any]:
+        """Wait for the end; the JSON line that the process printed last."""
+        if self._process.wait(timeout_s) != 0:
+            raise ChildFailed(f"{self.name} failed: {self._last_words()}")
+        self._out.seek(0)
+        result: dict[str, Any] = json.loads(self._out.read().strip().splitlines()[-1])
+        return result
+
+    def end(self) -> None:
+        """SIGTERM, then SIGKILL if that is not heard within 3 s."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(3.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._out.close()
+        self._err.close()
+
+    def _last_words(self) -> str:
+        self._err.seek(0)
+        lines = self._err.read().strip().splitlines()
+        return lines[-1] if lines else "it said nothing"
+
+
+class Children:
+    """Starts processes; on exit all of them are ended, last started first."""
+
+    def __init__(self) -> None:
+        self._children: list[Child] = []
+
+    def __enter__(self) -> Children:
+        # A plain kill of the demo would otherwise leave its children behind.
+        signal.signal(signal.SIGTERM, _interrupt)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # A second Ctrl-C must not stop us here.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        for child in reversed(self._children):
+            child.end()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+    def start(self, module: str, *args: str) -> Child:
+        child = Child(module, *args)
+        self._children.append(child)
+        return child
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
