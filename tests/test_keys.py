@@ -1,0 +1,71 @@
+"""Key expressions survive every name, and give it back."""
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zenoh_tf import keys
+from zenoh_tf.errors import InvalidArgumentException
+
+AWKWARD = [
+    "", " ", "/", "//", "a/b", "*", "**", "$*", "a$*b", "?", "#", "%", "%%", "%2F", "@", "@/x",
+    "a@b", "\0", "\n", "\x7f", "\x85", "\u2028", ".", "..", "-", "ü", "机器人", "🤖", "e\u0301",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_awkward_names_survive_a_key(name: str) -> None:
+    key = keys.put(name, name, static=False)
+    assert keys.last_name(str(zenoh.KeyExpr(key))) == name
+    assert str(zenoh.KeyExpr.autocanonize(key)) == key
+    assert key.count("/") == 4
+
+
+@given(st.text(max_size=60))
+def test_any_text_survives_a_key(name: str) -> None:
+    chunk = keys.escape(name)
+    assert keys.unescape(chunk) == name
+    key = f"tf/v1/{chunk}/lookup"
+    assert str(zenoh.KeyExpr(key)) == key
+    assert zenoh.KeyExpr("tf/v1/*/lookup").includes(zenoh.KeyExpr(key))
+
+
+@given(st.text(max_size=30), st.text(max_size=30))
+def test_different_names_have_different_keys(a: str, b: str) -> None:
+    assert (keys.escape(a) == keys.escape(b)) == (a == b)
+
+
+@given(st.text(max_size=30))
+def test_a_name_has_one_spelling(chunk: str) -> None:
+    try:
+        name = keys.unescape(chunk)
+    except InvalidArgumentException:
+        return
+    assert keys.escape(name) == chunk
+
+
+@pytest.mark.parametrize("chunk", ["", "%2f", "%41", "a%", "%ZZ", "%FF", "*", "**", "a b"])
+def test_spellings_that_escape_never_makes_are_refused(chunk: str) -> None:
+    with pytest.raises(InvalidArgumentException):
+        keys.unescape(chunk)
+
+
+def test_names_that_no_key_can_hold_are_refused() -> None:
+    with pytest.raises(InvalidArgumentException) as lone:
+        keys.operation("\ud800", "lookup")
+    assert lone.value.field == "tree"
+    with pytest.raises(InvalidArgumentException) as long:
+        keys.put("main", "x" * 256, static=True)
+    assert (long.value.field, long.value.limit, long.value.value) == ("authority", 255, 256)
+    with pytest.raises(InvalidArgumentException):
+        keys.operation("main", "drop")
+
+
+def test_keys_are_as_documented() -> None:
+    assert keys.operation("main", "lookup") == "tf/v1/main/lookup"
+    assert keys.put("main", "lidar/front", static=False) == "tf/v1/main/set/lidar%2Ffront"
+    assert keys.put("main", "urdf", static=True) == "tf/v1/main/static/urdf"
+    assert keys.puts("main", static=True) == "tf/v1/main/static/*"
+    assert keys.server("main", "0af3") == "tf/v1/main/server/0af3"
+    assert keys.servers("@") == "tf/v1/%40/server/*"

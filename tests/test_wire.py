@@ -1,0 +1,323 @@
+"""The wire: golden bytes, what goes in comes out, and no input that harms."""
+
+from __future__ import annotations
+
+import pickle
+import struct
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zenoh_tf import wire
+from zenoh_tf.errors import (
+    BY_CODE,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LimitExceeded,
+    LookupException,
+    ProtocolError,
+    TransformException,
+)
+
+LOOKUP = {
+    "v": 1,
+    "names": ["map", "base"],
+    "op": b"\0",
+    "target": struct.pack("<I", 0),
+    "source": struct.pack("<I", 1),
+    "stamp": struct.pack("<q", 7),
+}
+COMMIT = {
+    "v": 1,
+    "names": ["map", "base"],
+    "parent": struct.pack("<I", 0),
+    "child": struct.pack("<I", 1),
+    "stamp": struct.pack("<q", 7),
+    "pose": struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1),
+}
+REPLY = {
+    "v": 1,
+    "instance": "00",
+    "status": b"\0\2",
+    "stamp": struct.pack("<2q", 7, 0),
+    "pose": struct.pack("<14d", *range(14)),
+    "errors": [[1, {"code": 2, "message": "no frame x", "facts": {"frame": "x"}}]],
+}
+
+
+def test_golden_lookup() -> None:
+    golden = (
+        "86a17601a56e616d657392a36d6170a462617365a26f70c40100a6746172676574c40400000000"
+        "a6736f75726365c40401000000a57374616d70c4080700000000000000"
+    )
+    assert wire.pack(wire.one_read("map", "base", wire.OP_AT, 7)).hex() == golden
+    lookup = wire.parse_lookup(wire.unpack(bytes.fromhex(golden)))
+    assert wire.pack(wire.lookup_body(lookup)).hex() == golden
+    assert lookup.names == ["map", "base"]
+    assert (lookup.op[0], lookup.target[0], lookup.source[0], lookup.stamp[0]) == (0, 0, 1, 7)
+
+
+def test_golden_commit() -> None:
+    golden = (
+        "86a17601a56e616d657392a36d6170a462617365a6706172656e74c40400000000a56368696c64"
+        "c40401000000a57374616d70c4080700000000000000a4706f7365c438000000000000f03f"
+        "00000000000000400000000000000840" + "00" * 24 + "000000000000f03f"
+    )
+    commit = wire.parse_commit(wire.unpack(bytes.fromhex(golden)))
+    assert commit.pose.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
+    assert (commit.authority, commit.static, commit.drop_old) == ("", False, False)
+    assert wire.pack(wire.commit_body(commit)).hex() == golden
+
+
+def test_golden_error() -> None:
+    error = LookupException("no frame x", frame="x")
+    golden = (
+        "83a17601a8696e7374616e6365a23030a56572726f7283a4636f646502a76d657373616765"
+        "aa6e6f206672616d652078a5666163747381a56672616d65a178"
+    )
+    assert wire.pack(wire.error_reply("00", error)).hex() == golden
+    with pytest.raises(LookupException) as caught:
+        wire.raise_error(wire.unpack(bytes.fromhex(golden)))
+    assert caught.value.facts == {"frame": "x"}
+
+
+def test_columns_are_views_of_the_message() -> None:
+    lookup = wire.parse_lookup(wire.unpack(wire.pack(LOOKUP)))
+    assert not lookup.stamp.flags.owndata
+    assert not lookup.stamp.flags.writeable
+
+
+def test_lookup_survives_with_every_option() -> None:
+    lookup = wire.Lookup(
+        ["a", "b", "c"],
+        np.array([wire.OP_FULL, wire.OP_LATEST], np.uint8),
+        np.array([0, 1], np.uint32),
+        np.array([1, 0], np.uint32),
+        np.array([5, wire.NO_STAMP]),
+        np.array([2, 0], np.uint32),
+        np.array([6, 0]),
+        atomic=True,
+        versions=True,
+        errors=False,
+        timeout_ns=8,
+    )
+    again = wire.parse_lookup(wire.unpack(wire.pack(wire.lookup_body(lookup))))
+    assert (again.atomic, again.versions, again.errors, again.timeout_ns) == (True, True, False, 8)
+    assert again.fixed is not None and again.fixed.tolist() == [2, 0]
+    assert again.source_stamp is not None and again.source_stamp.tolist() == [6, 0]
+    assert again.stamp.tolist() == [5, -(1 << 63)]
+
+
+@pytest.mark.parametrize("code", BY_CODE)
+def test_every_error_survives_with_its_facts(code: int) -> None:
+    facts = {
+        "target_frame": "map",
+        "frame": "arm/ü",
+        "stamp_ns": -(1 << 63),
+        "newest_stamp_ns": (1 << 63) - 1,
+        "limit": 3,
+        "value": 2.5,
+        "field": "pose",
+    }
+    error = BY_CODE[code]("why", **facts)
+    again = wire.parse_fault(msgpack.unpackb(msgpack.packb(wire.fault(error))))
+    assert type(again) is type(error) is BY_CODE[code]
+    assert (str(again), again.facts) == (str(error), facts)
+    assert pickle.loads(pickle.dumps(again)).facts == facts
+
+
+def test_errors_of_a_newer_server_stay_understandable() -> None:
+    again = wire.parse_fault({"code": 99, "message": "new", "facts": {"frame": "x", "new": [1]}})
+    assert type(again) is TransformException
+    assert again.facts == {"frame": "x"}
+
+
+def test_a_reply_names_its_rows() -> None:
+    answer = wire.parse_lookup_reply(wire.unpack(wire.pack(REPLY)), 2)
+    assert answer.error(0) is None
+    assert isinstance(answer.error(1), LookupException)
+    assert answer.pose.shape == (2, 7)
+    without = {**REPLY, "status": b"\0\x09", "errors": []}
+    assert type(wire.parse_lookup_reply(without, 2).error(1)) is ForwardExtrapolationException
+
+
+MALFORMED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    (LOOKUP, {"v": 2}, "v"),
+    (LOOKUP, {"v": True}, "v"),
+    (LOOKUP, {"v": None}, "v"),
+    (LOOKUP, {"names": None}, "names"),
+    (LOOKUP, {"names": "map"}, "names"),
+    (LOOKUP, {"names": ["map", 1]}, "names"),
+    (LOOKUP, {"names": ["map", b"base"]}, "names"),
+    (LOOKUP, {"names": {}}, "names"),
+    (LOOKUP, {"names": []}, "target"),
+    (LOOKUP, {"names": ["map"]}, "source"),
+    (LOOKUP, {"op": None}, "op"),
+    (LOOKUP, {"op": [0]}, "op"),
+    (LOOKUP, {"op": b"\x06"}, "op"),
+    (LOOKUP, {"op": b"\xff"}, "op"),
+    (LOOKUP, {"op": b"\0\0"}, "target"),
+    (LOOKUP, {"op": b""}, "target"),
+    (LOOKUP, {"op": b"\5"}, "fixed"),
+    (LOOKUP, {"target": b"\0"}, "target"),
+    (LOOKUP, {"target": "abcd"}, "target"),
+    (LOOKUP, {"target": b"\2\0\0\0"}, "target"),
+    (LOOKUP, {"source": b"\xff\xff\xff\xff"}, "source"),
+    (LOOKUP, {"stamp": 7}, "stamp"),
+    (LOOKUP, {"stamp": b"\0" * 16}, "stamp"),
+    (LOOKUP, {"fixed": b"\0" * 4}, "source_stamp"),
+    (LOOKUP, {"atomic": 1}, "atomic"),
+    (LOOKUP, {"versions": None}, "versions"),
+    (LOOKUP, {"timeout_ns": -1}, "timeout_ns"),
+    (LOOKUP, {"timeout_ns": 1 << 63}, "timeout_ns"),
+    (LOOKUP, {"timeout_ns": 1.0}, "timeout_ns"),
+    (COMMIT, {"parent": b"\0" * 8}, "parent"),
+    (COMMIT, {"child": b"\2\0\0\0"}, "child"),
+    (COMMIT, {"stamp": None}, "stamp"),
+    (COMMIT, {"stamp": b"\0" * 7}, "stamp"),
+    (COMMIT, {"pose": b"\0" * 48}, "pose"),
+    (COMMIT, {"pose": b"\0" * 112}, "pose"),
+    (COMMIT, {"authority": 1}, "authority"),
+    (COMMIT, {"static": "yes"}, "static"),
+    (COMMIT, {"drop_old": 0}, "drop_old"),
+    (COMMIT, {"read_names": ["a"]}, "read_versions"),
+    (COMMIT, {"read_versions": b""}, "read_names"),
+    (COMMIT, {"read_names": ["a"], "read_versions": b"\0" * 16}, "read_versions"),
+    (COMMIT, {"id": b"short"}, "id"),
+    (COMMIT, {"id": 16}, "id"),
+    (COMMIT, {"expires_ns": "soon"}, "expires_ns"),
+    (COMMIT, {"instance": 1}, "instance"),
+    (REPLY, {"status": b"\0"}, "status"),
+    (REPLY, {"pose": b""}, "pose"),
+    (REPLY, {"newest": b""}, "newest"),
+    (REPLY, {"errors": None}, "errors"),
+    (REPLY, {"errors": [[2, {}]]}, "errors"),
+    (REPLY, {"errors": [[-1, {}]]}, "errors"),
+    (REPLY, {"errors": [[0]]}, "errors"),
+    (REPLY, {"errors": [[0, 1]]}, "errors"),
+    (REPLY, {"errors": [[0, {"code": 2, "message": 1, "facts": {}}]]}, "message"),
+    (REPLY, {"errors": [[0, {"code": 2, "message": "", "facts": {"frame": []}}]]}, "facts"),
+    ({"v": 1}, {"operations": None}, "operations"),
+    ({"v": 1}, {"operations": [1]}, "operations[0]"),
+    ({"v": 1}, {"operations": [["lookup", {}], ["admin", {}]]}, "operations[1]"),
+    ({"v": 1}, {"operations": [["lookup", []]]}, "operations[0]"),
+    ({"v": 1}, {"replies": []}, "replies"),
+    ({"v": 1}, {"replies": [{}, 1]}, "replies"),
+    ({"v": 1}, {"value": 1}, "value"),
+]
+
+
+@pytest.mark.parametrize(("message", "change", "field"), MALFORMED)
+def test_malformed_messages_name_the_field(
+    message: dict[str, Any], change: dict[str, Any], field: str
+) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        _parse(msgpack.packb({**message, **change}))
+    assert caught.value.field == field
+
+
+def _parse(payload: bytes) -> None:
+    message = wire.unpack(payload)
+    if "op" in message:
+        wire.parse_lookup(message)
+    elif "status" in message:
+        wire.parse_lookup_reply(message, 2)
+    elif "operations" in message:
+        for _, body in wire.parse_batch(message):
+            wire.parse_lookup(body)
+    elif "replies" in message:
+        wire.parse_batch_reply(message, 2)
+    elif "value" in message:
+        wire.parse_value(message, str)
+    else:
+        wire.parse_write(message)
+        wire.parse_commit(message)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\xc1",
+        b"\x90",
+        b"\x81",
+        b"\xdd\xff\xff\xff\xff",  # a list of 2**32 - 1
+        b"\xdf\xff\xff\xff\xff",  # a map of as many
+        b"\xc6\xff\xff\xff\xff",  # as many bytes
+        b"\x91" * 100_000 + b"\xc0",  # deep nesting
+        b"\x81\xa1v" * 2000 + b"\x01",
+        b"\x82\xa1v\x01\xc0\x01",  # a key that is nil
+        b"\x81\x01\x01",  # a key that is a number
+        b"\x82\xa1v\x01\xa1x\xd4\x01\x00",  # an extension type
+        b"\x81\xa1v\x01\x00",  # something behind the map
+        msgpack.packb({**LOOKUP, **{f"k{i}": i for i in range(300)}}),
+    ],
+)
+def test_payloads_that_are_no_message(payload: bytes) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        wire.unpack(payload)
+    assert caught.value.field == "message"
+
+
+def test_text_that_is_not_utf8_is_named() -> None:
+    payload = msgpack.packb(COMMIT).replace(b"base", b"\xff\xfe\xfd\xfc")
+    with pytest.raises(ProtocolError) as caught:
+        wire.unpack(payload)
+    assert caught.value.field == "names[1]"
+
+
+def test_a_message_over_the_limit_is_refused_unread() -> None:
+    with pytest.raises(LimitExceeded) as caught:
+        wire.unpack(b"x" * 11, max_bytes=10)
+    assert (caught.value.field, caught.value.limit, caught.value.value) == ("message_bytes", 10, 11)
+
+
+def test_what_cannot_be_sent_is_the_callers_fault() -> None:
+    for body in ({"v": 1, "names": ["\ud800"]}, {"v": 1, "n": 1 << 64}, {"v": 1, "n": object()}):
+        with pytest.raises(InvalidArgumentException):
+            wire.pack(body)
+    assert wire.unpack(wire.pack({"v": 1, "x": 1})) == {"v": 1, "x": 1}  # the packer recovered
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=8)
+    | st.binary(max_size=70),
+    lambda inner: st.lists(inner, max_size=4)
+    | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=8,
+)  # fmt: skip
+SEEDS = [LOOKUP, COMMIT, REPLY, {"v": 1, "operations": [["lookup", LOOKUP]]}]
+
+
+@given(st.sampled_from(SEEDS), st.data())
+def test_any_field_may_hold_anything(seed: dict[str, Any], data: st.DataObject) -> None:
+    field = data.draw(st.sampled_from(sorted(seed)))
+    _only_typed_errors(msgpack.packb({**seed, field: data.draw(VALUES)}))
+
+
+@given(st.sampled_from(SEEDS), st.data())
+def test_any_bytes_may_be_damaged(seed: dict[str, Any], data: st.DataObject) -> None:
+    payload = bytearray(msgpack.packb(seed))
+    for _ in range(data.draw(st.integers(1, 6))):
+        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    _only_typed_errors(bytes(payload[: data.draw(st.integers(0, len(payload)))]))
+    _only_typed_errors(bytes(payload))
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_may_come(payload: bytes) -> None:
+    _only_typed_errors(payload)
+
+
+def _only_typed_errors(payload: bytes) -> None:
+    try:
+        _parse(payload)
+    except ProtocolError as error:
+        assert error.field
+    except TransformException as error:  # the error that a reply carries
+        assert b"error" in payload
+        assert type(error) is not None

@@ -1,0 +1,113 @@
+"""Zenoh key expressions of the service, and names made safe for them.
+
+    tf/v1/{tree}/lookup            query   many lookups
+    tf/v1/{tree}/commit            query   one write transaction
+    tf/v1/{tree}/batch             query   an ordered list of the two above and of infos
+    tf/v1/{tree}/info              query   what the tree holds
+    tf/v1/{tree}/admin             query   clear
+    tf/v1/{tree}/set/{authority}      put  transforms from a sensor
+    tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
+    tf/v1/{tree}/server/{instance}    liveliness token of the server
+
+Tree and authority names are any UTF-8 text and fill exactly one chunk, so they are
+percent-escaped. Frame names never stand in a key: they travel in payloads.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from .errors import InvalidArgumentException
+
+PREFIX: Final = "tf/v1"
+#: The query families, in the order of docs/protocol.md.
+OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin")
+
+#: Longest name in UTF-8 bytes: escaping triples it, and Zenoh's keys are meant to be short.
+MAX_NAME_BYTES: Final = 255
+
+#: The empty name has no characters to escape; no escaped name can be a lone '%'.
+_EMPTY: Final = "%"
+
+#: Zenoh reserves / * $ ? #, a leading '@' hides a chunk from wildcards, and '%' is the
+#: escape itself. Control characters would be legal but break logs and terminals.
+_UNSAFE = re.compile(r"[/*$?#%@\x00-\x20\x7f-\x9f\u2028\u2029]")
+_ESCAPED = re.compile(r"(?:%[0-9A-F]{2})+")
+
+
+def escape(name: str, what: str = "name") -> str:
+    """One key chunk for any text; `unescape` gives it back.
+
+    Raises InvalidArgumentException (`field`: `what`) for text that is not valid UTF-8
+    (lone surrogates) or longer than MAX_NAME_BYTES.
+    """
+    try:
+        size = len(name.encode())
+    except UnicodeEncodeError as error:
+        raise InvalidArgumentException(f"{what} is not valid UTF-8", field=what) from error
+    if size > MAX_NAME_BYTES:
+        raise InvalidArgumentException(
+            f"{what} has {size} bytes, at most {MAX_NAME_BYTES} are allowed",
+            field=what,
+            limit=MAX_NAME_BYTES,
+            value=size,
+        )
+    return _UNSAFE.sub(_percent, name) if name else _EMPTY
+
+
+def unescape(chunk: str) -> str:
+    """The name behind a chunk. Raises InvalidArgumentException (`field`: "chunk") for a
+    chunk that `escape` never makes: a name has one spelling only, so that access rules
+    on keys cannot be passed by spelling it differently."""
+    if chunk == _EMPTY:
+        return ""
+    try:
+        name = _ESCAPED.sub(_unpercent, chunk)
+        canonical = escape(name) == chunk
+    except (UnicodeDecodeError, InvalidArgumentException):
+        canonical = False
+    if not canonical:
+        raise InvalidArgumentException(f"{chunk!r} is not an escaped name", field="chunk")
+    return name
+
+
+def _percent(match: re.Match[str]) -> str:
+    return "".join(f"%{byte:02X}" for byte in match.group().encode())
+
+
+def _unpercent(match: re.Match[str]) -> str:
+    return bytes.fromhex(match.group().replace("%", "")).decode()
+
+
+def operation(tree: str, name: str) -> str:
+    """The key of a query family, e.g. ``operation("main", "lookup")``."""
+    if name not in OPERATIONS:
+        raise InvalidArgumentException(f"no operation {name!r}", field="operation")
+    return f"{PREFIX}/{escape(tree, 'tree')}/{name}"
+
+
+def put(tree: str, authority: str, *, static: bool) -> str:
+    """The key on which `authority` puts transforms."""
+    kind = "static" if static else "set"
+    return f"{PREFIX}/{escape(tree, 'tree')}/{kind}/{escape(authority, 'authority')}"
+
+
+def puts(tree: str, *, static: bool) -> str:
+    """The key expression of every authority's puts."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/{'static' if static else 'set'}/*"
+
+
+def server(tree: str, instance: str) -> str:
+    """The key of a server's liveliness token."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/server/{escape(instance, 'instance')}"
+
+
+def servers(tree: str) -> str:
+    """The key expression of every server's liveliness token."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/server/*"
+
+
+def last_name(key: str) -> str:
+    """The authority of a put's key, or the instance of a token's key."""
+    return unescape(key.rpartition("/")[2])

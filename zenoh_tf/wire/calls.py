@@ -1,0 +1,61 @@
+"""Batches, introspection and administration (docs/protocol.md, "batch", "info", "admin")."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from .faults import raise_error
+from .fields import Message, items, wrong
+
+#: What an operation of a batch may be.
+KINDS: Final = ("lookup", "commit", "info")
+
+
+def batch_body(
+    operations: Sequence[tuple[str, Message]], write: Mapping[str, object] | None = None
+) -> Message:
+    """The body of an ordered list of operations, answered in one reply."""
+    body: Message = {"v": 1, "operations": [list(operation) for operation in operations]}
+    if write:
+        body.update(write)
+    return body
+
+
+def parse_batch(body: Message) -> list[tuple[str, Message]]:
+    """The operations of a batch. Their bodies are parsed one by one when they run, so that
+    a malformed one is an error in its place."""
+    operations: list[tuple[str, Message]] = []
+    for index, entry in enumerate(items(body, "operations")):
+        if type(entry) is not list or len(entry) != 2 or type(entry[1]) is not dict:
+            raise wrong(f"operations[{index}]", "a pair of a kind and a body")
+        kind, operation = entry
+        if kind not in KINDS:
+            raise wrong(f"operations[{index}]", f"one of {', '.join(KINDS)}, not {kind!r}")
+        operations.append((kind, operation))
+    return operations
+
+
+def parse_batch_reply(reply: Message, count: int) -> list[Message]:
+    """The replies in order. Raises the error of a reply that is one."""
+    raise_error(reply)
+    replies = items(reply, "replies")
+    if len(replies) != count or not all(type(entry) is dict for entry in replies):
+        raise wrong("replies", f"{count} maps")
+    return replies
+
+
+def call_body(what: str, **arguments: Any) -> Message:
+    """The body of an `info` or `admin` request; arguments that are None are left out."""
+    body: Message = {"v": 1, "what": what}
+    body.update((name, value) for name, value in arguments.items() if value is not None)
+    return body
+
+
+def parse_value(reply: Message, kind: type | tuple[type, ...]) -> Any:
+    """The value of an `info` or `admin` reply, checked to be of `kind`."""
+    raise_error(reply)
+    value = reply.get("value")
+    if not isinstance(value, kind):
+        raise wrong("value", f"of another type than {type(value).__name__}")
+    return value

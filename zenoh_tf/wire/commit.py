@@ -1,0 +1,135 @@
+"""Commit messages: one write transaction as columns (docs/protocol.md, "commit").
+
+A sensor's put carries the same body; there the key gives `authority` and `static`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .faults import raise_error
+from .fields import (
+    F64,
+    I64,
+    U8,
+    U32,
+    U64,
+    Message,
+    column,
+    flag,
+    indexes,
+    integer,
+    raw,
+    text,
+    texts,
+    wrong,
+)
+
+ID_BYTES: Final = 16
+
+
+@dataclass(slots=True)
+class Write:
+    """What makes a write safe to lose the answer of: who it is, and until when it may run."""
+
+    id: bytes | None = None  # 16 bytes, the same in a repeat
+    expires_ns: int | None = None  # in the server's clock, see "hello"
+    instance: str | None = None  # refuse on any other server instance
+
+    def fields(self) -> Message:
+        known = {"id": self.id, "expires_ns": self.expires_ns, "instance": self.instance}
+        return {name: value for name, value in known.items() if value is not None}
+
+
+def parse_write(message: Message) -> Write:
+    write = Write()
+    if "id" in message:
+        identity = message["id"]
+        if type(identity) is not bytes or len(identity) != ID_BYTES:
+            raise wrong("id", f"{ID_BYTES} bytes")
+        write.id = identity
+    if "expires_ns" in message:
+        write.expires_ns = integer(message, "expires_ns")
+    if "instance" in message:
+        write.instance = text(message, "instance")
+    return write
+
+
+@dataclass(slots=True)
+class Commit:
+    """The rows of one write transaction: all or nothing."""
+
+    names: list[str]
+    parent: NDArray[np.uint32]  # (n,) rows of names
+    child: NDArray[np.uint32]  # (n,)
+    stamp: NDArray[np.int64]  # (n,) ns
+    pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of child in parent
+    authority: str = ""
+    static: bool = False
+    drop_old: bool = False  # too old rows: dropped, else they refuse the whole
+    read_names: list[str] = field(default_factory=list)
+    read_versions: NDArray[np.uint64] | None = None  # moved since: TransactionConflict
+
+    @property
+    def rows(self) -> int:
+        return len(self.stamp)
+
+
+def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:
+    """The body of a commit. Fields at their default are left out."""
+    body: Message = {
+        "v": 1,
+        "names": commit.names,
+        "parent": raw(commit.parent, U32),
+        "child": raw(commit.child, U32),
+        "stamp": raw(commit.stamp, I64),
+        "pose": raw(commit.pose, F64),
+    }
+    if commit.authority:
+        body["authority"] = commit.authority
+    if commit.static:
+        body["static"] = True
+    if commit.drop_old:
+        body["drop_old"] = True
+    if commit.read_versions is not None:
+        body["read_names"] = commit.read_names
+        body["read_versions"] = raw(commit.read_versions, U64)
+    if write:
+        body.update(write)
+    return body
+
+
+def parse_commit(body: Message) -> Commit:
+    names = texts(body, "names")
+    stamp = column(body, "stamp", I64)
+    rows = stamp.size
+    commit = Commit(
+        names,
+        indexes(body, "parent", rows, len(names)),
+        indexes(body, "child", rows, len(names)),
+        stamp,
+        column(body, "pose", F64, rows, 7).reshape(rows, 7),
+        text(body, "authority", ""),
+        flag(body, "static"),
+        flag(body, "drop_old"),
+    )
+    if "read_names" in body or "read_versions" in body:
+        commit.read_names = texts(body, "read_names")
+        commit.read_versions = column(body, "read_versions", U64, len(commit.read_names))
+    return commit
+
+
+def commit_reply(stored: NDArray[np.uint8]) -> Message:
+    """The reply to a commit, without the envelope's "v" and "instance"."""
+    return {"stored": raw(stored, U8)}
+
+
+def parse_commit_reply(reply: Message, rows: int) -> NDArray[np.uint8]:
+    """(n,): 1 stored, 0 dropped as too old. Raises the error of a reply that is one."""
+    raise_error(reply)
+    return column(reply, "stored", U8, rows)

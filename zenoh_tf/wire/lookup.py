@@ -1,0 +1,219 @@
+"""Lookup messages: any number of reads as columns (docs/protocol.md, "lookup")."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BY_CODE, InvalidArgumentException, TransformException
+from .faults import fault, parse_fault, raise_error
+from .fields import (
+    F64,
+    I64,
+    U8,
+    U32,
+    U64,
+    Message,
+    column,
+    flag,
+    indexes,
+    integer,
+    items,
+    raw,
+    texts,
+    wrong,
+)
+
+# What a row asks for; the native tree's numbers are the same (a test holds them together).
+OP_AT: Final = 0
+OP_COMMON: Final = 1
+OP_LATEST: Final = 2
+OP_LATEST_XACT: Final = 3
+OP_COMMON_TIME: Final = 4
+OP_FULL: Final = 5
+OPS: Final = 6
+
+#: "No time given", in the columns of stamps.
+NO_STAMP: Final = -(1 << 63)
+
+_FIRST: Final = struct.pack("<I", 0)
+_SECOND: Final = struct.pack("<I", 1)
+_STAMP: Final = struct.Struct("<q")
+_BYTE: Final = tuple(bytes([op]) for op in range(OPS))
+
+
+@dataclass(slots=True)
+class Lookup:
+    """The reads of one request, as columns."""
+
+    names: list[str]
+    op: NDArray[np.uint8]  # (n,) OP_...
+    target: NDArray[np.uint32]  # (n,) rows of names
+    source: NDArray[np.uint32]  # (n,)
+    stamp: NDArray[np.int64]  # (n,) ns, or NO_STAMP
+    fixed: NDArray[np.uint32] | None = None  # (n,) OP_FULL only
+    source_stamp: NDArray[np.int64] | None = None  # (n,) ns, OP_FULL only
+    atomic: bool = False
+    versions: bool = False
+    errors: bool = True
+    timeout_ns: int = 0
+
+    @property
+    def rows(self) -> int:
+        return len(self.op)
+
+
+def one_read(target: str, source: str, op: int, stamp_ns: int) -> Message:
+    """The body of a single read: what `lookup_body` makes, without touching numpy."""
+    try:
+        stamp = _STAMP.pack(stamp_ns)
+    except (struct.error, TypeError) as error:
+        raise InvalidArgumentException(
+            f"stamp_ns must be an integer of 64 bits, not {stamp_ns!r}", field="stamp_ns"
+        ) from error
+    return {
+        "v": 1,
+        "names": [target, source],
+        "op": _BYTE[op],
+        "target": _FIRST,
+        "source": _SECOND,
+        "stamp": stamp,
+    }
+
+
+def lookup_body(lookup: Lookup) -> Message:
+    """The body of any number of reads. Fields at their default are left out."""
+    body: Message = {
+        "v": 1,
+        "names": lookup.names,
+        "op": raw(lookup.op, U8),
+        "target": raw(lookup.target, U32),
+        "source": raw(lookup.source, U32),
+        "stamp": raw(lookup.stamp, I64),
+    }
+    if lookup.fixed is not None and lookup.source_stamp is not None:
+        body["fixed"] = raw(lookup.fixed, U32)
+        body["source_stamp"] = raw(lookup.source_stamp, I64)
+    if lookup.atomic:
+        body["atomic"] = True
+    if lookup.versions:
+        body["versions"] = True
+    if not lookup.errors:
+        body["errors"] = False
+    if lookup.timeout_ns:
+        body["timeout_ns"] = lookup.timeout_ns
+    return body
+
+
+def parse_lookup(body: Message) -> Lookup:
+    names = texts(body, "names")
+    op = column(body, "op", U8)
+    rows = op.size
+    highest = int(op[0]) if rows == 1 else int(op.max()) if rows else 0
+    if highest >= OPS:
+        raise wrong("op", f"an operation below {OPS}, not {highest}")
+    lookup = Lookup(
+        names,
+        op,
+        indexes(body, "target", rows, len(names)),
+        indexes(body, "source", rows, len(names)),
+        column(body, "stamp", I64, rows),
+    )
+    if len(body) == 6:  # the hot path: nothing optional
+        if highest == OP_FULL:
+            raise wrong("fixed", "given for a lookup through a fixed frame")
+        return lookup
+    if "fixed" in body or highest == OP_FULL:
+        lookup.fixed = indexes(body, "fixed", rows, len(names))
+        lookup.source_stamp = column(body, "source_stamp", I64, rows)
+    lookup.atomic = flag(body, "atomic")
+    lookup.versions = flag(body, "versions")
+    lookup.errors = flag(body, "errors", True)
+    lookup.timeout_ns = integer(body, "timeout_ns", 0, low=0)
+    return lookup
+
+
+@dataclass(slots=True)
+class LookupReply:
+    """The answers, row by row as asked."""
+
+    status: NDArray[np.uint8]  # (n,) 0 or an error's code
+    stamp: NDArray[np.int64]  # (n,) ns; of the latest forms the oldest used
+    newest: NDArray[np.int64] | None  # (n,) ns, the latest forms only
+    pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of source in target
+    errors: dict[int, TransformException] = field(default_factory=dict)
+
+    def error(self, row: int) -> TransformException | None:
+        """The error of a row, or None where it has an answer."""
+        code = int(self.status[row])
+        if code == 0:
+            return None
+        return self.errors.get(row) or BY_CODE.get(code, TransformException)(
+            "no answer for this row"
+        )
+
+
+def lookup_reply(
+    lookup: Lookup,
+    status: NDArray[np.uint8],
+    stamp: NDArray[np.int64],
+    newest: NDArray[np.int64],
+    pose: NDArray[np.float64],
+    errors: Sequence[tuple[int, TransformException]] = (),
+    reads: tuple[list[str], NDArray[np.uint64]] | None = None,
+) -> Message:
+    """The reply to `lookup`, without the envelope's "v" and "instance"."""
+    reply: Message = {
+        "status": raw(status, U8),
+        "stamp": raw(stamp, I64),
+        "pose": raw(pose, F64),
+        "errors": [[row, fault(error)] for row, error in errors] if lookup.errors else [],
+    }
+    op = lookup.op
+    if op.size == 1:
+        latest = int(op[0]) in (OP_LATEST, OP_LATEST_XACT)
+    else:
+        latest = bool(((op == OP_LATEST) | (op == OP_LATEST_XACT)).any())
+    if latest:
+        reply["newest"] = raw(newest, I64)
+    if reads is not None:
+        reply["read_names"] = reads[0]
+        reply["read_versions"] = raw(reads[1], U64)
+    return reply
+
+
+def parse_lookup_reply(reply: Message, rows: int) -> LookupReply:
+    """The answers in a reply to `rows` reads. Raises the error of a reply that is one."""
+    raise_error(reply)
+    status = column(reply, "status", U8, rows)
+    answer = LookupReply(
+        status,
+        column(reply, "stamp", I64, rows),
+        column(reply, "newest", I64, rows) if "newest" in reply else None,
+        column(reply, "pose", F64, rows, 7).reshape(rows, 7),
+    )
+    for entry in items(reply, "errors"):
+        row, error = _row_error(entry, rows)
+        answer.errors[row] = error
+    return answer
+
+
+def parse_read_set(reply: Message) -> Iterator[tuple[str, int]]:
+    """What a lookup with `versions` read: frame names and their versions."""
+    names = texts(reply, "read_names")
+    versions = column(reply, "read_versions", U64, len(names))
+    return zip(names, versions.tolist(), strict=True)
+
+
+def _row_error(entry: Any, rows: int) -> tuple[int, TransformException]:
+    if type(entry) is not list or len(entry) != 2 or type(entry[0]) is not int:
+        raise wrong("errors", "pairs of a row and an error")
+    row, error = entry
+    if not 0 <= row < rows:
+        raise wrong("errors", f"rows below {rows}, not {row}")
+    return row, parse_fault(error, "errors")
