@@ -1,0 +1,8 @@
+"""The SDK of zenoh-tf: `TransformClient.connect` and what it returns."""
+
+from .batch import Batch, Handle
+from .broadcaster import Broadcaster
+from .client import TransformClient
+from .transaction import Transaction
+
+__all__ = ["Batch", "Broadcaster", "Handle", "Transaction", "TransformClient"]

@@ -1,0 +1,115 @@
+"""Publishes transforms without waiting for anybody: the sensor's side."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from zenoh_tf import StampedTransform, keys, wire
+from zenoh_tf.errors import LimitExceeded, ServerUnavailable
+
+from . import columns
+
+#: A server's token may arrive before the news of its subscribers does.
+_MATCHING_TIMEOUT_S = 2.0
+
+
+class Broadcaster:
+    """Puts transforms as one authority. Thread safety: all methods.
+
+    One call is one message, committed atomically by the server; nobody answers. Static
+    transforms are kept here and announced again whenever a server appears.
+    """
+
+    def __init__(self, session: zenoh.Session, tree: str, authority: str) -> None:
+        self.authority = authority
+        self._session = session
+        self._tree = tree
+        self._lock = threading.Lock()
+        self._statics: dict[str, StampedTransform] = {}
+        self._servers: zenoh.Subscriber[None] | None = None
+        self._dynamic = self._publisher(static=False)
+        self._static = self._publisher(static=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def send(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
+        """Publish transforms, `X_parent_child` each. Rows older than the server's cache are
+        dropped there. Raises LimitExceeded for more than one message holds."""
+        self._put(self._dynamic, stampeds)
+
+    def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
+        """Publish transforms that hold for all times, now and to every server to come."""
+        rows = _rows(stampeds)
+        with self._lock:
+            if self._servers is None:
+                self._servers = self._session.liveliness().declare_subscriber(
+                    keys.servers(self._tree), self._on_server, history=False
+                )
+            self._put(self._static, rows)
+            self._statics.update((row.child_frame, row) for row in rows)
+
+    def close(self) -> None:
+        """Stop announcing. What was sent stays in the server."""
+        servers, self._servers = self._servers, None
+        if servers is not None:
+            servers.undeclare()
+        self._dynamic.undeclare()
+        self._static.undeclare()
+
+    def _publisher(self, *, static: bool) -> zenoh.Publisher:
+        return self._session.declare_publisher(
+            keys.put(self._tree, self.authority, static=static),
+            # A sensor that outruns the network waits; losing transforms unseen is worse.
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+    @staticmethod
+    def _put(
+        publisher: zenoh.Publisher, stampeds: StampedTransform | Iterable[StampedTransform]
+    ) -> None:
+        payload = wire.pack(wire.commit_body(columns.commit(_rows(stampeds))))
+        if len(payload) > wire.MAX_MESSAGE_BYTES:
+            raise LimitExceeded(
+                f"a message of {len(payload)} bytes, at most {wire.MAX_MESSAGE_BYTES}",
+                field="message_bytes",
+                limit=wire.MAX_MESSAGE_BYTES,
+                value=len(payload),
+            )
+        try:
+            publisher.put(payload)
+        except zenoh.ZError as error:
+            raise ServerUnavailable(f"cannot publish: {error}") from error
+
+    def _on_server(self, token: Any) -> None:
+        """A server's token came or went; runs on a thread of Zenoh's."""
+        if token.kind != zenoh.SampleKind.PUT:
+            return
+        deadline_s = time.monotonic() + _MATCHING_TIMEOUT_S
+        while not _matches(self._static) and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        with self._lock:
+            if self._statics and self._servers is not None:
+                self._put(self._static, list(self._statics.values()))
+
+
+def _matches(publisher: zenoh.Publisher) -> bool:
+    return bool(publisher.matching_status.matching)  # type: ignore[attr-defined]  # not a bool
+
+
+def _rows(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
+    return [stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds)

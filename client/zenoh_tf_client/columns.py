@@ -1,0 +1,101 @@
+"""Arguments of the API as columns of the wire: each name is sent once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zenoh_tf import StampedTransform, wire
+from zenoh_tf.errors import InvalidArgumentException
+
+#: target, source, OP_..., stamp_ns or NO_STAMP
+Row = tuple[str, str, int, int]
+
+
+class _Names(dict[str, int]):
+    """Name -> row of the message's names; a name not seen before gets the next row."""
+
+    def __missing__(self, name: str) -> int:
+        row = self[name] = len(self)
+        return row
+
+    def column(self, names: str | Sequence[str], count: int) -> NDArray[np.uint32]:
+        if isinstance(names, str):
+            return np.full(count, self[names], np.uint32)
+        return np.fromiter(map(self.__getitem__, names), np.uint32, count)
+
+
+def stamp(stamp_ns: int) -> int:
+    """A time given by the caller: any 64-bit integer but NO_STAMP, which means none."""
+    if stamp_ns == wire.NO_STAMP:
+        raise InvalidArgumentException(f"stamp_ns {stamp_ns} is reserved", field="stamp_ns")
+    return stamp_ns
+
+
+def stamps(stamps_ns: ArrayLike | None, count: int) -> NDArray[np.int64]:
+    """(count,) ns; one time stands for every row, None for no time."""
+    if stamps_ns is None:
+        return np.full(count, wire.NO_STAMP, np.int64)
+    values = np.asarray(stamps_ns)
+    if values.size and values.dtype.kind not in "iu":
+        raise InvalidArgumentException(
+            f"stamps_ns must be integers, not {values.dtype}", field="stamps_ns"
+        )
+    return np.broadcast_to(values.astype(np.int64, copy=False), (count,))
+
+
+def rows(
+    targets: str | Sequence[str], sources: str | Sequence[str], stamps_ns: ArrayLike | None
+) -> int:
+    """The number of rows that the arguments agree on; single values stand for every row."""
+    sizes = {
+        "targets": None if isinstance(targets, str) else len(targets),
+        "sources": None if isinstance(sources, str) else len(sources),
+        "stamps_ns": None if stamps_ns is None or np.ndim(stamps_ns) == 0 else np.size(stamps_ns),
+    }
+    given = {size for size in sizes.values() if size is not None}
+    if len(given) > 1:
+        raise InvalidArgumentException(f"unequal numbers of rows: {sizes}", field="targets")
+    return given.pop() if given else 1
+
+
+def lookup(
+    targets: str | Sequence[str],
+    sources: str | Sequence[str],
+    stamps_ns: ArrayLike | None,
+    op: int,
+    count: int,
+) -> wire.Lookup:
+    """`count` reads of one kind."""
+    names = _Names()
+    target = names.column(targets, count)
+    source = names.column(sources, count)
+    stamp = stamps(stamps_ns, count)
+    return wire.Lookup(list(names), np.full(count, op, np.uint8), target, source, stamp)
+
+
+def join(rows: Sequence[Row]) -> wire.Lookup:
+    """Any single reads as one lookup, in order."""
+    names = _Names()
+    count = len(rows)
+    target = np.fromiter((names[row[0]] for row in rows), np.uint32, count)
+    source = np.fromiter((names[row[1]] for row in rows), np.uint32, count)
+    op = np.fromiter((row[2] for row in rows), np.uint8, count)
+    stamp = np.fromiter((row[3] for row in rows), np.int64, count)
+    return wire.Lookup(list(names), op, target, source, stamp)
+
+
+def commit(
+    stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
+) -> wire.Commit:
+    """The rows of a transaction."""
+    names = _Names()
+    count = len(stampeds)
+    parent = np.fromiter((names[row.parent_frame] for row in stampeds), np.uint32, count)
+    child = np.fromiter((names[row.child_frame] for row in stampeds), np.uint32, count)
+    stamp: NDArray[Any] = np.fromiter((row.stamp_ns for row in stampeds), np.int64, count)
+    pose = np.array([row.transform.pose() for row in stampeds], np.float64).reshape(count, 7)
+    return wire.Commit(list(names), parent, child, stamp, pose, authority, static)

@@ -1,0 +1,234 @@
+"""One Zenoh session to one tree: sends requests, tells silence from answers.
+
+Thread safety: all methods; calls of different threads run side by side.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any, Final
+
+import zenoh
+
+from zenoh_tf import keys, wire
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    LimitExceeded,
+    OutcomeUnknown,
+    ServerRestarted,
+    ServerUnavailable,
+    TransformException,
+)
+
+from . import requests
+
+#: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
+_RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
+#: Replies larger than this are cut off; the server's limits keep them far below.
+_MAX_REPLY_BYTES: Final = 256 << 20
+_HELLO_PERIOD_S: Final = 0.05
+#: What Zenoh answers in place of a server that stays silent.
+_SILENCE: Final = b"Timeout"
+
+
+@dataclass(frozen=True, slots=True)
+class _Server:
+    """The server that answered last."""
+
+    instance: str
+    clock_offset_ns: int  # server clock minus ours, never too large
+    message_bytes: int
+
+
+class Connection:
+    def __init__(self, endpoint: str, tree: str, timeout_s: float) -> None:
+        """Connect within `timeout_s`, else ServerUnavailable."""
+        if not 0 < timeout_s < 1e6:
+            raise InvalidArgumentException(
+                f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
+            )
+        self.endpoint = endpoint
+        self.tree = tree
+        self.timeout_s = timeout_s
+        self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
+        self._lock = threading.Lock()
+        self._server: _Server | None = None
+        # A request id: random per connection, then counted.
+        self._id_prefix = os.urandom(8)
+        self._id_count = itertools.count()
+        deadline_s = time.monotonic() + timeout_s
+        self.session = self._open()
+        try:
+            self._meet(deadline_s)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def instance(self) -> str:
+        """Instance id of the server that answered last; asks for it if none is known."""
+        return self._known_server().instance
+
+    def close(self) -> None:
+        self.session.close()
+
+    def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
+        """The reply to a request that changes nothing. `wait_s`: how long the server itself
+        may wait. Raises the reply's error, or ServerUnavailable for no reply."""
+        payload = self._pack(body)
+        timeout_s = self.timeout_s + wait_s
+        reply = self._query(operation, payload, timeout_s)
+        if reply is None:
+            raise ServerUnavailable(f"no answer from {self._where()} (within {timeout_s:g} s)")
+        wire.raise_error(reply)
+        return reply
+
+    def write(
+        self, operation: str, body: wire.Message, instance: str | None = None
+    ) -> wire.Message:
+        """The reply to a write, which runs at most once.
+
+        `instance`: only on that server instance, else ServerRestarted; None: on whichever
+        serves now. Raises the reply's error, ServerUnavailable where nothing was sent, or
+        OutcomeUnknown for no reply: the write may or may not have been applied.
+        """
+        try:
+            return self._write_once(operation, body, instance or self.instance)
+        except ServerRestarted:
+            # Refused, so surely not applied: it may be sent again, to the new server.
+            self._forget_server()
+            if instance is not None:
+                raise
+        return self._write_once(operation, body, self.instance)
+
+    def _write_once(self, operation: str, body: wire.Message, instance: str) -> wire.Message:
+        server = self._known_server()
+        timeout_ns = int(self.timeout_s * 1e9)
+        write = wire.Write(
+            self._id_prefix + next(self._id_count).to_bytes(8, "big"),
+            time.monotonic_ns() + server.clock_offset_ns + timeout_ns,
+            instance,
+        )
+        payload = self._pack(body | write.fields())
+        reply = self._query(operation, payload, self.timeout_s)
+        if reply is None:
+            raise OutcomeUnknown(
+                f"a write got no answer from {self._where()}: it may or may not have been applied"
+            )
+        wire.raise_error(reply)
+        return reply
+
+    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | None:
+        """The first reply, or None for silence."""
+        try:
+            replies = self.session.get(
+                self._keys[operation],
+                payload=payload,
+                timeout=timeout_s,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as error:
+            raise ServerUnavailable(f"{self._where()}: {error}") from error
+        for answer in replies:
+            if (sample := answer.ok) is not None:
+                data = sample.payload.to_bytes()
+            else:
+                data = answer.err.payload.to_bytes()  # type: ignore[union-attr]
+                if data == _SILENCE:
+                    break
+            reply = wire.unpack(data, _MAX_REPLY_BYTES)
+            server = self._server
+            if server is not None and reply.get("instance") != server.instance:
+                self._forget_server()  # a new one: its clock and limits are unknown
+            return reply
+        self._forget_server()
+        return None
+
+    def _pack(self, body: wire.Message) -> bytes:
+        payload = wire.pack(body)
+        server = self._server
+        if server is not None and len(payload) > server.message_bytes:
+            raise LimitExceeded(
+                f"a message of {len(payload)} bytes, the server takes {server.message_bytes}",
+                field="message_bytes",
+                limit=server.message_bytes,
+                value=len(payload),
+            )
+        return payload
+
+    def _known_server(self) -> _Server:
+        return self._server or self._hello(self.timeout_s)
+
+    def _forget_server(self) -> None:
+        self._server = None
+
+    def _meet(self, deadline_s: float) -> None:
+        """Ask until a server answers: it may still be starting."""
+        while True:
+            left_s = deadline_s - time.monotonic()
+            try:
+                self._hello(max(left_s, 0.1))
+                return
+            except ServerUnavailable:
+                if left_s <= _HELLO_PERIOD_S:
+                    raise ServerUnavailable(
+                        f"no server of tree {self.tree!r} at {self.endpoint} "
+                        f"within {self.timeout_s:g} s"
+                    ) from None
+            time.sleep(_HELLO_PERIOD_S)
+
+    def _hello(self, timeout_s: float) -> _Server:
+        request = requests.hello()
+        reply = self._query(request.kind, wire.pack(request.body), timeout_s)
+        now_ns = time.monotonic_ns()
+        if reply is None:
+            raise ServerUnavailable(f"no answer from {self._where()} (within {timeout_s:g} s)")
+        value = request.parse(reply)
+        # The server read its clock before now, so this offset is too small by the reply's
+        # way at most: an expiry reckoned with it is never later than this side's time-out.
+        server = _Server(
+            wire.text(value, "instance"),
+            wire.integer(value, "clock_ns") - now_ns,
+            wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
+        )
+        self._server = server
+        return server
+
+    def _where(self) -> str:
+        return f"the server of tree {self.tree!r} at {self.endpoint}"
+
+    def _open(self) -> zenoh.Session:
+        settings: dict[str, Any] = {
+            "mode": "client",
+            "connect/endpoints": [self.endpoint],
+            "connect/timeout_ms": int(self.timeout_s * 1000),
+            "connect/retry": _RETRY,
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            # It can drop a reply when this side stalls for 100 ms.
+            "transport/shared_memory/enabled": False,
+            "transport/link/rx/max_message_size": _MAX_REPLY_BYTES,
+        }
+        config = zenoh.Config()
+        try:
+            for key, value in settings.items():
+                config.insert_json5(key, json.dumps(value))
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            raise self._cannot_open(str(error)) from error
+
+    def _cannot_open(self, reason: str) -> TransformException:
+        if "Unable to connect" in reason:
+            return ServerUnavailable(
+                f"nothing listens at {self.endpoint} (tree {self.tree!r}, "
+                f"tried for {self.timeout_s:g} s)"
+            )
+        return InvalidArgumentException(
+            f"endpoint {self.endpoint!r}: {reason.split(' at /', maxsplit=1)[0]}",
+            field="endpoint",
+        )

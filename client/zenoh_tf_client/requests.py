@@ -1,0 +1,259 @@
+"""Requests and the parsing of their replies: no I/O, shared by every kind of client.
+
+Each function makes the `Request` of the method of the same name: the message's body, and
+`parse`, which turns the reply into the method's result or raises its error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zenoh_tf import LatestTransform, StampedTransform, Transform, TransformArray, wire
+from zenoh_tf.errors import InvalidArgumentException
+
+from . import columns
+
+T = TypeVar("T")
+
+#: Longest wait of a lookup; a longer one is a mistake of units.
+MAX_WAIT_S = 3600.0
+
+
+@dataclass(slots=True)
+class Request(Generic[T]):
+    """One operation of a client."""
+
+    kind: str  # a query family of zenoh_tf.keys
+    body: wire.Message
+    parse: Callable[[wire.Message], T]
+    wait_s: float = 0.0
+
+    @property
+    def writes(self) -> bool:
+        return self.kind in ("commit", "admin")
+
+
+@dataclass(slots=True, kw_only=True)
+class Read(Request[T]):
+    """A lookup of a single row, which a batch may join with its neighbours."""
+
+    row: columns.Row
+    result: Callable[[wire.LookupReply, int], T]
+
+
+def _read(
+    target: str,
+    source: str,
+    op: int,
+    stamp_ns: int | None,
+    result: Callable[[wire.LookupReply, int], T],
+    timeout_s: float = 0.0,
+) -> Read[T]:
+    stamp = wire.NO_STAMP if stamp_ns is None else columns.stamp(stamp_ns)
+    body = wire.one_read(target, source, op, stamp)
+    if timeout_s:
+        body["timeout_ns"] = _timeout_ns(timeout_s)
+
+    def parse(reply: wire.Message) -> T:
+        return result(wire.parse_lookup_reply(reply, 1), 0)
+
+    row = (target, source, op, stamp)
+    return Read("lookup", body, parse, timeout_s, row=row, result=result)
+
+
+def _timeout_ns(timeout_s: float) -> int:
+    if not 0 <= timeout_s <= MAX_WAIT_S:
+        raise InvalidArgumentException(
+            f"timeout_s must be from 0 to {MAX_WAIT_S:g}, not {timeout_s!r}", field="timeout_s"
+        )
+    return int(timeout_s * 1e9)
+
+
+def _stamped(target: str, source: str) -> Callable[[wire.LookupReply, int], StampedTransform]:
+    def result(answer: wire.LookupReply, row: int) -> StampedTransform:
+        stamp_ns, _, transform = _answer(answer, row)
+        return StampedTransform(target, source, stamp_ns, transform)
+
+    return result
+
+
+def _latest(target: str, source: str) -> Callable[[wire.LookupReply, int], LatestTransform]:
+    def result(answer: wire.LookupReply, row: int) -> LatestTransform:
+        stamp_ns, newest_ns, transform = _answer(answer, row)
+        return LatestTransform(target, source, stamp_ns, transform, newest_ns)
+
+    return result
+
+
+def _answer(answer: wire.LookupReply, row: int) -> tuple[int, int, Transform]:
+    error = answer.error(row)
+    if error is not None:
+        raise error
+    x, y, z, qx, qy, qz, qw = answer.pose[row].tolist()
+    stamp_ns = int(answer.stamp[row])
+    newest_ns = stamp_ns if answer.newest is None else int(answer.newest[row])
+    return stamp_ns, newest_ns, Transform((x, y, z), (qx, qy, qz, qw))
+
+
+# --- reads
+
+
+def lookup_transform(
+    target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+) -> Read[StampedTransform]:
+    op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
+    return _read(target, source, op, stamp_ns, _stamped(target, source), timeout_s)
+
+
+def can_transform(
+    target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+) -> Read[bool]:
+    op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
+    request = _read(
+        target, source, op, stamp_ns, lambda answer, row: int(answer.status[row]) == 0, timeout_s
+    )
+    request.body["errors"] = False
+    return request
+
+
+def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:
+    return _read(target, source, wire.OP_LATEST, None, _latest(target, source))
+
+
+def lookup_latest_transform_xact(target: str, source: str) -> Read[LatestTransform]:
+    return _read(target, source, wire.OP_LATEST_XACT, None, _latest(target, source))
+
+
+def latest_common_time(a: str, b: str) -> Read[int | None]:
+    def result(answer: wire.LookupReply, row: int) -> int | None:
+        error = answer.error(row)
+        if error is not None:
+            raise error
+        stamp_ns = int(answer.stamp[row])
+        return None if stamp_ns == wire.NO_STAMP else stamp_ns
+
+    return _read(a, b, wire.OP_COMMON_TIME, None, result)
+
+
+def lookup_transform_full(
+    target: str,
+    target_stamp_ns: int | None,
+    source: str,
+    source_stamp_ns: int | None,
+    fixed_frame: str,
+    timeout_s: float = 0.0,
+) -> Request[StampedTransform]:
+    lookup = columns.lookup(target, source, target_stamp_ns, wire.OP_FULL, 1)
+    lookup.names.append(fixed_frame)
+    lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
+    lookup.source_stamp = columns.stamps(source_stamp_ns, 1)
+    lookup.timeout_ns = _timeout_ns(timeout_s)
+    result = _stamped(target, source)
+    return Request(
+        "lookup",
+        wire.lookup_body(lookup),
+        lambda reply: result(wire.parse_lookup_reply(reply, 1), 0),
+        timeout_s,
+    )
+
+
+def lookup_latest_transforms_xact(
+    pairs: Sequence[tuple[str, str]],
+) -> Request[list[LatestTransform]]:
+    lookup = columns.join([(target, source, wire.OP_LATEST_XACT, 0) for target, source in pairs])
+    lookup.stamp = columns.stamps(None, len(pairs))
+    lookup.atomic = True
+    results = [_latest(target, source) for target, source in pairs]
+
+    def parse(reply: wire.Message) -> list[LatestTransform]:
+        answer = wire.parse_lookup_reply(reply, len(results))
+        return [result(answer, row) for row, result in enumerate(results)]
+
+    return Request("lookup", wire.lookup_body(lookup), parse)
+
+
+def lookup_transforms(
+    targets: str | Sequence[str], sources: str | Sequence[str], stamps_ns: ArrayLike | None
+) -> Request[TransformArray]:
+    rows = columns.rows(targets, sources, stamps_ns)
+    op = wire.OP_COMMON if stamps_ns is None else wire.OP_AT
+    lookup = columns.lookup(targets, sources, stamps_ns, op, rows)
+    lookup.errors = False
+
+    def parse(reply: wire.Message) -> TransformArray:
+        answer = wire.parse_lookup_reply(reply, rows)
+        return TransformArray(answer.status, answer.stamp, answer.pose)
+
+    return Request("lookup", wire.lookup_body(lookup), parse)
+
+
+def sample(target: str, source: str, stamps_ns: ArrayLike) -> Request[TransformArray]:
+    return lookup_transforms(target, source, stamps_ns)
+
+
+# --- writes
+
+
+def set_transform(
+    stamped: StampedTransform, authority: str = "", static: bool = False
+) -> Request[bool]:
+    commit = columns.commit([stamped], authority, static)
+    commit.drop_old = True
+    return Request(
+        "commit",
+        wire.commit_body(commit),
+        lambda reply: bool(wire.parse_commit_reply(reply, 1)[0]),
+    )
+
+
+def set_transforms_xact(
+    stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
+) -> Request[None]:
+    commit = columns.commit(stampeds, authority, static)
+
+    def parse(reply: wire.Message) -> None:
+        wire.parse_commit_reply(reply, commit.rows)
+
+    return Request("commit", wire.commit_body(commit), parse)
+
+
+def clear(keep_static: bool = True) -> Request[None]:
+    body = wire.call_body("clear", keep_static=keep_static)
+    return Request("admin", body, lambda reply: wire.parse_value(reply, type(None)))
+
+
+# --- introspection
+
+
+def _info(kind: type | tuple[type, ...], what: str, **arguments: str | int | None) -> Request[Any]:
+    body = wire.call_body(what, **arguments)
+    return Request("info", body, lambda reply: wire.parse_value(reply, kind))
+
+
+def hello() -> Request[dict[str, Any]]:
+    return _info(dict, "hello")
+
+
+def frames() -> Request[list[str]]:
+    return _info(list, "frames")
+
+
+def frame(name: str) -> Request[dict[str, Any]]:
+    return _info(dict, "frame", frame=name)
+
+
+def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:
+    return _info((str, type(None)), "parent", frame=frame, stamp_ns=stamp_ns)
+
+
+def chain(target: str, source: str, stamp_ns: int | None = None) -> Request[list[str]]:
+    return _info(list, "chain", target=target, source=source, stamp_ns=stamp_ns)
+
+
+def stats() -> Request[dict[str, int]]:
+    return _info(dict, "stats")

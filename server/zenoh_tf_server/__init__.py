@@ -1,0 +1,1 @@
+"""The service: a transform tree behind Zenoh queryables. `main` starts it."""

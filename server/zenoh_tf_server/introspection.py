@@ -1,0 +1,38 @@
+"""What the tree holds: the `info` requests."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from zenoh_tf import wire
+from zenoh_tf.errors import InvalidArgumentException
+
+if TYPE_CHECKING:
+    from .service import Service
+
+
+def answer(service: Service, message: wire.Message) -> Any:
+    """The value that an `info` request asks for."""
+    tree = service.tree
+    what = wire.text(message, "what")
+    if what == "frames":
+        return tree.frames()
+    if what == "frame":
+        return tree.frame_record(wire.text(message, "frame"))
+    if what == "parent":
+        return tree.parent(wire.text(message, "frame"), _stamp(message))
+    if what == "chain":
+        target, source = wire.text(message, "target"), wire.text(message, "source")
+        return tree.chain(target, source, _stamp(message))
+    if what == "stats":
+        return {
+            **tree.stats(),
+            "waiters": len(service.waiters),
+            "outcomes": len(service.outcomes),
+            **service.puts.as_dict(),
+        }
+    raise InvalidArgumentException(f"no information {what!r}", field="what")
+
+
+def _stamp(message: wire.Message) -> int | None:
+    return wire.integer(message, "stamp_ns") if "stamp_ns" in message else None

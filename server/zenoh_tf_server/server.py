@@ -1,0 +1,71 @@
+"""One running server: session, service, workers, ingest and presence, put together."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Literal
+
+from zenoh_tf import TransformTree
+
+from . import network, presence
+from .ingest import Ingest
+from .limits import Limits
+from .service import Service
+from .workers import Workers
+
+log = logging.getLogger("zenoh_tf.server")
+
+Concurrency = Literal["optimistic", "2pl", "giant"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    tree: str
+    listen: Sequence[str]  # endpoints of the embedded router, or
+    connect: Sequence[str]  # endpoints of a network to join
+    cache_time_s: float
+    concurrency: Concurrency
+    one_authority_per_frame: bool
+    workers: int
+    limits: Limits
+
+
+class Server:
+    """Open from construction to `close`. Raises NetworkError or TreeTaken."""
+
+    def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
+        self.instance = secrets.token_hex(8)
+        limits = settings.limits
+        tree = TransformTree(
+            settings.cache_time_s,
+            settings.concurrency,
+            max_frames=limits.frames,
+            max_samples_per_frame=limits.samples_per_frame,
+            max_name_bytes=limits.name_bytes,
+            max_depth=limits.depth,
+            one_authority_per_frame=settings.one_authority_per_frame,
+        )
+        # Closed in the reverse order: no more queries, then no more waiters, then the session.
+        with ExitStack() as stack:
+            session = network.open_session(settings.listen, settings.connect, limits)
+            stack.callback(session.close)
+            presence.refuse_if_taken(session, settings.tree)
+            service = Service(tree, settings.tree, self.instance, limits, loop)
+            stack.callback(service.close)
+            ingest = Ingest(service.commit, service.puts, limits)
+            stack.callback(ingest.close)
+            ingest.start(session, settings.tree)
+            workers = Workers(service, settings.workers)
+            stack.callback(workers.close)
+            workers.start(session, settings.tree)
+            token = presence.claim(session, settings.tree, self.instance)
+            stack.callback(token.undeclare)
+            self._stack = stack.pop_all()
+
+    def close(self) -> None:
+        self._stack.close()

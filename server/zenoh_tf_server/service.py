@@ -1,0 +1,250 @@
+"""What the service answers, without Zenoh: message bytes in, reply bytes out.
+
+Thread safety: `handle` from any number of threads; each answer is called exactly once,
+for a waiting lookup later and from another thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import (
+    ConnectivityException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    NoDataForExtrapolationException,
+    ServerRestarted,
+    TimeoutException,
+    TransformException,
+)
+
+from . import introspection
+from .ingest import PutCounters
+from .limits import Limits
+from .outcomes import Answer, Outcomes
+from .waiters import Waiters
+
+log = logging.getLogger("zenoh_tf.server")
+
+#: What a later commit can cure. Older than what a link holds is not: time moves on.
+_WAITED_FOR = frozenset(
+    kind.code
+    for kind in (
+        LookupException,
+        ConnectivityException,
+        NoDataForExtrapolationException,
+        ForwardExtrapolationException,
+    )
+)
+
+
+class Service:
+    def __init__(
+        self,
+        tree: TransformTree,
+        name: str,
+        instance: str,
+        limits: Limits,
+        loop: asyncio.AbstractEventLoop,
+    ) -> None:
+        self.tree = tree
+        self.instance = instance
+        self.limits = limits
+        self.outcomes = Outcomes(limits)
+        self.waiters = Waiters(tree, limits, loop)
+        #: Counted by the ingest of sensors' puts; part of the statistics.
+        self.puts = PutCounters()
+        self._name = name
+        self._operations: dict[str, Callable[[wire.Message, Answer], None]] = {
+            "lookup": self._lookup,
+            "commit": lambda message, answer: self._write(message, answer, self._run_commit),
+            "batch": self._batch,
+            "info": lambda message, answer: answer(self._seal(self._run_info(message)), False),
+            "admin": lambda message, answer: self._write(message, answer, self._run_admin),
+        }
+
+    def handle(self, operation: str, payload: bytes, answer: Answer) -> None:
+        """Answer one request. Never raises: what goes wrong is the answer."""
+        try:
+            message = wire.unpack(payload, self.limits.message_bytes)
+            self._operations[operation](message, answer)
+        except Exception as error:
+            answer(self.error(error), True)
+
+    def error(self, error: Exception) -> bytes:
+        """The reply to a request that failed as a whole."""
+        return wire.pack(wire.error_reply(self.instance, self._typed(error)))
+
+    def close(self) -> None:
+        self.waiters.close(self.error)
+
+    @staticmethod
+    def _typed(error: Exception) -> TransformException:
+        if not isinstance(error, (TransformException, TypeError, ValueError, OverflowError)):
+            log.exception("internal error", exc_info=error)
+        return wire.as_transform_exception(error)
+
+    def _seal(self, reply: wire.Message) -> bytes:
+        reply["v"] = wire.VERSION
+        reply["instance"] = self.instance
+        return wire.pack(reply)
+
+    # --- reads
+
+    def _lookup(self, message: wire.Message, answer: Answer) -> None:
+        lookup = wire.parse_lookup(message)
+        self.limits.check("rows", lookup.rows)
+        if lookup.timeout_ns:
+            self.waiters.ask(lambda: self._attempt(lookup), lookup.timeout_ns * 1e-9, answer)
+        else:
+            answer(self._seal(self._read(lookup)[0]), False)
+
+    def _attempt(self, lookup: wire.Lookup) -> tuple[bytes, bool]:
+        """The reply as it is now, and whether waiting could better it."""
+        reply, codes = self._read(lookup)
+        return self._seal(reply), bool(codes) and codes <= _WAITED_FOR
+
+    def _read(self, lookup: wire.Lookup) -> tuple[wire.Message, set[int]]:
+        """The reply's fields, and the codes of the rows that failed."""
+        status, stamp, newest, pose, errors, reads = self.tree.read_rows(
+            lookup.names,
+            lookup.op,
+            lookup.target,
+            lookup.source,
+            lookup.stamp,
+            lookup.fixed,
+            lookup.source_stamp,
+            atomic=lookup.atomic,
+            versions=lookup.versions,
+        )
+        reply = wire.lookup_reply(lookup, status, stamp, newest, pose, errors, reads)
+        return reply, {error.code for _, error in errors}
+
+    # --- writes
+
+    def _write(
+        self,
+        message: wire.Message,
+        answer: Answer,
+        run: Callable[[wire.Message], wire.Message],
+    ) -> None:
+        """Run a write once: by id, before its expiry, on the instance that it is meant for."""
+        write = wire.parse_write(message)
+        now_ns = time.monotonic_ns()
+        if write.instance is not None and write.instance != self.instance:
+            raise ServerRestarted(
+                f"meant for server instance {write.instance}, this one is {self.instance}",
+                value=write.instance,
+            )
+        if write.id is not None and self.outcomes.repeat(write.id, answer):
+            return
+        longest_ns = self.limits.expiry_s * 1_000_000_000
+        until_ns = now_ns + longest_ns
+        if write.expires_ns is not None:
+            if write.expires_ns < now_ns:
+                late_ms = (now_ns - write.expires_ns) / 1e6
+                raise TimeoutException(
+                    f"the write expired {late_ms:.1f} ms before it could run, and did not run",
+                    field="expires_ns",
+                    value=write.expires_ns,
+                )
+            if write.expires_ns > until_ns:
+                ahead_s = (write.expires_ns - now_ns) // 1_000_000_000
+                raise self.limits.exceeded("expiry_s", ahead_s)
+            until_ns = write.expires_ns
+        if write.id is None:
+            answer(self._seal(run(message)), False)
+            return
+        if not self.outcomes.begin(write.id, until_ns, now_ns, answer):
+            return
+        failed = False
+        try:
+            reply = self._seal(run(message))
+        except Exception as error:
+            reply, failed = self.error(error), True
+        self.outcomes.finish(write.id, reply, failed)
+        answer(reply, failed)
+
+    def _run_commit(self, message: wire.Message) -> wire.Message:
+        commit = wire.parse_commit(message)
+        self.limits.check("rows", commit.rows)
+        return wire.commit_reply(self.commit(commit))
+
+    def commit(self, commit: wire.Commit) -> Any:
+        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
+        return self.tree.commit_rows(
+            commit.names,
+            commit.parent,
+            commit.child,
+            commit.stamp,
+            commit.pose,
+            authority=commit.authority,
+            static=commit.static,
+            drop_old=commit.drop_old,
+            read_names=commit.read_names,
+            read_versions=commit.read_versions,
+        )
+
+    # --- the others
+
+    def _batch(self, message: wire.Message, answer: Answer) -> None:
+        operations = wire.parse_batch(message)
+        self.limits.check("rows", len(operations))
+        if any(kind == "commit" for kind, _ in operations):
+            self._write(message, answer, lambda _: self._run_batch(operations))
+        else:
+            answer(self._seal(self._run_batch(operations)), False)
+
+    def _run_batch(self, operations: list[tuple[str, wire.Message]]) -> wire.Message:
+        rows = 0
+        replies: list[wire.Message] = []
+        for kind, body in operations:
+            try:
+                if kind == "lookup":
+                    lookup = wire.parse_lookup(body)
+                    rows += lookup.rows
+                    self.limits.check("rows", rows)
+                    if lookup.timeout_ns:
+                        raise InvalidArgumentException(
+                            "a lookup in a batch cannot wait", field="timeout_ns"
+                        )
+                    replies.append(self._read(lookup)[0])
+                elif kind == "commit":
+                    commit = wire.parse_commit(body)
+                    rows += commit.rows
+                    self.limits.check("rows", rows)
+                    replies.append(wire.commit_reply(self.commit(commit)))
+                else:
+                    replies.append(self._run_info(body))
+            except Exception as error:
+                replies.append({"error": wire.fault(self._typed(error))})
+        return {"replies": replies}
+
+    def _run_info(self, message: wire.Message) -> wire.Message:
+        if wire.text(message, "what") == "hello":
+            return {"value": self._hello()}
+        return {"value": introspection.answer(self, message)}
+
+    def _hello(self) -> dict[str, Any]:
+        return {
+            "tree": self._name,
+            "instance": self.instance,
+            "server_version": version("zenoh-tf"),
+            "clock_ns": time.monotonic_ns(),
+            "limits": self.limits.as_dict(),
+        }
+
+    def _run_admin(self, message: wire.Message) -> wire.Message:
+        what = wire.text(message, "what")
+        if what != "clear":
+            raise InvalidArgumentException(f"no admin operation {what!r}", field="what")
+        self.tree.clear(wire.flag(message, "keep_static", True))
+        log.info("cleared")
+        return {"value": None}
