@@ -16,10 +16,9 @@ from typing import Any
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     ConnectivityException,
-    ForwardExtrapolationException,
+    ExtrapolationException,
     InvalidArgumentException,
     LookupException,
-    NoDataForExtrapolationException,
     ServerRestarted,
     TimeoutException,
     TransformException,
@@ -33,17 +32,6 @@ from .waiters import Waiters
 
 log = logging.getLogger("zenoh_tf.server")
 
-#: What a later commit can cure. Older than what a link holds is not: time moves on.
-_WAITED_FOR = frozenset(
-    kind.code
-    for kind in (
-        LookupException,
-        ConnectivityException,
-        NoDataForExtrapolationException,
-        ForwardExtrapolationException,
-    )
-)
-
 
 class Service:
     def __init__(
@@ -51,9 +39,11 @@ class Service:
         tree: TransformTree,
         name: str,
         instance: str,
+        cache_time_s: float,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
     ) -> None:
+        self._cache_ns = int(cache_time_s * 1e9)
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -108,11 +98,20 @@ class Service:
 
     def _attempt(self, lookup: wire.Lookup) -> tuple[bytes, bool]:
         """The reply as it is now, and whether waiting could better it."""
-        reply, codes = self._read(lookup)
-        return self._seal(reply), bool(codes) and codes <= _WAITED_FOR
+        reply, errors = self._read(lookup)
+        worth_waiting = bool(errors) and all(map(self._may_come, errors))
+        return self._seal(reply), worth_waiting
 
-    def _read(self, lookup: wire.Lookup) -> tuple[wire.Message, set[int]]:
-        """The reply's fields, and the codes of the rows that failed."""
+    def _may_come(self, error: TransformException) -> bool:
+        """Whether a later commit can cure the error: what is older than the cache cannot
+        come any more."""
+        if isinstance(error, ExtrapolationException):
+            stamp_ns, newest_ns = error.stamp_ns, error.newest_stamp_ns
+            return stamp_ns is None or newest_ns is None or stamp_ns >= newest_ns - self._cache_ns
+        return isinstance(error, (LookupException, ConnectivityException))
+
+    def _read(self, lookup: wire.Lookup) -> tuple[wire.Message, list[TransformException]]:
+        """The reply's fields, and the errors of the rows that failed."""
         status, stamp, newest, pose, errors, reads = self.tree.read_rows(
             lookup.names,
             lookup.op,
@@ -125,7 +124,7 @@ class Service:
             versions=lookup.versions,
         )
         reply = wire.lookup_reply(lookup, status, stamp, newest, pose, errors, reads)
-        return reply, {error.code for _, error in errors}
+        return reply, [error for _, error in errors]
 
     # --- writes
 
