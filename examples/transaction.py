@@ -4,8 +4,26 @@ import argparse
 import time
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import Transaction, TransformClient
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
 args = parser.parse_args()
+
+PAIR = ("gripper", "object")
+
+
+def lift(tx: Transaction) -> None:
+    """Runs again if anyone moves one of the two between the reading and the commit."""
+    poses = tx.lookup_latest_transforms_xact([("map", name) for name in PAIR])
+    up, now_ns = Transform(translation=(0.0, 0.0, 0.1)), time.time_ns()
+    tx.set_transforms_xact(
+        [StampedTransform("map", pose.child_frame, now_ns, up @ pose.transform) for pose in poses]
+    )
+
+
+with TransformClient.connect(args.connect) as tf:
+    tf.set_transforms_xact([StampedTransform("map", name, 0, Transform()) for name in PAIR])
+    for _ in range(3):
+        tf.run_transaction(lift)
+    print("object at", tf.lookup_latest_transform_xact("map", "object").transform.translation)

@@ -17,8 +17,7 @@ from decimal import Decimal
 from zenoh_tf import TransformException
 from zenoh_tf_client.cli import query, replay, view, write
 from zenoh_tf_client.cli.errors import CommandError
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
 # argparse takes "-1e-3" and "-5." for options; "-0.001" it knows to be a number.
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
@@ -87,14 +86,18 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
         help=f"where the service listens (default {DEFAULT_ENDPOINT})",
     )
     group.add_argument(
-        "--tree", metavar="NAME", default=default("main"), help="which tree (default main)"
+        "--tree",
+        metavar="NAME",
+        default=default(DEFAULT_TREE),
+        help=f"which tree (default {DEFAULT_TREE})",
     )
     group.add_argument(
         "--timeout",
         metavar="S",
         type=_positive_seconds,
-        default=default(5.0),
-        help="seconds to wait for the connection, and for each answer (default 5)",
+        default=default(DEFAULT_TIMEOUT_S),
+        help="seconds to wait for the connection, and for each answer "
+        f"(default {DEFAULT_TIMEOUT_S:g})",
     )
     group.add_argument(
         "--json", action="store_true", default=default(False), help="print one JSON document"

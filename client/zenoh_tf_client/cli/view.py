@@ -6,7 +6,6 @@ import argparse
 import time
 from typing import Any
 
-from zenoh_tf import LookupException
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import drawing, output, stamps
 from zenoh_tf_client.cli.connection import connect
@@ -64,13 +63,10 @@ def _stats(args: argparse.Namespace) -> int:
 
 def _records(tf: TransformClient) -> list[dict[str, Any]]:
     """What the server says of each frame."""
-    records = []
-    for name in tf.frames():
-        try:
-            records.append({"frame": name, **tf.frame(name)})
-        except LookupException:
-            continue  # removed since we asked for the names
-    return records
+    names = sorted(tf.frames())
+    with tf.batch() as batch:
+        handles = {name: batch.frame(name) for name in names}
+    return [{"frame": name, **handle.result()} for name, handle in handles.items()]
 
 
 def _link(record: dict[str, Any]) -> drawing.Link:

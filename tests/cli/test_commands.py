@@ -1,0 +1,258 @@
+"""The command line against a real server, every command in a process of its own."""
+
+from __future__ import annotations
+
+import functools
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+HALF_TURN = ("0", "0", "1", "0")
+
+
+@pytest.fixture
+def run(server: Any, zenoh_tf: Run) -> Run:
+    """``run(*args)``: one command on the server, to its end."""
+    return functools.partial(zenoh_tf, "--connect", server.endpoint)
+
+
+def succeeds(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+def document(done: subprocess.CompletedProcess[str]) -> Any:
+    return json.loads(succeeds(done))
+
+
+def refusal(done: subprocess.CompletedProcess[str]) -> str:
+    """The one line that a failed command says."""
+    assert done.returncode == 1
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("zenoh-tf: ")
+    return lines[0]
+
+
+def set_chain(run: Run) -> None:
+    """map -> base at 1 s and 2 s, base -> camera static."""
+    succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "1s"))
+    succeeds(run("set", "map", "base", "2", "0", "0", *HALF_TURN, "--stamp", "2s"))
+    succeeds(run("set", "base", "camera", "1", "0", "0", "--static"))
+
+
+def test_lookup_interpolates_at_a_time(run: Run) -> None:
+    set_chain(run)
+    answer = document(run("lookup", "map", "camera", "--at", "1.5", "--json"))
+    assert (answer["target"], answer["source"]) == ("map", "camera")
+    assert answer["stamp_ns"] == 1_500_000_000
+    assert answer["translation"] == pytest.approx([1.0, 1.0, 0.0])
+    assert answer["rotation"] == pytest.approx([0, 0, 0.5**0.5, 0.5**0.5])
+
+
+def test_lookup_without_a_time_is_at_the_latest_common_time(run: Run) -> None:
+    set_chain(run)
+    answer = document(run("--json", "lookup", "map", "camera"))
+    assert answer["stamp_ns"] == 2_000_000_000
+    assert answer["translation"] == pytest.approx([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("flags", [[], ["--no-xact"]])
+def test_latest_gives_the_age_of_its_links(run: Run, flags: list[str]) -> None:
+    set_chain(run)
+    succeeds(run("set", "camera", "object", "0", "0", "1", "--stamp", "5s"))
+    answer = document(run("latest", "map", "object", "--json", *flags))
+    assert answer["stamp_ns"] == 2_000_000_000
+    assert answer["newest_stamp_ns"] == 5_000_000_000
+    assert answer["translation"] == pytest.approx([1.0, 0.0, 1.0])
+
+
+def test_answers_for_reading(run: Run) -> None:
+    set_chain(run)
+    text = succeeds(run("lookup", "map", "camera"))
+    assert text.splitlines()[0] == "camera in map"
+    assert "2.000000000 s" in text
+    assert "x   1.000000  y   0.000000  z   0.000000  m" in text
+    assert "yaw 180.00  deg" in text
+    assert "\x1b" not in text
+
+    text = succeeds(run("latest", "map", "camera"))
+    assert "newest link  2.000000000 s" in text
+
+
+def test_set_takes_numbers_as_people_write_them(run: Run) -> None:
+    done = document(run("set", "a", "b", "-1e-3", "-.5", "+2.", "--json"))
+    assert done["stored"] is True
+    assert abs(done["stamp_ns"] - time.time_ns()) < 60 * 10**9
+    answer = document(run("latest", "a", "b", "--json"))
+    assert answer["translation"] == [-0.001, -0.5, 2.0]
+
+
+def test_set_says_when_it_was_too_old(run: Run) -> None:
+    succeeds(run("set", "a", "b", "0", "0", "0", "--stamp", "1000s"))
+    assert "dropped" in refusal(run("set", "a", "b", "0", "0", "0", "--stamp", "1s"))
+
+
+def test_set_refuses_what_is_no_rotation(run: Run) -> None:
+    line = refusal(run("set", "a", "b", "0", "0", "0", "9", "0", "0", "9"))
+    assert "InvalidArgumentException" in line
+    assert "rotation" in line
+
+
+def test_frames_draws_the_tree(run: Run) -> None:
+    set_chain(run)
+    succeeds(run("set", "base", "arm", "0", "0", "0", "--stamp", "2.5", "--authority", "motors"))
+    lines = succeeds(run("frames")).splitlines()
+    assert "2.500000000 s" in lines[0]  # recorded time: no clock to count ages from
+    assert [line.split("  ")[0].rstrip() for line in lines[1:]] == [
+        "map",
+        "└─ base",
+        "   ├─ arm",
+        "   └─ camera",
+    ]
+    base, arm, camera = lines[2:]
+    assert "500 ms" in base and "1.0 Hz" in base and base.endswith("zenoh-tf")
+    assert arm.endswith("motors")
+    assert "static" in camera and "Hz" not in camera
+
+
+def test_frames_counts_ages_by_the_clock(run: Run) -> None:
+    succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "now-100s"))
+    (root, base) = succeeds(run("frames")).splitlines()
+    assert root == "map"
+    assert "10" in base.split(" s ")[0]
+
+
+def test_frames_json(run: Run) -> None:
+    set_chain(run)
+    tree = document(run("frames", "--json"))
+    assert tree["tree"] == "main"
+    records = {record["frame"]: record for record in tree["frames"]}
+    assert set(records) == {"map", "base", "camera"}
+    assert records["map"]["parent"] is None
+    assert records["camera"]["parent"] == "base"
+    assert records["camera"]["static"] is True
+    assert records["base"]["newest_stamp_ns"] == 2_000_000_000
+
+
+def test_frames_of_an_empty_tree(run: Run) -> None:
+    assert "empty" in succeeds(run("frames"))
+    assert document(run("frames", "--json"))["frames"] == []
+
+
+def test_frames_in_colour_on_a_terminal(
+    server: Any, run: Run, in_terminal: Callable[..., str]
+) -> None:
+    set_chain(run)
+    command = ("--connect", server.endpoint, "frames")
+    assert "\x1b[" in in_terminal(*command)
+    assert "\x1b[" not in in_terminal(*command, NO_COLOR="1")
+
+
+def test_stats_count(run: Run) -> None:
+    set_chain(run)
+    counters = document(run("stats", "--json"))
+    assert counters["frames"] == 3
+    assert "frames" in succeeds(run("stats"))
+
+
+def test_clear_keeps_static_links(run: Run) -> None:
+    set_chain(run)
+    assert "cleared" in succeeds(run("clear"))
+    refusal(run("lookup", "map", "base"))
+    document(run("lookup", "base", "camera", "--json"))
+
+
+def test_unknown_frame(run: Run) -> None:
+    set_chain(run)
+    line = refusal(run("lookup", "map", "nowhere"))
+    assert "LookupException" in line
+    assert "nowhere" in line
+
+
+def test_a_time_that_no_link_has(run: Run) -> None:
+    set_chain(run)
+    line = refusal(run("lookup", "map", "base", "--at", "99s"))
+    assert "ForwardExtrapolationException" in line
+
+
+def test_no_server(zenoh_tf: Run) -> None:
+    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames"))
+    assert "ServerUnavailable" in line
+    assert "tcp/127.0.0.1:9" in line
+
+
+def test_no_such_tree(run: Run) -> None:
+    line = refusal(run("--tree", "elsewhere", "--timeout", "0.5", "frames"))
+    assert "ServerUnavailable" in line
+    assert "elsewhere" in line
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        [],
+        ["fly"],
+        ["lookup", "map"],
+        ["lookup", "map", "base", "--at", "noon"],
+        ["lookup", "map", "base", "--at", "now5"],
+        ["set", "map", "base", "1", "2"],
+        ["set", "map", "base", "1", "2", "x"],
+        ["--timeout", "-1", "frames"],
+        ["replay", "file", "--rate", "0"],
+        ["replay", "file", "--rate", "2", "--fast"],
+    ],
+)
+def test_wrong_usage(zenoh_tf: Run, args: list[str]) -> None:
+    done = zenoh_tf(*args)
+    assert done.returncode == 2
+    assert "usage: zenoh-tf" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_help_names_every_command(zenoh_tf: Run) -> None:
+    text = succeeds(zenoh_tf("--help"))
+    for command in ("lookup", "latest", "set", "frames", "replay", "stats", "clear"):
+        assert f"    {command} " in text
+        assert "--connect" in succeeds(zenoh_tf(command, "--help"))
+
+
+def test_a_reader_that_goes_away_is_no_error(server: Any, run: Run) -> None:
+    set_chain(run)
+    with subprocess.Popen(
+        [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, "frames"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+
+
+def test_interrupted() -> None:
+    """Ctrl-C while it waits for a server that does not answer."""
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
+        with subprocess.Popen(
+            [sys.executable, "-m", "zenoh_tf_client", "--connect", endpoint, "frames"],
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            mute.settimeout(20)
+            mute.accept()[0].close()
+            process.send_signal(signal.SIGINT)
+            assert process.stderr is not None
+            assert process.stderr.read() == "interrupted\n"
+            assert process.wait(10) == -signal.SIGINT

@@ -1,0 +1,248 @@
+"""``zenoh-tf replay``: recordings made here, replayed onto a real server."""
+
+from __future__ import annotations
+
+import functools
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+#: (log time in s, topic, [(parent, child, stamp in s, x)])
+Log = Iterable[tuple[float, str, list[tuple[str, str, float, float]]]]
+
+TF = "tf2_msgs/msg/TFMessage"
+LOG: Log = [
+    (100.0, "/tf_static", [("base", "camera", 0.0, 1.0)]),
+    *[(100.0 + i / 50, "/tf", [("odom", "base", 7.0 + i / 50, float(i))]) for i in range(51)],
+    (101.1, "/robot2/tf", [("odom2", "base2", 7.0, 5.0)]),
+]
+
+
+def write(path: Path, log: Log = LOG, *, kind: str = "mcap") -> Path:
+    """A recording of transform messages; returns the file or folder to replay."""
+    ros1 = kind == "bag"
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    kinds = store.types
+
+    def message(rows: list[tuple[str, str, float, float]]) -> Any:
+        transforms = []
+        for parent, child, stamp_s, x in rows:
+            stamp = kinds["builtin_interfaces/msg/Time"](int(stamp_s), round(stamp_s % 1 * 1e9))
+            extra = {"seq": 0} if ros1 else {}
+            transforms.append(
+                kinds["geometry_msgs/msg/TransformStamped"](
+                    header=kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=parent, **extra),
+                    child_frame_id=child,
+                    transform=kinds["geometry_msgs/msg/Transform"](
+                        translation=kinds["geometry_msgs/msg/Vector3"](x, 0.0, 0.0),
+                        rotation=kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+                    ),
+                )
+            )
+        return kinds[TF](transforms)
+
+    writer: Any
+    if ros1:
+        writer = Writer1(path)
+        serialize = store.serialize_ros1
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        serialize = store.serialize_cdr
+    with writer:
+        topics: dict[str, Any] = {}
+        for log_s, topic, rows in log:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, TF, typestore=store)
+            writer.write(topics[topic], round(log_s * 1e9), serialize(message(rows), TF))
+    return next(path.glob("*.mcap")) if kind == "mcap" else path
+
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run(server: Any, zenoh_tf: Run) -> Run:
+    """``run(*args)``: one command on the server, to its end."""
+    return functools.partial(zenoh_tf, "--connect", server.endpoint)
+
+
+def refusal(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.returncode == 1
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3", "bag"])
+def test_everything_is_there_when_it_ends(run: Run, tmp_path: Path, kind: str) -> None:
+    path = write(tmp_path / ("log.bag" if kind == "bag" else "log"), kind=kind)
+    done = run("replay", str(path), "--fast", "--json")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["transforms"] == 53
+    assert summary["messages"] == 53
+    assert summary["topics"] == ["/robot2/tf", "/tf", "/tf_static"]
+
+    ask = ("--json", "lookup", "odom", "camera")
+    answer = json.loads(run(*ask, "--at", "7.51").stdout)
+    assert answer["translation"] == pytest.approx([26.5, 0.0, 0.0])
+    answer = json.loads(run(*ask).stdout)
+    assert answer["stamp_ns"] == 8_000_000_000
+
+
+def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
+    """The recording lasts 1.1 s."""
+    path = write(tmp_path / "log")
+    took = {}
+    for rate in ("1", "1000"):
+        done = run("--json", "replay", str(path), "--rate", rate)
+        assert done.returncode == 0, done.stderr
+        took[rate] = json.loads(done.stdout)["seconds"]
+    assert took["1"] >= 1.1
+
+
+def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -> None:
+    """Static and moving links travel on two keys, which the server takes side by side."""
+    log: Log = [
+        (float(i), "/tf_static" if i % 2 else "/tf", [("a", "b", 1.0 + i, float(i))])
+        for i in range(20)
+    ]
+    path = write(tmp_path / "log", log)
+    assert run("replay", str(path), "--fast").returncode == 0
+    answer = json.loads(run("--json", "latest", "a", "b").stdout)
+    assert answer["translation"][0] == 19.0
+
+
+def test_a_link_that_turns_around(run: Run, tmp_path: Path) -> None:
+    """First a holds b, then b holds a: a loop only if taken for one instant."""
+    log: Log = [
+        (1.0, "/tf", [("world", "a", 1.0, 1.0), ("a", "b", 1.0, 1.0)]),
+        (2.0, "/tf", [("world", "b", 2.0, 3.0)]),
+        (2.0, "/tf", [("b", "a", 2.0, 1.0)]),
+    ]
+    path = write(tmp_path / "log", log)
+    done = run("replay", str(path), "--fast")
+    assert done.returncode == 0, done.stderr
+    ask = ("--json", "latest", "world", "a")
+    assert json.loads(run(*ask).stdout)["translation"][0] == 4.0
+
+
+def test_rows_that_are_no_transforms_are_skipped(run: Run, tmp_path: Path) -> None:
+    log: Log = [
+        (1.0, "/tf", [("a", "b", 1.0, 1.0), ("a", "a", 1.0, 1.0), ("a", "c", 1.0, float("nan"))])
+    ]
+    path = write(tmp_path / "log", log)
+    done = run("replay", str(path), "--fast")
+    assert done.returncode == 0, done.stderr
+    assert "1 transforms" in done.stdout
+    assert "2 skipped" in done.stdout
+
+
+def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
+    log: Log = [(1.0, "/tf", [("a", "b", 1000.0, 1.0)]), (2.0, "/tf", [("a", "b", 1.0, 1.0)])]
+    path = write(tmp_path / "log", log)
+    done = run("replay", str(path), "--rate", "10")
+    assert done.returncode == 0, done.stderr
+    assert "1 of them dropped" in done.stdout
+
+
+def test_other_publishers_do_not_end_it_early(server: Any, run: Run, tmp_path: Path) -> None:
+    """The server counts everybody's messages; those of others must not pass for ours."""
+    path = write(tmp_path / "log", [(1.0, "/tf", [("a", "b", 1.0, 1.0)])] * 200)
+    busy = subprocess.Popen([sys.executable, "-c", _BUSY, server.endpoint])
+    try:
+        ask = ("lookup", "other", "busy")
+        while run(*ask).returncode != 0:
+            assert busy.poll() is None
+        done = run("--json", "replay", str(path), "--rate", "1000")
+        assert json.loads(done.stdout)["transforms"] == 200
+        ask = ("--json", "lookup", "a", "b", "--at", "1s")
+        assert run(*ask).returncode == 0
+    finally:
+        busy.terminate()
+        busy.wait(10)
+
+
+_BUSY = """
+import sys, time
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+with TransformClient.connect(sys.argv[1]) as tf:
+    broadcaster = tf.broadcaster("busy")
+    while True:
+        broadcaster.send(StampedTransform("other", "busy", time.time_ns(), Transform()))
+        time.sleep(0.001)
+"""
+
+
+def test_progress_bar_on_a_terminal(
+    server: Any, tmp_path: Path, in_terminal: Callable[..., str]
+) -> None:
+    path = write(tmp_path / "log")
+    output = in_terminal("--connect", server.endpoint, "replay", str(path), "--fast")
+    assert "100 %" in output
+    assert "█" in output
+    assert output.splitlines()[-1].endswith("(/robot2/tf, /tf, /tf_static)")
+
+
+def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "log", [(float(i), "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(90)]
+    )
+    command = ("-m", "zenoh_tf_client", "--connect", server.endpoint, "replay", str(path))
+    with subprocess.Popen(
+        [sys.executable, *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        ask = ("lookup", "a", "b")
+        while run(*ask).returncode != 0:
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert (out, err) == ("", "interrupted\n")
+    assert process.returncode == -signal.SIGINT
+
+
+def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
+    """All of them are known before a server is asked for."""
+    text = tmp_path / "notes.txt"
+    text.write_text("no recording")
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(write(tmp_path / "log").read_bytes()[:2000])
+    for path in (tmp_path / "nothing.mcap", text, broken, tmp_path):
+        line = refusal(zenoh_tf("replay", str(path)))
+        assert str(path) in line
+
+
+def test_a_recording_without_transforms(zenoh_tf: Run, tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    folder = tmp_path / "log"
+    with Writer2(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        text = store.types["std_msgs/msg/String"]("hello")
+        writer.write(topic, 1, store.serialize_cdr(text, "std_msgs/msg/String"))
+    line = refusal(zenoh_tf("replay", str(folder)))
+    assert "no topic of type tf2_msgs/msg/TFMessage" in line
+
+
+def test_without_rosbags(zenoh_tf: Run, tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['rosbags'] = None; "
+        "from zenoh_tf_client.cli.main import main; sys.exit(main())"
+    )
+    line = refusal(zenoh_tf("replay", str(tmp_path / "any.mcap"), start=("-c", code)))
+    assert "pip install rosbags" in line

@@ -1,0 +1,81 @@
+"""Every example runs against a real server, and the README shows them as they are."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from zenoh_tf_client import TransformClient
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+
+
+def run(name: str, endpoint: str) -> str:
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, "--connect", endpoint],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_sensor_and_client(server: Any) -> None:
+    sensor = subprocess.Popen(
+        [sys.executable, EXAMPLES / "sensor.py", "--connect", server.endpoint]
+    )
+    try:
+        with TransformClient.connect(server.endpoint) as tf:
+            since_ns = time.time_ns()
+            while not tf.can_transform("map", "camera", since_ns + 10**9):
+                assert sensor.poll() is None
+                time.sleep(0.05)
+        lines = run("client.py", server.endpoint).splitlines()
+    finally:
+        sensor.terminate()
+        sensor.wait(10)
+    assert [line.split(":")[0] for line in lines] == [
+        "now",
+        "a quarter of a second before",
+        "moved",
+    ]
+    now, then, moved = (_numbers(line) for line in lines)
+    assert now[0] > then[0]
+    assert now[1:] == [0.0, 0.5]  # the static link
+    assert moved[0] == pytest.approx(now[0] - then[0], abs=1e-6)
+
+
+def test_transaction(server: Any) -> None:
+    assert _numbers(run("transaction.py", server.endpoint)) == pytest.approx([0.0, 0.0, 0.3])
+
+
+def _numbers(line: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", line)]
+
+
+@pytest.mark.parametrize("name", ["sensor.py", "client.py", "transaction.py"])
+def test_examples_are_short_and_in_the_readme(name: str) -> None:
+    text = (EXAMPLES / name).read_text()
+    assert len(text.splitlines()) < 40
+    assert f"```python\n{text}```" in (ROOT / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+)
+def test_links_lead_somewhere(page: str) -> None:
+    text = (ROOT / page).read_text()
+    for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text) + re.findall(
+        r'src="([^"]+)"', text
+    ):
+        if "://" not in target:
+            assert (ROOT / page).parent.joinpath(target).exists(), target
