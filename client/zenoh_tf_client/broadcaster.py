@@ -33,6 +33,7 @@ class Broadcaster:
         self._lock = threading.Lock()
         self._statics: dict[str, StampedTransform] = {}
         self._servers: zenoh.Subscriber[None] | None = None
+        self._closed = False
         self._dynamic = self._publisher(static=False)
         self._static = self._publisher(static=True)
 
@@ -64,8 +65,13 @@ class Broadcaster:
             self._statics.update((row.child_frame, row) for row in rows)
 
     def close(self) -> None:
-        """Stop announcing. What was sent stays in the server."""
-        servers, self._servers = self._servers, None
+        """Stop announcing; may be called again. What was sent stays in the server."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            servers = self._servers
+        # Outside of the lock, which the callback of `servers` may be waiting for.
         if servers is not None:
             servers.undeclare()
         self._dynamic.undeclare()
@@ -103,7 +109,7 @@ class Broadcaster:
         while not _matches(self._static) and time.monotonic() < deadline_s:
             time.sleep(0.01)
         with self._lock:
-            if self._statics and self._servers is not None:
+            if self._statics and not self._closed:
                 self._put(self._static, list(self._statics.values()))
 
 

@@ -33,7 +33,14 @@ _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_f
 _MAX_REPLY_BYTES: Final = 256 << 20
 _HELLO_PERIOD_S: Final = 0.05
 #: What Zenoh answers in place of a server that stays silent.
-_SILENCE: Final = b"Timeout"
+_ZENOH_TIMEOUT: Final = b"Timeout"
+
+
+@dataclass(frozen=True, slots=True)
+class _Silence:
+    """No reply came."""
+
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +90,8 @@ class Connection:
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
         reply = self._query(operation, payload, timeout_s)
-        if reply is None:
-            raise ServerUnavailable(f"no answer from {self._where()} (within {timeout_s:g} s)")
+        if isinstance(reply, _Silence):
+            raise ServerUnavailable(reply.why)
         wire.raise_error(reply)
         return reply
 
@@ -116,15 +123,13 @@ class Connection:
         )
         payload = self._pack(body | write.fields())
         reply = self._query(operation, payload, self.timeout_s)
-        if reply is None:
-            raise OutcomeUnknown(
-                f"a write got no answer from {self._where()}: it may or may not have been applied"
-            )
+        if isinstance(reply, _Silence):
+            raise OutcomeUnknown(f"{reply.why}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
 
-    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | None:
-        """The first reply, or None for silence."""
+    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _Silence:
+        """The first reply, or why there is none."""
         try:
             replies = self.session.get(
                 self._keys[operation],
@@ -139,15 +144,17 @@ class Connection:
                 data = sample.payload.to_bytes()
             else:
                 data = answer.err.payload.to_bytes()  # type: ignore[union-attr]
-                if data == _SILENCE:
-                    break
+                if data == _ZENOH_TIMEOUT:
+                    self._forget_server()
+                    return _Silence(f"no answer from {self._where()} within {timeout_s:g} s")
             reply = wire.unpack(data, _MAX_REPLY_BYTES)
             server = self._server
             if server is not None and reply.get("instance") != server.instance:
                 self._forget_server()  # a new one: its clock and limits are unknown
             return reply
         self._forget_server()
-        return None
+        # Zenoh ends a query at once where nobody can answer, or who could is lost meanwhile.
+        return _Silence(f"{self._where()} is not there, or went away before it answered")
 
     def _pack(self, body: wire.Message) -> bytes:
         payload = wire.pack(body)
@@ -186,8 +193,8 @@ class Connection:
         request = requests.hello()
         reply = self._query(request.kind, wire.pack(request.body), timeout_s)
         now_ns = time.monotonic_ns()
-        if reply is None:
-            raise ServerUnavailable(f"no answer from {self._where()} (within {timeout_s:g} s)")
+        if isinstance(reply, _Silence):
+            raise ServerUnavailable(reply.why)
         value = request.parse(reply)
         # The server read its clock before now, so this offset is too small by the reply's
         # way at most: an expiry reckoned with it is never later than this side's time-out.

@@ -1,0 +1,133 @@
+"""Real servers for the tests: processes on free ports."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from zenoh_tf_client import TransformClient
+
+START_TIMEOUT_S = 20.0
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class ServerProcess:
+    """A running ``zenoh-tf-server``."""
+
+    def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
+        self.endpoint = endpoint
+        self.tree = tree
+        self._log = log
+        where = () if "--connect" in flags else ("--listen", endpoint)
+        with log.open("a") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "zenoh_tf_server", *where, "--tree", tree, *flags],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            )
+        self.greeting = self._first_line()
+
+    def _first_line(self) -> str:
+        lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        assert self.process.stdout is not None
+        reader = threading.Thread(
+            target=lambda output: lines.put(output.readline()), args=(self.process.stdout,)
+        )
+        reader.start()
+        try:
+            line = lines.get(timeout=START_TIMEOUT_S)
+        except queue.Empty:
+            line = ""
+        if not line:
+            self.process.kill()
+        reader.join()
+        if not line:
+            self.process.wait()
+            self.process.stdout.close()
+            raise AssertionError(f"the server did not start:\n{self.log}")
+        return line.strip()
+
+    @property
+    def log(self) -> str:
+        """What it has logged so far."""
+        return self._log.read_text()
+
+    def connect(self, timeout_s: float = 5.0) -> TransformClient:
+        return TransformClient.connect(self.endpoint, self.tree, timeout_s)
+
+    def send_signal(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def kill(self) -> None:
+        """As ``kill -9``."""
+        self.process.kill()
+        self._end()
+
+    def stop(self) -> int:
+        """Stop it as an init system does; its exit status."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+            self.process.terminate()
+        return self._end()
+
+    def _end(self) -> int:
+        try:
+            return self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+        finally:
+            if self.process.stdout is not None:
+                self.process.stdout.close()
+
+
+StartServer = Callable[..., ServerProcess]
+
+
+@pytest.fixture
+def start_server(tmp_path: Path) -> Iterator[StartServer]:
+    """``start_server(*flags, endpoint=..., tree=...)``: a server, stopped after the test."""
+    running: list[ServerProcess] = []
+
+    def start(*flags: str, endpoint: str | None = None, tree: str = "main") -> ServerProcess:
+        log = tmp_path / f"server-{len(running)}.log"
+        server = ServerProcess(log, endpoint or free_endpoint(), tree, flags)
+        running.append(server)
+        return server
+
+    yield start
+    for server in running:
+        server.stop()
+
+
+@pytest.fixture
+def server(start_server: StartServer) -> ServerProcess:
+    """A server with the defaults, on an endpoint of its own."""
+    return start_server()
+
+
+@pytest.fixture(params=["optimistic", "2pl", "giant"])
+def any_server(request: pytest.FixtureRequest, start_server: StartServer) -> ServerProcess:
+    """The same for each concurrency control."""
+    return start_server("--concurrency", request.param)
+
+
+@pytest.fixture
+def client(server: ServerProcess) -> Iterator[TransformClient]:
+    """A client of `server`."""
+    with server.connect() as tf:
+        yield tf
