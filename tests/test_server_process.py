@@ -1,0 +1,272 @@
+"""The server as a process: start, greeting, refusals, stop, and what kills it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import zenoh
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    OutcomeUnknown,
+    ServerRestarted,
+    ServerUnavailable,
+    ServiceException,
+    TransformException,
+)
+from zenoh_tf_client import TransformClient
+
+from .conftest import ServerProcess, StartServer, free_endpoint
+from .raw import config
+
+LINK = StampedTransform("map", "base", 1, Transform())
+
+
+def refused(*flags: str) -> str:
+    """Run a server that must not start; its one line."""
+    done = subprocess.run(
+        [sys.executable, "-m", "zenoh_tf_server", *flags],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    return done.stderr.strip()
+
+
+def test_greeting_says_where_and_how(start_server: StartServer) -> None:
+    server = start_server(tree="my tree")
+    assert server.endpoint in server.greeting
+    assert f"zenoh-tf --connect {server.endpoint} --tree 'my tree' frames" in server.greeting
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_stop_it_cleanly(server: ServerProcess, number: signal.Signals) -> None:
+    with server.connect() as tf:
+        tf.set_transform(LINK)
+        failures: list[TransformException] = []
+
+        def wait() -> None:
+            with pytest.raises(ServerUnavailable) as caught:
+                tf.lookup_transform("a", "b", timeout_s=30.0)
+            failures.append(caught.value)
+
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        while tf.stats()["waiters"] < 1:
+            time.sleep(0.01)
+        begun = time.monotonic()
+        server.send_signal(number)
+        assert server.process.wait(10) == 0
+        assert time.monotonic() - begun < 2.0
+        waiting.join(5)
+        assert "stopping" in str(failures[0])
+    assert "Traceback" not in server.log
+
+
+def test_port_in_use(server: ServerProcess) -> None:
+    line = refused("--listen", server.endpoint, "--tree", "other")
+    assert line.splitlines()[-1] == (
+        f"zenoh-tf-server: cannot listen on {server.endpoint}: the port is already in use"
+    )
+
+
+def test_wrong_flags() -> None:
+    assert "cannot listen on bogus/x" in refused("--listen", "bogus/x")
+    assert "--max-rows" in refused("--max-rows", "0")
+    assert "--cache-time" in refused("--cache-time", "0")
+    assert "--tree" in refused("--tree", "x" * 256)
+    assert "not allowed with" in refused("--listen", "tcp/[::]:1", "--connect", "tcp/[::]:1")
+
+
+def test_second_server_on_a_tree_is_refused(start_server: StartServer) -> None:
+    first = start_server()
+    line = refused("--connect", first.endpoint).splitlines()[-1]
+    with first.connect() as tf:
+        assert (
+            f"tree 'main' is already served on this network by server instance {tf.instance}"
+            in line
+        )
+        other = start_server("--connect", first.endpoint, tree="other", endpoint=first.endpoint)
+        with other.connect() as there:
+            there.set_transform(LINK)
+            assert there.frames() and not tf.frames()
+            assert there.instance != tf.instance
+
+
+def test_of_two_servers_at_once_one_stays() -> None:
+    endpoint = free_endpoint()
+    command = [sys.executable, "-m", "zenoh_tf_server", "--connect", endpoint]
+    with zenoh.open(config(endpoint, "router")):
+        servers = [
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            for _ in range(3)
+        ]
+        try:
+            with TransformClient.connect(endpoint, timeout_s=20.0) as tf:
+                deadline = time.monotonic() + 20
+                while sum(server.poll() is None for server in servers) > 1:
+                    assert time.monotonic() < deadline
+                    time.sleep(0.05)
+                assert sorted(server.poll() or 0 for server in servers) == [0, 2, 2]
+                assert tf.set_transform(LINK)
+        finally:
+            for server in servers:
+                server.terminate()
+            for server in servers:
+                server.communicate(timeout=10)
+
+
+def test_no_server_at_all() -> None:
+    endpoint = free_endpoint()
+    begun = time.monotonic()
+    with pytest.raises(ServerUnavailable) as caught:
+        TransformClient.connect(endpoint, tree="lost", timeout_s=0.5)
+    assert time.monotonic() - begun < 1.5
+    assert endpoint in str(caught.value) and "'lost'" in str(caught.value)
+    with pytest.raises(InvalidArgumentException) as wrong:
+        TransformClient.connect("bogus/x")
+    assert wrong.value.field == "endpoint"
+
+
+def test_another_tree(server: ServerProcess) -> None:
+    begun = time.monotonic()
+    with pytest.raises(ServerUnavailable) as caught:
+        TransformClient.connect(server.endpoint, tree="lost", timeout_s=0.5)
+    assert time.monotonic() - begun < 1.5
+    assert server.endpoint in str(caught.value) and "'lost'" in str(caught.value)
+
+
+def test_client_may_come_before_the_server(start_server: StartServer) -> None:
+    endpoint = free_endpoint()
+    with ThreadPoolExecutor() as pool:
+        connecting = pool.submit(TransformClient.connect, endpoint, "main", 20.0)
+        time.sleep(0.2)
+        start_server(endpoint=endpoint)
+        with connecting.result() as tf:
+            assert tf.frames() == []
+
+
+def _fails_within(timeout_s: float, tf: TransformClient, write: bool) -> TransformException:
+    begun = time.monotonic()
+    with pytest.raises(ServiceException) as caught:
+        if write:
+            tf.set_transform(LINK)
+        else:
+            tf.lookup_transform("map", "base")
+    assert time.monotonic() - begun < timeout_s + 1.0
+    return caught.value
+
+
+@pytest.mark.parametrize("write", [False, True], ids=["lookup", "set"])
+def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) -> None:
+    server = start_server()
+    with server.connect(timeout_s=3.0) as tf:
+        tf.set_transform(LINK)
+        server.send_signal(signal.SIGSTOP)  # so that the call is under way when it dies
+        with ThreadPoolExecutor() as pool:
+            call = pool.submit(_fails_within, 3.0, tf, write)
+            time.sleep(0.3)
+            assert not call.done()
+            server.kill()
+            error = call.result()
+        assert type(error) is (OutcomeUnknown if write else ServerUnavailable)
+        # Now nothing is there: a write is not even sent.
+        assert type(_fails_within(3.0, tf, True)) is ServerUnavailable
+        assert type(_fails_within(3.0, tf, False)) is ServerUnavailable
+
+        start_server(endpoint=server.endpoint)
+        wait_for_frames(tf, [])
+        assert tf.set_transform(LINK)
+        assert tf.lookup_transform("map", "base") == LINK
+
+
+def wait_for_frames(tf: TransformClient, frames: list[str], timeout_s: float = 15.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    seen: object = None
+    while seen != frames:
+        assert time.monotonic() < deadline, f"still {seen}"
+        try:
+            seen = sorted(tf.frames())
+        except ServerUnavailable as error:
+            seen = error
+        time.sleep(0.02)
+
+
+def test_a_stopped_server_runs_no_write_that_was_given_up(server: ServerProcess) -> None:
+    with server.connect(timeout_s=0.5) as tf, server.connect() as patient:
+        server.send_signal(signal.SIGSTOP)
+        assert type(_fails_within(0.5, tf, True)) is OutcomeUnknown
+        time.sleep(0.2)
+        server.send_signal(signal.SIGCONT)
+        assert patient.frames() == []
+        time.sleep(0.1)
+        assert patient.frames() == []
+        assert tf.set_transform(LINK)
+
+
+def test_transaction_over_a_restart(start_server: StartServer) -> None:
+    server = start_server()
+    with server.connect() as tf:
+        tf.set_transform(LINK)
+        reads_again, commits = tf.transaction(), tf.transaction()
+        for tx in (reads_again, commits):
+            tx.lookup_latest_transform_xact("map", "base")
+        commits.set_transform(LINK)
+        server.kill()
+        start_server(endpoint=server.endpoint)
+        wait_for_frames(tf, [])
+        with pytest.raises(ServerRestarted):
+            reads_again.can_transform("map", "base")
+        with pytest.raises(ServerRestarted):
+            commits.commit()
+        assert tf.frames() == []
+
+
+def test_a_write_finds_the_new_server_by_itself(start_server: StartServer) -> None:
+    server = start_server()
+    with server.connect() as tf, server.connect() as watcher:
+        tf.set_transform(LINK)
+        server.kill()
+        start_server(endpoint=server.endpoint)
+        wait_for_frames(watcher, [])
+        deadline = time.monotonic() + 10
+        while True:  # until this client's own connection is back
+            try:
+                assert tf.set_transform(LINK)
+                break
+            except (OutcomeUnknown, ServerUnavailable):
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+        assert sorted(watcher.frames()) == ["base", "map"]
+
+
+def test_statics_are_announced_again(start_server: StartServer) -> None:
+    server = start_server()
+    with server.connect() as tf, tf.broadcaster("urdf") as robot:
+        robot.send_static([LINK, StampedTransform("base", "arm", 1, Transform())])
+        robot.send_static(StampedTransform("base", "leg", 1, Transform()))
+        wait_for_frames(tf, ["arm", "base", "leg", "map"])
+        for _ in range(2):
+            server.kill()
+            server = start_server(endpoint=server.endpoint)
+            wait_for_frames(tf, ["arm", "base", "leg", "map"])
+            assert tf.frame("leg")["static"] is True
+            assert tf.frame("leg")["authority"] == "urdf"
+
+
+def test_first_put_right_after_connect_arrives(server: ServerProcess) -> None:
+    with server.connect() as watcher:
+        for number in range(20):
+            with server.connect() as tf, tf.broadcaster("sensor") as sensor:
+                sensor.send(StampedTransform("map", f"frame{number}", 1, Transform()))
+            assert watcher.can_transform("map", f"frame{number}", timeout_s=5.0), number
