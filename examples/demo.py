@@ -54,6 +54,7 @@ def _run(children: Children) -> None:
                 "demo_robot.clients", role, "--connect", endpoint, "--seconds", str(seconds)
             )
 
+        print()
         page.heading("A robot, its sensors, and a tree that they share")
         page.prose(
             f"""zenoh-tf-server listens on {endpoint}. Four sensors publish onto it, each a
@@ -164,6 +165,7 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
         [
             ("how it reads", "pairs read", "torn"),
             ("two lookups, one after the other", f"{reads['separate']:,}", f"{torn['separate']:,}"),
+            ("one lookup, link by link", f"{reads['links']:,}", f"{torn['links']:,}"),
             ("one transactional lookup", f"{reads['transaction']:,}", f"{torn['transaction']:,}"),
         ]
     )

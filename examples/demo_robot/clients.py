@@ -80,30 +80,33 @@ def move_together(tf: TransformClient, seconds: float) -> dict[str, object]:
 
 
 def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
-    """Read gripper and object over and over; count the pairs that never were in the tree."""
+    """Ask where the object is in the gripper, over and over, in three ways.
 
-    def separately() -> tuple[Transform, Transform]:
-        gripper = tf.lookup_latest_transform("wrist", "gripper").transform
-        return gripper, tf.lookup_latest_transform("wrist", "object").transform
-
-    def together() -> tuple[Transform, Transform]:
-        gripper, held = tf.lookup_latest_transforms_xact(
-            [("wrist", "gripper"), ("wrist", "object")]
-        )
-        return gripper.transform, held.transform
-
-    reads = {"separate": 0, "transaction": 0}
-    torn = {"separate": 0, "transaction": 0}
+    Any answer but GRIP_M is torn: a pair that never was in the tree.
+    """
     lifts: set[float] = set()
+
+    def separately() -> float:
+        gripper = tf.lookup_latest_transform("wrist", "gripper").transform
+        held = tf.lookup_latest_transform("wrist", "object").transform
+        lifts.add(round(float(gripper.translation[0]), 6))
+        return float(held.translation[0] - gripper.translation[0])
+
+    def link_by_link() -> float:
+        return float(tf.lookup_latest_transform("gripper", "object").transform.translation[0])
+
+    def transactionally() -> float:
+        return float(tf.lookup_latest_transform_xact("gripper", "object").transform.translation[0])
+
+    ways = {"separate": separately, "links": link_by_link, "transaction": transactionally}
+    reads = dict.fromkeys(ways, 0)
+    torn = dict.fromkeys(ways, 0)
     while not tf.can_transform("wrist", "gripper"):
         time.sleep(0.01)
     for _ in _until(seconds):
-        for kind, read in (("separate", separately), ("transaction", together)):
-            gripper, held = read()
-            distance = held.translation[0] - gripper.translation[0]
-            reads[kind] += 1
-            torn[kind] += abs(distance - GRIP_M) > 1e-9
-            lifts.add(round(float(gripper.translation[0]), 6))
+        for way, read in ways.items():
+            reads[way] += 1
+            torn[way] += abs(read() - GRIP_M) > 1e-9
     return {"reads": reads, "torn": torn, "lifts_seen": sorted(lifts)}
 
 

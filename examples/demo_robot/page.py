@@ -25,18 +25,18 @@ def good(text: str) -> str:
 
 def heading(text: str) -> None:
     line = "─" * (WIDTH - len(text) - 4)
-    print(f"\n{faint('──')} {strong(text)} {faint(line)}", flush=True)
+    print(f"{faint('──')} {strong(text)} {faint(line)}")
 
 
 def prose(text: str) -> None:
     for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2):
-        print(f"  {line}", flush=True)
+        print(f"  {line}")
+    print(flush=True)
 
 
 def table(rows: Sequence[Sequence[str]]) -> None:
     """The first row is the head; the first column stands left, the others right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    print()
     for number, row in enumerate(rows):
         cells = [row[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]

@@ -15,7 +15,7 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 #: (log time in s, topic, [(parent, child, stamp in s, x)])
 Log = Iterable[tuple[float, str, list[tuple[str, str, float, float]]]]
@@ -32,6 +32,8 @@ def write(path: Path, log: Log = LOG, *, kind: str = "mcap") -> Path:
     """A recording of transform messages; returns the file or folder to replay."""
     ros1 = kind == "bag"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if ros1:
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
     kinds = store.types
 
     def message(rows: list[tuple[str, str, float, float]]) -> Any:

@@ -60,7 +60,13 @@ def _line(lead: str, link: Link, now_ns: int, width: int, owners: int, colour: P
     if link.static:
         return f"{tree}  {colour.accent('static'.rjust(8))}  {'':>9}  {authority}"
     age_ns = None if link.newest_stamp_ns is None else now_ns - link.newest_stamp_ns
-    age = ("-" if age_ns is None else stamps.age(age_ns)).rjust(8)
+    if age_ns is None:
+        age = "-"
+    elif abs(age_ns) < stamps.CLOCK_RANGE_NS:
+        age = stamps.age(age_ns)
+    else:  # a link of recorded time in a tree of the clock's
+        age = f"at {(now_ns - age_ns) / 1e9:.0f} s"
+    age = age.rjust(8)
     fresh = age_ns is not None and age_ns < 2_000_000_000
     rate = "" if link.rate_hz is None else f"{link.rate_hz:.1f} Hz"
     return f"{tree}  {colour.good(age) if fresh else colour.warn(age)}  {rate:>9}  {authority}"
