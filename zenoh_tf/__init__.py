@@ -1,0 +1,55 @@
+"""zenoh-tf: a transform tree with a lock per frame, embedded or served over Zenoh.
+
+This package is the embedded tree and what both sides of the network share.
+``zenoh_tf_client`` has the same interface on a connection.
+"""
+
+from zenoh_tf import errors
+from zenoh_tf._core import LatestTransform, StampedTransform, Transform
+from zenoh_tf.array import TransformArray
+from zenoh_tf.errors import (
+    BackwardExtrapolationException,
+    ConnectivityException,
+    ExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LimitExceeded,
+    LookupException,
+    NoDataForExtrapolationException,
+    OutcomeUnknown,
+    ProtocolError,
+    ServerRestarted,
+    ServerUnavailable,
+    ServiceException,
+    TimeoutException,
+    TransactionConflict,
+    TransformException,
+)
+from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.tree import TransformTree
+
+__all__ = [
+    "BackwardExtrapolationException",
+    "ConnectivityException",
+    "ExtrapolationException",
+    "ForwardExtrapolationException",
+    "FrameInfo",
+    "InvalidArgumentException",
+    "LatestTransform",
+    "LimitExceeded",
+    "LookupException",
+    "NoDataForExtrapolationException",
+    "OutcomeUnknown",
+    "ProtocolError",
+    "ServerRestarted",
+    "ServerUnavailable",
+    "ServiceException",
+    "StampedTransform",
+    "TimeoutException",
+    "TransactionConflict",
+    "Transform",
+    "TransformArray",
+    "TransformException",
+    "TransformTree",
+    "errors",
+]

@@ -1,0 +1,153 @@
+"""The native tree. Shapes: poses are (x, y, z, qx, qy, qz, qw) rows of float64."""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+class Transform:
+    def __init__(
+        self,
+        translation: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
+        rotation: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0, 1.0),
+    ) -> None: ...
+    @staticmethod
+    def identity() -> Transform: ...
+    @staticmethod
+    def from_matrix(matrix: ArrayLike) -> Transform: ...
+    @property
+    def translation(self) -> NDArray[np.float64]: ...
+    @property
+    def rotation(self) -> NDArray[np.float64]: ...
+    def pose(self) -> tuple[float, float, float, float, float, float, float]: ...
+    def matrix(self) -> NDArray[np.float64]: ...
+    def inverse(self) -> Transform: ...
+    def apply(self, points: ArrayLike) -> NDArray[np.float64]: ...
+    def __matmul__(self, other: Transform) -> Transform: ...
+    def __eq__(self, other: object) -> bool: ...
+    def __hash__(self) -> int: ...
+
+class StampedTransform:
+    def __init__(
+        self, parent_frame: str, child_frame: str, stamp_ns: int, transform: Transform
+    ) -> None: ...
+    @property
+    def parent_frame(self) -> str: ...
+    @property
+    def child_frame(self) -> str: ...
+    @property
+    def stamp_ns(self) -> int: ...
+    @property
+    def transform(self) -> Transform: ...
+    def __eq__(self, other: object) -> bool: ...
+    def __hash__(self) -> int: ...
+
+class LatestTransform(StampedTransform):
+    def __init__(
+        self,
+        parent_frame: str,
+        child_frame: str,
+        stamp_ns: int,
+        transform: Transform,
+        newest_stamp_ns: int,
+    ) -> None: ...
+    @property
+    def newest_stamp_ns(self) -> int: ...
+
+# What a row of `Tree.read_rows` asks for.
+OP_AT: int  # source in target at stamp_ns
+OP_COMMON: int  # the same at the latest common time
+OP_LATEST: int  # newest of every link, links may be of different commits
+OP_LATEST_XACT: int  # the same, atomically
+OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
+OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
+NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
+
+class Tree:
+    def __init__(
+        self,
+        cache_time_s: float = 10.0,
+        concurrency: Literal["optimistic", "2pl", "giant"] = "optimistic",
+        *,
+        max_frames: int = 1 << 20,
+        max_samples_per_frame: int = 1 << 16,
+        max_name_bytes: int = 255,
+        max_depth: int = 1000,
+        one_authority_per_frame: bool = False,
+    ) -> None: ...
+    def set_transform(
+        self, stamped: StampedTransform, authority: str = "", static: bool = False
+    ) -> bool: ...
+    def set_transforms_xact(
+        self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
+    ) -> None: ...
+    def lookup_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> StampedTransform: ...
+    def lookup_transform_full(
+        self,
+        target: str,
+        target_stamp_ns: int | None,
+        source: str,
+        source_stamp_ns: int | None,
+        fixed_frame: str,
+        timeout_s: float = 0.0,
+    ) -> StampedTransform: ...
+    def can_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> bool: ...
+    def lookup_latest_transform(self, target: str, source: str) -> LatestTransform: ...
+    def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform: ...
+    def lookup_latest_transforms_xact(
+        self, pairs: Sequence[tuple[str, str]]
+    ) -> list[LatestTransform]: ...
+    def latest_common_time(self, a: str, b: str) -> int | None: ...
+    def read_rows(
+        self,
+        names: Sequence[str],
+        op: NDArray[np.uint8],
+        target: NDArray[np.uint32],  # rows of names; out of range: InvalidArgumentException
+        source: NDArray[np.uint32],
+        stamp_ns: NDArray[np.int64],
+        fixed: NDArray[np.uint32] | None = None,  # OP_FULL only
+        source_stamp_ns: NDArray[np.int64] | None = None,  # OP_FULL only
+        *,
+        atomic: bool = False,  # every row in one snapshot; OP_LATEST is then as OP_LATEST_XACT
+        versions: bool = False,  # also return what was read, for a transaction
+    ) -> tuple[
+        NDArray[np.uint8],  # status: 0 or errors.BY_CODE
+        NDArray[np.int64],  # stamp_ns (latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all static)
+        NDArray[np.int64],  # newest_stamp_ns (latest forms only)
+        NDArray[np.float64],  # (n, 7) poses; identity where status != 0
+        list[tuple[int, Any]],  # (row, TransformException), for every row with a status
+        tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
+    ]: ...
+    def commit_rows(
+        self,
+        names: Sequence[str],
+        parent: NDArray[np.uint32],
+        child: NDArray[np.uint32],
+        stamp_ns: NDArray[np.int64],
+        pose: NDArray[np.float64],  # (n, 7)
+        *,
+        authority: str = "",
+        static: bool = False,
+        drop_old: bool = False,  # True: too old rows are dropped; False: they refuse the whole
+        read_names: Sequence[str] = (),
+        read_versions: NDArray[np.uint64] | None = None,  # moved: TransactionConflict
+    ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old
+    def lookup_columns(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: int | None | Sequence[int] | NDArray[np.int64],
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
+    def frames(self) -> list[str]: ...
+    def frame_record(self, name: str) -> dict[str, Any]: ...
+    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None: ...
+    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]: ...
+    def clear(self, keep_static: bool = True) -> None: ...
+    def stats(self) -> dict[str, int]: ...
+    def commit_epoch(self) -> int: ...
+    def wait_commit(self, seen_epoch: int, timeout_s: float) -> int: ...

@@ -1,0 +1,166 @@
+// The concurrency controls, as seen by a reader.
+//
+// A guard spans one read-only transaction. enter() comes before a frame's data
+// is read and gives the frame's version, or false: give up and start over with
+// fresh state. keep() names what the answer rests on. valid() says whether all
+// that was kept was true at one instant.
+//
+// Why `optimistic` is strictly serializable: between the last keep()'s reading
+// and valid()'s first check there is an instant at which every kept frame had
+// the version that was read, since each had it before and still has it after.
+// That instant is the transaction's place in the order. Writers lock with
+// sequentially consistent operations and valid() loads likewise, so two readers
+// cannot see two independent writes in opposite orders.
+#pragma once
+
+#include <algorithm>
+#include <utility>
+
+#include "frame.hpp"
+#include "small_vector.hpp"
+
+namespace ztf {
+
+enum class Concurrency : std::uint8_t { optimistic, two_phase, giant };
+
+// A frame and the version in which it was read.
+struct ReadVersion {
+  FrameId frame;
+  Version version;
+};
+using ReadSet = SmallVector<ReadVersion, 64>;
+
+class OptimisticGuard {
+ public:
+  OptimisticGuard(const Frame* frames, ReadSet& reads) : frames_(frames), reads_(reads) {
+    reads_.clear();
+  }
+  bool enter(FrameId, const Frame& frame, Version& version) const {
+    version = frame.version.unlocked();
+    return true;
+  }
+  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
+  [[nodiscard]] bool valid() const {
+    fault_point();
+    for (const ReadVersion& read : reads_)
+      if (frames_[read.frame].version.load() != read.version) return false;
+    return true;
+  }
+
+ private:
+  const Frame* frames_;
+  ReadSet& reads_;
+};
+
+// Where optimism has failed too often: holds the version locks of the frames
+// that the last attempt needed. Where an attempt needs another frame it reads
+// on, unprotected, to learn what else it needs, and starts over with more. Each
+// attempt adds a frame at least, and what is locked stands still, so it ends.
+class LockingGuard {
+ public:
+  LockingGuard(Frame* frames, ReadSet& reads, SmallVector<FrameId, 64>& wanted)
+      : frames_(frames), reads_(reads), wanted_(wanted) {
+    reads_.clear();
+    std::sort(wanted_.begin(), wanted_.end());
+    wanted_.set_size(
+        static_cast<std::size_t>(std::unique(wanted_.begin(), wanted_.end()) - wanted_.begin()));
+    for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.lock()});
+  }
+  ~LockingGuard() {
+    for (const ReadVersion& held : held_) frames_[held.frame].version.unlock_unchanged(held.version);
+  }
+  LockingGuard(const LockingGuard&) = delete;
+  LockingGuard& operator=(const LockingGuard&) = delete;
+
+  bool enter(FrameId id, const Frame&, Version& version) {
+    const auto at = std::lower_bound(held_.begin(), held_.end(), id,
+                                     [](const ReadVersion& r, FrameId f) { return r.frame < f; });
+    if (at != held_.end() && at->frame == id) {
+      version = at->version;
+    } else {
+      version = 0;
+      complete_ = false;
+      wanted_.push_back(id);
+    }
+    return true;
+  }
+  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
+  [[nodiscard]] bool valid() const { return complete_; }
+
+ private:
+  Frame* frames_;
+  ReadSet& reads_;
+  SmallVector<FrameId, 64>& wanted_;
+  SmallVector<ReadVersion, 64> held_;
+  bool complete_ = true;
+};
+
+// Two-phase locking: shared locks, held to the end. A reader may wait for a
+// writer while it holds locks, because writers never wait while they hold any.
+// A frame that a starving writer wants is left alone for some attempts, unless
+// nothing else would ever be read.
+class SharedGuard {
+ public:
+  SharedGuard(Frame* frames, ReadSet& reads, bool heed_wanted)
+      : frames_(frames), reads_(reads), heed_wanted_(heed_wanted) {
+    reads_.clear();
+  }
+  ~SharedGuard() {
+    for (const FrameId id : held_) frames_[id].shared.unlock_shared();
+  }
+  SharedGuard(const SharedGuard&) = delete;
+  SharedGuard& operator=(const SharedGuard&) = delete;
+
+  bool enter(FrameId id, const Frame&, Version& version) {
+    Backoff backoff;
+    for (;;) {
+      switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {
+        case SharedLock::Shared::taken:
+          held_.push_back(id);
+          fault_point();
+          version = frames_[id].version.load();
+          return true;
+        case SharedLock::Shared::wanted:
+          return false;
+        case SharedLock::Shared::writer:
+          backoff.wait();
+      }
+    }
+  }
+  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
+  [[nodiscard]] bool valid() const { return true; }
+
+ private:
+  Frame* frames_;
+  ReadSet& reads_;
+  SmallVector<FrameId, 64> held_;
+  const bool heed_wanted_;
+};
+
+// For who holds the tree's one mutex.
+class GiantGuard {
+ public:
+  explicit GiantGuard(ReadSet& reads) : reads_(reads) { reads_.clear(); }
+  bool enter(FrameId, const Frame& frame, Version& version) const {
+    version = frame.version.load();
+    return true;
+  }
+  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
+  [[nodiscard]] bool valid() const { return true; }
+
+ private:
+  ReadSet& reads_;
+};
+
+// Without protection: for links that are consistent each by itself.
+class NoGuard {
+ public:
+  bool enter(FrameId, const Frame&, Version& version) const {
+    version = 0;
+    return true;
+  }
+  void keep(FrameId, Version) const {}
+  [[nodiscard]] bool valid() const { return true; }
+};
+
+}  // namespace ztf

@@ -1,0 +1,150 @@
+// The samples of one frame over time: finding one, and putting one in.
+//
+// Thread safety: place_at() and pose_at() for any reader (frame.hpp); the writing functions
+// for who holds the frame.
+// Rules (tf2's, but for those marked *)
+// 1. A sample older than newest - cache is too old to be put in; one exactly
+//    that old is not.
+// 2. Samples are pruned after the insert*, by the same limit.
+// 3. At an equal stamp the last one put in wins*.
+// 4. Between two samples of one parent: interpolation. Of two parents: the
+//    older sample stands until the newer one's time.
+// 5. One sample serves its own time only.
+// 6. Static and dynamic replace each other, and the history with it.
+#pragma once
+
+#include <algorithm>
+
+#include "frame.hpp"
+
+namespace ztf {
+
+// Where a frame's sample for a time stands, or why there is none.
+struct Place {
+  enum class Kind : std::uint8_t { ok, root, no_data, backward, forward };
+  static constexpr std::uint32_t kNewest = 0xFFFFFFFF;  // in the record, not in the ring
+
+  Kind kind;
+  FrameId parent;
+  std::uint32_t slot;  // kNewest, or the ring's index of the last sample not after the time
+};
+
+Place search(const Frame& frame, Stamp stamp) noexcept;  // in the ring
+
+ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
+  const auto acquire = std::memory_order_acquire;
+  if (frame.latest_stamp.load(acquire) == stamp || frame.is_static.load(acquire)) {
+    const FrameId parent = frame.parent.load(acquire);
+    return {parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, Place::kNewest};
+  }
+  return search(frame, stamp);
+}
+
+Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept;  // from the ring
+
+// The pose in the parent for a place that place_at() has found.
+ZTF_HOT Pose pose_at(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
+  return slot == Place::kNewest ? frame.latest_pose.load() : pose_between(frame, slot, stamp);
+}
+
+// The oldest stamp that the frame can serve; its newest where it has only one.
+inline Stamp oldest_stamp(const Frame& frame) noexcept {
+  const Ring* ring = frame.ring.load(std::memory_order_acquire);
+  if (!ring || frame.count.load(std::memory_order_acquire) == 0)
+    return frame.latest_stamp.load(std::memory_order_acquire);
+  return ring->stamp(frame.first.load(std::memory_order_acquire));
+}
+
+struct HistoryLimits {
+  std::uint64_t cache_ns;
+  std::uint32_t max_samples;
+};
+
+inline bool too_old(Stamp stamp, Stamp newest, std::uint64_t cache_ns) noexcept {
+  return stamp < newest && span_ns(stamp, newest) > cache_ns;
+}
+
+enum class Inserted : std::uint8_t {
+  added,
+  rewritten,  // a sample of the same stamp was replaced
+  evicted,    // the frame was full: the oldest sample went before its time
+  refused,    // the frame is full of newer samples
+};
+
+inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
+  frame.parent.store(parent, std::memory_order_release);
+  frame.latest_stamp.store(stamp, std::memory_order_release);
+  frame.latest_pose.store(pose);
+}
+
+// Leaves the frame without samples and without a parent.
+inline void forget(Frame& frame) noexcept {
+  frame.is_static.store(false, std::memory_order_release);
+  frame.count.store(0, std::memory_order_release);
+  frame.parent.store(0, std::memory_order_release);
+}
+
+inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
+  frame.count.store(0, std::memory_order_release);
+  frame.is_static.store(true, std::memory_order_release);
+  store_latest(frame, stamp, parent, pose);
+}
+
+// Makes room for `extra` more samples, so that insert() needs none. The only
+// step of a write that can fail (bad_alloc); it changes nothing a reader sees.
+inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits) {
+  const auto relaxed = std::memory_order_relaxed;
+  Ring* ring = frame.ring.load(relaxed);
+  const std::uint32_t first = frame.first.load(relaxed);
+  const std::uint32_t count = frame.count.load(relaxed);
+  const std::uint64_t wanted = std::min<std::uint64_t>(std::uint64_t{count} + extra, limits.max_samples);
+  if (ring && ring->capacity() >= wanted) return;
+  std::uint32_t capacity = ring ? ring->capacity() : 4;
+  while (capacity < wanted) capacity *= 2;
+  Ring* bigger = Ring::make(capacity, ring);
+  for (std::uint32_t i = 0; i < count; ++i) bigger->copy(first + i, *ring, first + i);
+  frame.ring.store(bigger, std::memory_order_release);
+}
+
+// Puts a sample in that is not too old, after reserve().
+inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                       const HistoryLimits& limits) noexcept {
+  const auto relaxed = std::memory_order_relaxed;  // the writer's own words
+  const auto release = std::memory_order_release;
+  Ring& ring = *frame.ring.load(relaxed);
+  std::uint32_t first = frame.first.load(relaxed);
+  std::uint32_t count = frame.count.load(relaxed);
+  Inserted result = Inserted::added;
+  frame.is_static.store(false, release);
+
+  // From the newest back to the place of this one; mostly no step at all.
+  std::uint32_t place = count;
+  while (place > 0 && ring.stamp(first + place - 1) > stamp) --place;
+  if (place > 0 && ring.stamp(first + place - 1) == stamp) {
+    --place;
+    result = Inserted::rewritten;
+  } else {
+    if (count == limits.max_samples) {
+      if (place == 0) return Inserted::refused;
+      ++first;
+      --count;
+      --place;
+      result = Inserted::evicted;
+    }
+    for (std::uint32_t i = count; i > place; --i) ring.copy(first + i, ring, first + i - 1);
+    ++count;
+  }
+  ring.store(first + place, stamp, parent, pose);
+  if (place == count - 1) store_latest(frame, stamp, parent, pose);
+
+  const Stamp newest = ring.stamp(first + count - 1);
+  while (too_old(ring.stamp(first), newest, limits.cache_ns)) {
+    ++first;
+    --count;
+  }
+  frame.first.store(first, release);
+  frame.count.store(count, release);
+  return result;
+}
+
+}  // namespace ztf

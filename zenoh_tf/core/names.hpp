@@ -1,0 +1,119 @@
+// Names to dense ids, append-only.
+//
+// Thread safety: find() and name() from any thread, without locks; insert()
+// from one thread at a time (the tree's topology mutex).
+// Invariants
+// 1. Ids count up from 1 without gaps; 0 means "no such name".
+// 2. A slot, once filled, never changes; a smaller table that a reader may
+//    still probe is kept until the end. Tables double, so all that is kept is
+//    less than twice the last one.
+// 3. insert() fills names_[id] before it publishes the slot with release order.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <new>
+#include <string_view>
+#include <vector>
+
+namespace ztf {
+
+class NameTable {
+ public:
+  using Id = std::uint32_t;
+
+  explicit NameTable(std::uint32_t max_names) : max_names_(max_names) {
+    // Untouched pages of this array cost no memory.
+    names_ = static_cast<Entry*>(std::calloc(std::size_t{max_names} + 1, sizeof(Entry)));
+    if (!names_) throw std::bad_alloc();
+    tables_.push_back(std::make_unique<Table>(64));
+    table_.store(tables_.back().get(), std::memory_order_release);
+  }
+  ~NameTable() { std::free(names_); }
+  NameTable(const NameTable&) = delete;
+  NameTable& operator=(const NameTable&) = delete;
+
+  [[nodiscard]] Id find(std::string_view name) const noexcept {
+    const std::uint64_t hash = hash_of(name);
+    const Table& table = *table_.load(std::memory_order_acquire);
+    for (std::size_t i = hash & table.mask;; i = (i + 1) & table.mask) {
+      const std::uint64_t slot = table.slots[i].load(std::memory_order_acquire);
+      if (slot == 0) return 0;
+      if ((slot ^ hash) >> 32 == 0) {
+        const Id id = static_cast<Id>(slot);
+        if (this->name(id) == name) return id;
+      }
+    }
+  }
+
+  // Only for ids that find() or size() have shown to this thread.
+  [[nodiscard]] std::string_view name(Id id) const noexcept {
+    return {names_[id].text, names_[id].length};
+  }
+  [[nodiscard]] std::uint32_t size() const noexcept { return size_.load(std::memory_order_acquire); }
+  [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
+
+  // The name must be new, and size() below max_size().
+  Id insert(std::string_view name) {
+    if ((std::size_t{size()} + 1) * 2 > tables_.back()->mask + 1) grow();
+    const Id id = size() + 1;
+    names_[id] = {copy(name), static_cast<std::uint32_t>(name.size())};
+    place(*tables_.back(), hash_of(name), id);
+    size_.store(id, std::memory_order_release);
+    return id;
+  }
+
+ private:
+  struct Entry {
+    const char* text;
+    std::uint32_t length;
+  };
+  // A slot: the hash's upper half, then the id. The hash's lower half chose the place.
+  struct Table {
+    explicit Table(std::size_t size) : mask(size - 1), slots(new std::atomic<std::uint64_t>[size]()) {}
+    std::size_t mask;
+    std::unique_ptr<std::atomic<std::uint64_t>[]> slots;
+  };
+
+  static std::uint64_t hash_of(std::string_view name) noexcept {
+    return std::hash<std::string_view>{}(name);
+  }
+  static void place(Table& table, std::uint64_t hash, Id id) noexcept {
+    std::size_t i = hash & table.mask;
+    while (table.slots[i].load(std::memory_order_relaxed) != 0) i = (i + 1) & table.mask;
+    table.slots[i].store((hash >> 32 << 32) | id, std::memory_order_release);
+  }
+  void grow() {
+    auto bigger = std::make_unique<Table>((tables_.back()->mask + 1) * 2);
+    for (Id id = 1; id <= size(); ++id) place(*bigger, hash_of(name(id)), id);
+    tables_.push_back(std::move(bigger));
+    table_.store(tables_.back().get(), std::memory_order_release);
+  }
+  const char* copy(std::string_view name) {
+    if (name.size() > left_) {
+      left_ = std::max<std::size_t>(name.size(), 4096);
+      blocks_.push_back(std::make_unique<char[]>(left_));
+      free_ = blocks_.back().get();
+    }
+    char* text = free_;
+    if (!name.empty()) std::memcpy(text, name.data(), name.size());
+    free_ += name.size();
+    left_ -= name.size();
+    return text;
+  }
+
+  const std::uint32_t max_names_;
+  Entry* names_;
+  std::atomic<std::uint32_t> size_{0};
+  std::atomic<const Table*> table_{nullptr};
+  std::vector<std::unique_ptr<Table>> tables_;
+  std::vector<std::unique_ptr<char[]>> blocks_;
+  char* free_ = nullptr;
+  std::size_t left_ = 0;
+};
+
+}  // namespace ztf

@@ -1,0 +1,98 @@
+// Poses and their arithmetic, free of trigonometry where it can be.
+//
+// Notation: X_parent_child maps a point's coordinates in child to coordinates
+// in parent; X_ac = X_ab * X_bc. Rotations are unit quaternions (x, y, z, w).
+// Thread safety: values.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+// For the few functions whose calls would cost as much as their work.
+#define ZTF_HOT [[gnu::always_inline]] inline
+
+namespace ztf {
+
+struct Pose {
+  double x = 0, y = 0, z = 0;             // translation, metres
+  double qx = 0, qy = 0, qz = 0, qw = 1;  // rotation
+};
+
+struct Vec3 {
+  double x, y, z;
+};
+
+// Rotates v by the pose's rotation: v + 2 w (q x v) + 2 q x (q x v).
+ZTF_HOT Vec3 rotate(const Pose& p, double vx, double vy, double vz) noexcept {
+  const double ux = 2.0 * (p.qy * vz - p.qz * vy);
+  const double uy = 2.0 * (p.qz * vx - p.qx * vz);
+  const double uz = 2.0 * (p.qx * vy - p.qy * vx);
+  return {vx + p.qw * ux + (p.qy * uz - p.qz * uy),  //
+          vy + p.qw * uy + (p.qz * ux - p.qx * uz),  //
+          vz + p.qw * uz + (p.qx * uy - p.qy * ux)};
+}
+
+// X_ac = X_ab * X_bc
+ZTF_HOT Pose operator*(const Pose& ab, const Pose& bc) noexcept {
+  const Vec3 t = rotate(ab, bc.x, bc.y, bc.z);
+  return {ab.x + t.x,
+          ab.y + t.y,
+          ab.z + t.z,
+          ab.qw * bc.qx + ab.qx * bc.qw + ab.qy * bc.qz - ab.qz * bc.qy,
+          ab.qw * bc.qy + ab.qy * bc.qw + ab.qz * bc.qx - ab.qx * bc.qz,
+          ab.qw * bc.qz + ab.qz * bc.qw + ab.qx * bc.qy - ab.qy * bc.qx,
+          ab.qw * bc.qw - ab.qx * bc.qx - ab.qy * bc.qy - ab.qz * bc.qz};
+}
+
+// X_ba from X_ab, for a unit rotation.
+inline Pose inverse(const Pose& ab) noexcept {
+  Pose ba{0, 0, 0, -ab.qx, -ab.qy, -ab.qz, ab.qw};
+  const Vec3 t = rotate(ba, -ab.x, -ab.y, -ab.z);
+  ba.x = t.x;
+  ba.y = t.y;
+  ba.z = t.z;
+  return ba;
+}
+
+namespace detail {
+
+// sin(a * h) / sin(h) for 0 <= a <= 1, where h2 = h * h <= 0.011: both sines'
+// series to the ninth power, truncation below 1e-15.
+inline double sine_ratio(double a, double h2) noexcept {
+  const auto sinc = [](double u) {
+    return 1.0 + u * (-1.0 / 6 + u * (1.0 / 120 + u * (-1.0 / 5040 + u * (1.0 / 362880))));
+  };
+  return a * sinc(a * a * h2) / sinc(h2);
+}
+
+}  // namespace detail
+
+// Linear in translation, slerp along the shorter arc in rotation; ratio in [0, 1].
+inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
+  const double dot = a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
+  const double sign = dot < 0 ? -1.0 : 1.0;  // q and -q are one rotation
+  const double cosine = std::min(std::abs(dot), 1.0);
+  const double rest = 1.0 - cosine;
+  double wa, wb;
+  if (rest < 0.005) {
+    // The half angle h from its cosine, without acos: h^2 = 2 r + r^2/3 + 4 r^3/45 + r^4/35 + ...
+    const double h2 = rest * (2.0 + rest * (1.0 / 3 + rest * (4.0 / 45 + rest * (1.0 / 35))));
+    wa = detail::sine_ratio(1.0 - ratio, h2);
+    wb = detail::sine_ratio(ratio, h2);
+  } else {
+    const double half = std::acos(cosine);
+    const double scale = 1.0 / std::sin(half);
+    wa = std::sin((1.0 - ratio) * half) * scale;
+    wb = std::sin(ratio * half) * scale;
+  }
+  wb *= sign;
+  return {a.x + (b.x - a.x) * ratio,   //
+          a.y + (b.y - a.y) * ratio,   //
+          a.z + (b.z - a.z) * ratio,   //
+          wa * a.qx + wb * b.qx,       //
+          wa * a.qy + wb * b.qy,       //
+          wa * a.qz + wb * b.qz,       //
+          wa * a.qw + wb * b.qw};
+}
+
+}  // namespace ztf

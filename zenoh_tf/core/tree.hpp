@@ -1,0 +1,144 @@
+// The transform tree: every frame's record, the names, and the two kinds of
+// transactions, reads and commits.
+//
+// Thread safety: everything, from any thread.
+// Lock order: giant mutex (giant only), topology mutex, then frames in
+// ascending id. Reads take neither mutex, but for the giant one.
+// Invariants
+// 1. Frames are never freed or moved; an id stays good for the tree's life.
+// 2. The newest parents form a forest: whoever changes a parent, or adds a
+//    name, holds the topology mutex and has shown that no cycle closes.
+// 3. A refused commit leaves nothing behind, not even a name.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "answer.hpp"
+#include "commit_signal.hpp"
+#include "guards.hpp"
+#include "history.hpp"
+#include "names.hpp"
+
+namespace ztf {
+
+struct Options {
+  std::uint64_t cache_ns = 10'000'000'000;
+  Concurrency concurrency = Concurrency::optimistic;
+  std::uint32_t max_frames = 1u << 20;
+  std::uint32_t max_samples_per_frame = 1u << 16;
+  std::uint32_t max_name_bytes = 255;
+  std::uint32_t max_depth = 1000;
+  std::uint32_t max_authorities = 4096;
+  bool one_authority_per_frame = false;
+};
+
+// One transform to be written; parent and child are rows of CommitRequest::names.
+struct Row {
+  std::uint32_t parent, child;
+  Stamp stamp;
+  Pose pose;
+};
+
+struct CommitRequest {
+  std::span<const std::string_view> names;
+  std::span<const Row> rows;
+  std::string_view authority = {};
+  bool is_static = false;
+  bool drop_old = false;  // else a row that is too old refuses the commit
+  // What the transaction has read; each version must still stand.
+  std::span<const std::string_view> read_names = {};
+  std::span<const Version> read_versions = {};
+};
+
+// Why a commit was refused, or a question cannot be asked.
+struct Refused {
+  Code code;
+  std::string message;
+  std::string frame = {}, parent = {}, field = {};
+  Stamp stamp = kNoStamp, oldest = kNoStamp, newest = kNoStamp;
+  std::int64_t limit = -1, value = -1;
+};
+
+// Rare events of a frame, counted.
+struct FrameCounters {
+  std::atomic<std::uint32_t> rewritten, dropped, evicted, reparented, switched, authority_changes;
+};
+
+struct FrameInfo {
+  FrameId parent;
+  std::uint32_t authority;
+  bool is_static;
+  std::uint32_t samples;
+  Stamp oldest, newest;
+  Version version;
+};
+
+class Tree {
+ public:
+  explicit Tree(const Options& options);
+  ~Tree();
+  Tree(const Tree&) = delete;
+  Tree& operator=(const Tree&) = delete;
+
+  // 0 where there is no such frame.
+  [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
+  [[nodiscard]] std::string_view name(FrameId id) const noexcept { return names_.name(id); }
+  [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
+  [[nodiscard]] const Options& options() const noexcept { return options_; }
+
+  // Each query as a transaction of its own. `reads`: what the answer rests on.
+  void lookup(const Query& query, Answer& answer, ReadSet& reads) const;
+  // All queries in one transaction: one instant for all.
+  void lookup_all(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads) const;
+
+  // All rows or none; throws Refused. stored[i] tells which rows were not too old.
+  void commit(const CommitRequest& request, std::span<std::uint8_t> stored);
+
+  // The frames from target to source over their common ancestor.
+  Failure chain(const Query& query, std::vector<FrameId>& frames) const;
+  // 0: no parent at that time; kNoStamp: the newest.
+  [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
+  [[nodiscard]] FrameInfo info(FrameId frame) const;
+  [[nodiscard]] const FrameCounters& counters(FrameId id) const noexcept { return counters_[id]; }
+  [[nodiscard]] std::string_view authority(std::uint32_t id) const noexcept {
+    return id ? authorities_.name(id) : std::string_view();
+  }
+
+  // Drops samples, at one instant; names and, if asked for, static links stay.
+  void clear(bool keep_static);
+
+  // Whether an answer that failed so could come with a later commit.
+  [[nodiscard]] bool may_come(const Failure& failure) const noexcept;
+  CommitSignal& signal() const noexcept { return signal_; }
+
+ private:
+  friend class Commit;
+  friend class WriteLocks;
+
+  template <class Body>
+  void read(ReadSet& reads, Body&& body) const;
+
+  bool latest_alone(const Query& query, Answer& answer) const;
+
+  struct Freed {
+    void operator()(void* memory) const noexcept;
+  };
+
+  const Options options_;
+  std::unique_ptr<void, Freed> memory_;
+  Frame* frames_;
+  std::unique_ptr<FrameCounters, Freed> counters_memory_;
+  FrameCounters* counters_;
+  NameTable names_;
+  NameTable authorities_;
+  mutable std::mutex giant_;
+  std::mutex topology_;
+  mutable CommitSignal signal_;
+};
+
+}  // namespace ztf

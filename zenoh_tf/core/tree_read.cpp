@@ -1,0 +1,397 @@
+// Reads: how a question is answered under each concurrency control.
+#include "tree.hpp"
+#include "walk.hpp"
+
+namespace ztf {
+
+namespace {
+
+Code code_of(Place::Kind kind) noexcept {
+  switch (kind) {
+    case Place::Kind::no_data:
+      return Code::no_data;
+    case Place::Kind::backward:
+      return Code::backward;
+    case Place::Kind::forward:
+      return Code::forward;
+    default:
+      return Code::extrapolation;
+  }
+}
+
+// Answers questions under one guard. Every function returns false to start over.
+template <class Guard>
+class Reader {
+ public:
+  Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth)
+      : frames_(frames), guard_(guard), max_depth_(max_depth) {}
+
+  bool answer(const Query& q, Answer& a) {
+    a.failure.code = Code::ok;
+    if (q.target == 0 || q.source == 0) [[unlikely]] {
+      a = Answer{.failure = {Code::lookup, q.target, q.source}};
+      return true;
+    }
+    switch (q.op) {
+      case Op::at:
+        return at(q.target, q.source, q.stamp, a);
+      case Op::common:
+        return common(q.target, q.source, a);
+      case Op::latest:
+      case Op::latest_xact:
+        return latest(q.target, q.source, a);
+      case Op::common_time:
+        return common_time(q.target, q.source, a);
+      case Op::full:
+        return full(q, a);
+    }
+    return true;
+  }
+
+  bool chain(const Query& q, std::vector<FrameId>& out, Answer& a) {
+    out.clear();
+    a = Answer{};
+    if (q.target == 0 || q.source == 0) return answer(q, a);
+    if (q.target == q.source) {
+      out.push_back(q.target);
+      return true;
+    }
+    const auto collect = [&](auto link_of) {
+      Walk walk = walk_between(q.target, q.source, link_of);
+      if (!arrive(walk, q.stamp, a)) return false;
+      if (a.failure.code != Code::ok) return true;
+      for (std::size_t i = 0; i <= walk.target_links; ++i) out.push_back(walk.from_target.frames[i]);
+      for (std::size_t i = walk.source_links; i-- > 0;) out.push_back(walk.from_source.frames[i]);
+      return true;
+    };
+    return q.stamp == kNoStamp ? collect(NewestLink{}) : collect(LinkAt{q.stamp});
+  }
+
+ private:
+  template <class LinkOf>
+  Walk<Guard, LinkOf> walk_between(FrameId target, FrameId source, LinkOf link_of) {
+    return {frames_, guard_, link_of, max_depth_, target, source};
+  }
+
+  // Walks, keeps what was read, and explains where the two ways did not meet.
+  template <class W>
+  ZTF_HOT bool arrive(W& walk, Stamp stamp, Answer& a) {
+    const Walked walked = walk.run();
+    if (walked == Walked::restart) return false;
+    walk.keep_reads(walked == Walked::met);
+    if (walked == Walked::apart) explain(walk.from_target, walk.from_source, stamp, a);
+    return true;
+  }
+
+  bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+    a.stamp = stamp;
+    a.pose = Pose{};
+    if (target == source) return true;
+    Walk walk = walk_between(target, source, LinkAt{stamp});
+    if (!arrive(walk, stamp, a)) return false;
+    if (a.failure.code == Code::ok) a.pose = joined(walk, stamp);
+    return true;
+  }
+
+  bool common(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return itself(target, a);
+    Walk walk = walk_between(target, source, NewestLink{});
+    if (!arrive(walk, kNoStamp, a)) return false;
+    if (a.failure.code != Code::ok) return true;
+    const Range range = stamps(walk);
+    a.stamp = range.oldest == kNoStamp ? 0 : range.oldest;  // static links only: any time serves
+    // Mostly the links at that time are the newest ones: the same frames again,
+    // which the guard has already entered and kept.
+    if (range.oldest == range.newest || (go_back(walk.from_source, walk.source_links, a.stamp) &&
+                                         go_back(walk.from_target, walk.target_links, a.stamp))) {
+      a.pose = joined(walk, a.stamp);
+      return true;
+    }
+    return at(target, source, a.stamp, a);
+  }
+
+  // Moves the steps of a newest way to a time; false where one of the links led
+  // elsewhere then, or has no sample.
+  bool go_back(Way& way, std::size_t links, Stamp stamp) const noexcept {
+    for (std::size_t i = 0; i < links; ++i) {
+      if (way.steps[i].stamp == stamp || way.steps[i].stamp == kNoStamp) continue;
+      const Place place = place_at(frames_[way.frames[i]], stamp);
+      if (place.kind != Place::Kind::ok || place.parent != way.frames[i + 1]) return false;
+      way.steps[i].slot = place.slot;
+    }
+    return true;
+  }
+
+  bool latest(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return itself(target, a);
+    Walk walk = walk_between(target, source, NewestLink{});
+    if (!arrive(walk, kNoStamp, a)) return false;
+    if (a.failure.code != Code::ok) return true;
+    const Range range = stamps(walk);
+    a.stamp = range.oldest == kNoStamp ? 0 : range.oldest;
+    a.newest = range.newest == kNoStamp ? 0 : range.newest;
+    a.pose = joined(walk, kNoStamp);
+    return true;
+  }
+
+  bool common_time(FrameId target, FrameId source, Answer& a) {
+    a.pose = Pose{};
+    if (target == source) {
+      if (!itself(target, a)) return false;
+      if (a.stamp == 0) a.stamp = kNoStamp;
+      return true;
+    }
+    Walk walk = walk_between(target, source, NewestLink{});
+    if (!arrive(walk, kNoStamp, a)) return false;
+    if (a.failure.code == Code::ok) a.stamp = stamps(walk).oldest;
+    return true;
+  }
+
+  bool full(const Query& q, Answer& a) {
+    if (q.fixed == 0) {
+      a = Answer{.failure = {Code::lookup, q.fixed, q.source}};
+      return true;
+    }
+    const auto leg = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
+      return stamp == kNoStamp ? common(target, source, answer) : at(target, source, stamp, answer);
+    };
+    Answer first;
+    if (!leg(q.fixed, q.source, q.source_stamp, first)) return false;
+    if (first.failure.code != Code::ok) {
+      a = first;
+      return true;
+    }
+    if (!leg(q.target, q.fixed, q.stamp, a)) return false;
+    if (a.failure.code == Code::ok) a.pose = a.pose * first.pose;
+    return true;
+  }
+
+  // A frame in itself: the identity, as of its own newest sample.
+  bool itself(FrameId id, Answer& a) {
+    const Frame& frame = frames_[id];
+    Version version;
+    if (!guard_.enter(id, frame, version)) return false;
+    const Link link = NewestLink{}(frame);
+    guard_.keep(id, version);
+    const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
+    a.stamp = a.newest = timeless ? 0 : link.stamp;
+    a.pose = Pose{};
+    return true;
+  }
+
+  struct Range {
+    Stamp oldest = kNoStamp, newest = kNoStamp;  // kNoStamp: static links only
+  };
+  template <class W>
+  static Range stamps(const W& walk) noexcept {
+    Range range;
+    const auto note = [&](const Way& way, std::size_t links) {
+      for (std::size_t i = 0; i < links; ++i) {
+        const Stamp stamp = way.steps[i].stamp;
+        if (stamp == kNoStamp) continue;
+        if (range.oldest == kNoStamp || stamp < range.oldest) range.oldest = stamp;
+        if (stamp > range.newest) range.newest = stamp;
+      }
+    };
+    note(walk.from_source, walk.source_links);
+    note(walk.from_target, walk.target_links);
+    return range;
+  }
+
+  template <class W>
+  Pose joined(const W& walk, Stamp stamp) const noexcept {
+    if (walk.target_links == 0) return composed(walk.from_source, walk.source_links, stamp);
+    const Pose down = inverse(composed(walk.from_target, walk.target_links, stamp));
+    return walk.source_links == 0 ? down
+                                  : down * composed(walk.from_source, walk.source_links, stamp);
+  }
+
+  // X_frames[links]_frames[0]
+  Pose composed(const Way& way, std::size_t links, Stamp stamp) const noexcept {
+    const FrameId* const frames = way.frames.begin();
+    const Step* const steps = way.steps.begin();
+    Pose pose = pose_at(frames_[frames[0]], steps[0].slot, stamp);
+    for (std::size_t i = 1; i < links; ++i)
+      pose = pose_at(frames_[frames[i]], steps[i].slot, stamp) * pose;
+    return pose;
+  }
+
+  // Two ways that did not meet: tf2's order of blame.
+  void explain(const Way& from_target, const Way& from_source, Stamp stamp, Answer& a) const {
+    a = Answer{.failure = {Code::connectivity, from_target.frames[0], from_source.frames[0]}};
+    a.failure.stamp = stamp;
+    for (const Way* way : {&from_source, &from_target})
+      if (way->end == Way::End::too_deep) {
+        a.failure.code = Code::lookup;
+        a.failure.frame = way->top();
+        return;
+      }
+    for (const Way* way : {&from_target, &from_source})
+      if (way->end == Way::End::broken) {
+        const Frame& frame = frames_[way->top()];
+        a.failure.code = code_of(way->why);
+        a.failure.frame = way->top();
+        a.failure.parent = frame.parent.load(std::memory_order_acquire);
+        a.failure.oldest = oldest_stamp(frame);
+        a.failure.newest = frame.latest_stamp.load(std::memory_order_acquire);
+        return;
+      }
+  }
+
+  const Frame* frames_;
+  Guard& guard_;
+  const std::uint32_t max_depth_;
+};
+
+constexpr int kOptimisticAttempts = 64;
+constexpr int kHeedWantedAttempts = 8;
+
+}  // namespace
+
+// Runs body(reader) until what it read was the tree's state at one instant.
+template <class Body>
+void Tree::read(ReadSet& reads, Body&& body) const {
+  const auto attempt = [&](auto& guard) {
+    Reader reader(frames_, guard, options_.max_depth);
+    return body(reader) && guard.valid();
+  };
+  switch (options_.concurrency) {
+    case Concurrency::optimistic: {
+      for (int i = 0; i < kOptimisticAttempts; ++i) {
+        OptimisticGuard guard(frames_, reads);
+        if (attempt(guard)) return;
+      }
+      SmallVector<FrameId, 64> wanted;
+      for (const ReadVersion& read : reads) wanted.push_back(read.frame);
+      for (;;) {
+        LockingGuard guard(frames_, reads, wanted);
+        if (attempt(guard)) return;
+      }
+    }
+    case Concurrency::two_phase: {
+      Backoff backoff;
+      for (int i = 0;; ++i) {
+        {
+          SharedGuard guard(frames_, reads, i < kHeedWantedAttempts);
+          if (attempt(guard)) return;
+        }
+        backoff.wait();
+      }
+    }
+    case Concurrency::giant: {
+      const std::lock_guard lock(giant_);
+      GiantGuard guard(reads);
+      attempt(guard);
+      return;
+    }
+  }
+}
+
+// The newest of every link, each consistent by itself and nothing more. False
+// where that gives no answer: no path, or one that moved under the feet.
+bool Tree::latest_alone(const Query& query, Answer& a) const {
+  if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
+  NoGuard guard;
+  Walk walk(frames_, guard, NewestLink{}, options_.max_depth, query.target, query.source);
+  if (walk.run() != Walked::met) return false;
+  Stamp oldest = kNoStamp, newest = kNoStamp;
+  const auto compose = [&](const Way& way, std::size_t links, Pose& pose) {
+    for (std::size_t i = 0; i < links; ++i) {
+      const Frame& frame = frames_[way.frames[i]];
+      Version version;
+      Link link;
+      Pose newest_pose;
+      do {
+        version = frame.version.unlocked();
+        link = NewestLink{}(frame);
+        newest_pose = frame.latest_pose.load();
+        fault_point();
+      } while (frame.version.load() != version);
+      if (link.parent != way.frames[i + 1]) return false;
+      if (link.stamp != kNoStamp) {
+        if (oldest == kNoStamp || link.stamp < oldest) oldest = link.stamp;
+        if (link.stamp > newest) newest = link.stamp;
+      }
+      pose = newest_pose * pose;
+    }
+    return true;
+  };
+  Pose from_source, from_target;
+  if (!compose(walk.from_source, walk.source_links, from_source) ||
+      !compose(walk.from_target, walk.target_links, from_target))
+    return false;
+  a.failure.code = Code::ok;
+  a.pose = inverse(from_target) * from_source;
+  a.stamp = oldest == kNoStamp ? 0 : oldest;
+  a.newest = newest == kNoStamp ? 0 : newest;
+  return true;
+}
+
+void Tree::lookup(const Query& query, Answer& answer, ReadSet& reads) const {
+  if (query.op == Op::latest && options_.concurrency != Concurrency::giant) {
+    // Errors are decided on consistent data: ask again, as a transaction.
+    if (latest_alone(query, answer)) return;
+  }
+  read(reads, [&](auto& reader) { return reader.answer(query, answer); });
+}
+
+void Tree::lookup_all(std::span<const Query> queries, std::span<Answer> answers,
+                      ReadSet& reads) const {
+  read(reads, [&](auto& reader) {
+    for (std::size_t i = 0; i < queries.size(); ++i)
+      if (!reader.answer(queries[i], answers[i])) return false;
+    return true;
+  });
+}
+
+Failure Tree::chain(const Query& query, std::vector<FrameId>& frames) const {
+  ReadSet reads;
+  Answer answer;
+  read(reads, [&](auto& reader) { return reader.chain(query, frames, answer); });
+  return answer.failure;
+}
+
+// One frame is consistent by its version word under every concurrency control.
+FrameId Tree::parent(FrameId id, Stamp stamp) const {
+  const Frame& frame = frames_[id];
+  for (;;) {
+    const Version version = frame.version.unlocked();
+    const FrameId parent = stamp == kNoStamp ? frame.parent.load(std::memory_order_acquire)
+                                             : place_at(frame, stamp).parent;
+    if (frame.version.load() == version) return parent;
+  }
+}
+
+FrameInfo Tree::info(FrameId id) const {
+  const auto acquire = std::memory_order_acquire;
+  const Frame& frame = frames_[id];
+  for (;;) {
+    FrameInfo info;
+    info.version = frame.version.unlocked();
+    info.parent = frame.parent.load(acquire);
+    info.authority = frame.authority.load(acquire);
+    info.is_static = frame.is_static.load(acquire);
+    info.samples = frame.count.load(acquire);
+    info.oldest = oldest_stamp(frame);
+    info.newest = frame.latest_stamp.load(acquire);
+    if (frame.version.load() == info.version) return info;
+  }
+}
+
+bool Tree::may_come(const Failure& failure) const noexcept {
+  switch (failure.code) {
+    case Code::lookup:
+      return failure.frame == 0;  // unknown frames may appear; a loop stays
+    case Code::connectivity:
+      return true;
+    case Code::extrapolation:
+    case Code::no_data:
+    case Code::backward:
+    case Code::forward:
+      return !too_old(failure.stamp, failure.newest, options_.cache_ns);
+    default:
+      return false;
+  }
+}
+
+}  // namespace ztf

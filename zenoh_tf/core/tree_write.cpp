@@ -1,0 +1,407 @@
+// Commits: everything is checked before the first write.
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "tree.hpp"
+#include "write_locks.hpp"
+
+namespace ztf {
+
+namespace {
+
+// Zeroed memory that costs nothing until it is touched, aligned for Frame.
+void* zeroed(std::size_t bytes) {
+  void* memory = std::calloc(1, bytes + alignof(Frame));
+  if (!memory) throw std::bad_alloc();
+  return memory;
+}
+
+Frame* aligned(void* memory) noexcept {
+  const auto address = reinterpret_cast<std::uintptr_t>(memory);
+  return reinterpret_cast<Frame*>((address + alignof(Frame) - 1) & ~(alignof(Frame) - 1));
+}
+
+std::string quoted(std::string_view name) { return std::string("'").append(name).append("'"); }
+
+// tf2's rule: one leading slash is stripped on insert.
+std::string_view stripped(std::string_view name) noexcept {
+  return name.starts_with('/') ? name.substr(1) : name;
+}
+
+}  // namespace
+
+void Tree::Freed::operator()(void* memory) const noexcept { std::free(memory); }
+
+Tree::Tree(const Options& options)
+    : options_(options),
+      memory_(zeroed((std::size_t{options.max_frames} + 1) * sizeof(Frame))),
+      frames_(aligned(memory_.get())),
+      counters_memory_(static_cast<FrameCounters*>(
+          zeroed((std::size_t{options.max_frames} + 1) * sizeof(FrameCounters)))),
+      counters_(counters_memory_.get()),
+      names_(options.max_frames),
+      authorities_(options.max_authorities) {}
+
+Tree::~Tree() {
+  for (FrameId id = 1; id <= names_.size(); ++id) frames_[id].~Frame();
+}
+
+// One commit on its way: checked and put in order, locked, applied.
+class Commit {
+ public:
+  Commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
+      : tree_(tree), request_(request), stored_(stored) {
+    for (std::uint32_t i = 0; i < request.rows.size(); ++i) check_row(i);
+  }
+
+  void run() {
+    authority_ = find_authority();
+    while (!attempt()) needs_topology_ = true;
+  }
+
+ private:
+  struct Write {
+    FrameId child, parent;
+    std::uint32_t row;
+    Stamp stamp;
+    Pose pose;
+  };
+  struct Group {  // the writes of one child: writes_[begin, end)
+    std::uint32_t begin, end;
+    FrameId new_parent;  // of the newest link after this commit; 0: as before
+  };
+
+  // What can be said about a row alone. Normalises its rotation.
+  void check_row(std::uint32_t i) {
+    const Row& row = request_.rows[i];
+    const std::string_view parent = check_name(row.parent, "parent_frame", row);
+    const std::string_view child = check_name(row.child, "child_frame", row);
+    if (parent == child) refuse(row, "child_frame", "a frame cannot be its own parent");
+    if (row.stamp == kNoStamp) refuse(row, "stamp_ns", "the stamp is out of range");
+    const double* values = &row.pose.x;
+    for (int k = 0; k < 7; ++k)
+      if (!std::isfinite(values[k]))
+        refuse(row, k < 3 ? "translation" : "rotation", "a value is not finite");
+    Pose pose = row.pose;
+    const double norm2 =
+        pose.qx * pose.qx + pose.qy * pose.qy + pose.qz * pose.qz + pose.qw * pose.qw;
+    if (!(std::abs(norm2 - 1.0) < 1e-2))
+      refuse(row, "rotation", "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
+    const double scale = 1.0 / std::sqrt(norm2);
+    pose.qx *= scale;
+    pose.qy *= scale;
+    pose.qz *= scale;
+    pose.qw *= scale;
+    writes_.push_back({0, 0, i, row.stamp, pose});
+  }
+
+  std::string_view check_name(std::uint32_t index, const char* field, const Row& row) const {
+    const std::string_view name = stripped(request_.names[index]);
+    if (name.empty()) refuse(row, field, "the name is empty");
+    if (name.size() > tree_.options_.max_name_bytes)
+      throw Refused{.code = Code::limit,
+                    .message = std::string(field) + ": a name of " + std::to_string(name.size()) +
+                               " bytes exceeds the limit of " +
+                               std::to_string(tree_.options_.max_name_bytes),
+                    .field = "max_name_bytes",
+                    .limit = tree_.options_.max_name_bytes,
+                    .value = static_cast<std::int64_t>(name.size())};
+    return name;
+  }
+
+  [[noreturn]] void refuse(const Row& row, const char* field, const std::string& why,
+                           Code code = Code::invalid_argument) const {
+    const std::string parent(stripped(request_.names[row.parent]));
+    const std::string child(stripped(request_.names[row.child]));
+    throw Refused{.code = code,
+                  .message = "transform of child " + quoted(child) + " in parent " + quoted(parent) +
+                             " refused: " + why,
+                  .frame = child,
+                  .parent = parent,
+                  .field = field,
+                  .stamp = row.stamp};
+  }
+
+  std::uint32_t find_authority() {
+    const std::string_view name = request_.authority;
+    if (name.empty()) return 0;
+    if (const auto id = tree_.authorities_.find(name)) return id;
+    if (name.size() > tree_.options_.max_name_bytes)
+      throw Refused{.code = Code::limit,
+                    .message = "the authority's name of " + std::to_string(name.size()) +
+                               " bytes exceeds the limit of " +
+                               std::to_string(tree_.options_.max_name_bytes),
+                    .field = "max_name_bytes",
+                    .limit = tree_.options_.max_name_bytes,
+                    .value = static_cast<std::int64_t>(name.size())};
+    const std::lock_guard lock(tree_.topology_);
+    if (const auto id = tree_.authorities_.find(name)) return id;
+    if (tree_.authorities_.size() == tree_.authorities_.max_size())
+      throw Refused{.code = Code::limit,
+                    .message = "no more than " + std::to_string(tree_.authorities_.max_size()) +
+                               " authorities",
+                    .field = "max_authorities",
+                    .limit = tree_.authorities_.max_size()};
+    return tree_.authorities_.insert(name);
+  }
+
+  // False: the topology changes, so do it again with the topology mutex held.
+  bool attempt() {
+    std::unique_lock topology(tree_.topology_, std::defer_lock);
+    if (needs_topology_) topology.lock();
+    new_names_.clear();
+    for (Write& write : writes_) {
+      const Row& row = request_.rows[write.row];
+      write.child = resolve(row.child);  // tf2 numbers the child before the parent
+      write.parent = resolve(row.parent);
+      if (!write.child || !write.parent) return false;
+    }
+    sort_and_group();
+
+    WriteLocks locks(tree_, children_);
+    if (!check_read_set(locks)) throw_conflict();
+    bool topology_changes = !new_names_.empty();
+    for (Group& group : groups_) topology_changes |= check_group(group);
+    if (topology_changes) {
+      if (!needs_topology_) return false;
+      check_cycles();
+    }
+    for (const Group& group : groups_)
+      if (!request_.is_static)
+        reserve(frame_of(group), group.end - group.begin, limits());
+    publish_names();
+
+    // Nothing can fail from here on.
+    for (const Group& group : groups_) changed_.push_back(apply(group));
+    locks.release(changed_);
+    return true;
+  }
+
+  FrameId resolve(std::uint32_t index) {
+    const std::string_view name = stripped(request_.names[index]);
+    if (const FrameId id = tree_.names_.find(name)) return id;
+    if (!needs_topology_) return 0;
+    if (const auto it = new_names_.find(name); it != new_names_.end()) return it->second;
+    const std::uint64_t id = std::uint64_t{tree_.names_.size()} + new_names_.size() + 1;
+    if (id > tree_.options_.max_frames)
+      throw Refused{.code = Code::limit,
+                    .message = "frame " + quoted(name) + " would be one more than " +
+                               std::to_string(tree_.options_.max_frames) + " frames",
+                    .frame = std::string(name),
+                    .field = "max_frames",
+                    .limit = tree_.options_.max_frames};
+    new_names_.emplace(name, static_cast<FrameId>(id));
+    return static_cast<FrameId>(id);
+  }
+
+  void sort_and_group() {
+    const auto before = [](const Write& a, const Write& b) {
+      if (a.child != b.child) return a.child < b.child;
+      return a.stamp != b.stamp ? a.stamp < b.stamp : a.row < b.row;
+    };
+    if (!std::is_sorted(writes_.begin(), writes_.end(), before))
+      std::sort(writes_.begin(), writes_.end(), before);
+    groups_.clear();
+    children_.clear();
+    for (std::uint32_t i = 0; i < writes_.size(); ++i) {
+      if (i == 0 || writes_[i].child != writes_[i - 1].child) {
+        groups_.push_back({i, i, 0});
+        children_.push_back(writes_[i].child);
+      }
+      groups_.back().end = i + 1;
+    }
+  }
+
+  // Under the write locks: does everything that was read still stand? Versions
+  // of frames outside the write set are loaded after all locks are held, so two
+  // commits that each read what the other writes cannot both pass.
+  bool check_read_set(const WriteLocks& locks) {
+    for (std::size_t i = 0; i < request_.read_names.size(); ++i) {
+      const FrameId id = tree_.names_.find(request_.read_names[i]);
+      const Version* own = id ? locks.before(id) : nullptr;
+      const Version now = own ? *own : id ? tree_.frames_[id].version.load() : 0;
+      if (now != request_.read_versions[i]) {
+        conflict_ = i;
+        return false;
+      }
+    }
+    return true;
+  }
+
+  [[noreturn]] void throw_conflict() const {
+    const std::string_view name = request_.read_names[conflict_];
+    throw Refused{.code = Code::conflict,
+                  .message = "frame " + quoted(name) + " has changed since the transaction read it",
+                  .frame = std::string(name)};
+  }
+
+  // Decides which rows are stored; true where the newest parent changes.
+  bool check_group(Group& group) {
+    const Frame& frame = frame_of(group);
+    const auto relaxed = std::memory_order_relaxed;
+    const std::uint32_t authority = frame.authority.load(relaxed);
+    if (tree_.options_.one_authority_per_frame && authority != authority_ &&
+        frame.parent.load(relaxed) != 0)
+      refuse(request_.rows[writes_[group.begin].row], "authority",
+             "the frame is published by " + quoted(tree_.authority(authority)));
+
+    bool has_newest = !frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0;
+    Stamp newest = frame.latest_stamp.load(relaxed);
+    FrameId parent = frame.parent.load(relaxed);
+    for (std::uint32_t i = group.begin; i < group.end; ++i) {
+      const Write& write = writes_[i];
+      const bool drop = !request_.is_static && has_newest &&
+                        too_old(write.stamp, newest, tree_.options_.cache_ns);
+      if (drop && !request_.drop_old)
+        refuse(request_.rows[write.row], "stamp_ns",
+               "the stamp " + std::to_string(write.stamp) +
+                   " is older than the newest one, " + std::to_string(newest) +
+                   ", by more than the cache time");
+      stored_[write.row] = !drop;
+      if (drop) continue;
+      if (!has_newest || request_.is_static || write.stamp >= newest) {
+        newest = write.stamp;
+        parent = write.parent;
+        has_newest = true;
+      }
+    }
+    group.new_parent = parent == frame.parent.load(relaxed) ? 0 : parent;
+    return group.new_parent != 0;
+  }
+
+  // Would the newest parents, with all of this commit's at once, close a cycle?
+  void check_cycles() const {
+    const std::uint64_t frames = std::uint64_t{tree_.names_.size()} + new_names_.size();
+    SmallVector<FrameId, 16> new_parents;
+    for (const Group& group : groups_)
+      if (group.new_parent != 0) new_parents.push_back(group.new_parent);
+    std::sort(new_parents.begin(), new_parents.end());
+    for (const Group& group : groups_) {
+      if (group.new_parent == 0) continue;
+      const FrameId child = writes_[group.begin].child;
+      FrameId frame = group.new_parent;
+      // A frame that nobody stands on cannot be reached from below.
+      if (!tree_.frames_[child].is_parent.load(std::memory_order_relaxed) &&
+          !std::binary_search(new_parents.begin(), new_parents.end(), child))
+        continue;
+      for (std::uint64_t steps = 0; frame != 0 && frame != child && steps <= frames; ++steps)
+        frame = parent_after(frame);
+      if (frame != 0)
+        refuse(request_.rows[writes_[group.begin].row], "parent_frame", "it would close a cycle");
+    }
+  }
+  [[nodiscard]] FrameId parent_after(FrameId id) const noexcept {
+    const auto at = std::lower_bound(children_.begin(), children_.end(), id);
+    if (at != children_.end() && *at == id) {
+      const Group& group = groups_[static_cast<std::size_t>(at - children_.begin())];
+      if (group.new_parent != 0) return group.new_parent;
+    }
+    return tree_.frames_[id].parent.load(std::memory_order_relaxed);
+  }
+
+  bool apply(const Group& group) {
+    Frame& frame = frame_of(group);
+    FrameCounters& counters = tree_.counters_[writes_[group.begin].child];
+    const auto relaxed = std::memory_order_relaxed;
+    const auto count = [](std::atomic<std::uint32_t>& counter) { counter.fetch_add(1, relaxed); };
+
+    const bool had_data = frame.parent.load(relaxed) != 0;
+    bool changed = false;
+    for (std::uint32_t i = group.begin; i < group.end; ++i) {
+      const Write& write = writes_[i];
+      if (!stored_[write.row]) {
+        count(counters.dropped);
+        continue;
+      }
+      if (had_data && !changed && frame.is_static.load(relaxed) != request_.is_static)
+        count(counters.switched);
+      changed = true;
+      if (request_.is_static) {
+        set_static(frame, write.stamp, write.parent, write.pose);
+        continue;
+      }
+      switch (insert(frame, write.stamp, write.parent, write.pose, limits())) {
+        case Inserted::added:
+          break;
+        case Inserted::rewritten:
+          count(counters.rewritten);
+          break;
+        case Inserted::evicted:
+          count(counters.evicted);
+          break;
+        case Inserted::refused:
+          stored_[write.row] = 0;
+          count(counters.dropped);
+      }
+    }
+    if (!changed) return false;
+    if (had_data && group.new_parent != 0) count(counters.reparented);
+    if (group.new_parent != 0)
+      tree_.frames_[group.new_parent].is_parent.store(true, relaxed);
+    if (frame.authority.load(relaxed) != authority_) {
+      if (had_data) count(counters.authority_changes);
+      frame.authority.store(authority_, std::memory_order_release);
+    }
+    return true;
+  }
+
+  void publish_names() {
+    if (new_names_.empty()) return;
+    std::vector<std::pair<FrameId, std::string_view>> in_order;
+    for (const auto& [name, id] : new_names_) in_order.emplace_back(id, name);
+    std::sort(in_order.begin(), in_order.end());
+    for (const auto& [id, name] : in_order) tree_.names_.insert(name);
+  }
+
+  [[nodiscard]] Frame& frame_of(const Group& group) const noexcept {
+    return tree_.frames_[writes_[group.begin].child];
+  }
+  [[nodiscard]] HistoryLimits limits() const noexcept {
+    return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
+  }
+
+  Tree& tree_;
+  const CommitRequest& request_;
+  const std::span<std::uint8_t> stored_;
+  std::uint32_t authority_ = 0;
+  bool needs_topology_ = false;
+  std::size_t conflict_ = 0;
+  SmallVector<Write, 16> writes_;
+  SmallVector<Group, 16> groups_;
+  SmallVector<FrameId, 16> children_;  // of groups_, ascending
+  SmallVector<bool, 16> changed_;
+  std::map<std::string_view, FrameId> new_names_;  // ids they will have
+};
+
+void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) {
+  Commit commit(*this, request, stored);
+  if (options_.concurrency == Concurrency::giant) {
+    const std::lock_guard lock(giant_);
+    commit.run();
+  } else {
+    commit.run();
+  }
+  signal_.announce();
+}
+
+void Tree::clear(bool keep_static) {
+  std::unique_lock giant(giant_, std::defer_lock);
+  if (options_.concurrency == Concurrency::giant) giant.lock();
+  const std::lock_guard topology(topology_);
+  SmallVector<FrameId, 16> all;
+  SmallVector<bool, 16> changed;
+  for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
+  WriteLocks locks(*this, all);
+  for (const FrameId id : all) {
+    Frame& frame = frames_[id];
+    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
+    const bool drop = has_data && !(keep_static && frame.is_static.load(std::memory_order_relaxed));
+    if (drop) forget(frame);
+    changed.push_back(drop);
+  }
+  locks.release(changed);
+  signal_.announce();
+}
+
+}  // namespace ztf

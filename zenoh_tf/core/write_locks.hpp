@@ -1,0 +1,96 @@
+// The locks of a commit's write set, under each concurrency control.
+//
+// Thread safety: lives on the writer's stack.
+// Two phases: all locks are taken before the first write and released after
+// the last. Ids come in ascending order without duplicates, which is the one
+// order in which frames are locked, so waiting writers cannot form a circle.
+#pragma once
+
+#include <chrono>
+#include <random>
+#include <thread>
+
+#include "tree.hpp"
+
+namespace ztf {
+
+class WriteLocks {
+ public:
+  WriteLocks(Tree& tree, const SmallVector<FrameId, 16>& ascending) : tree_(tree) {
+    if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
+    for (const FrameId id : ascending) {
+      VersionLock& word = tree.frames_[id].version;
+      const bool alone = tree.options_.concurrency != Concurrency::optimistic;
+      locked_.push_back({id, alone ? word.mark() : word.lock()});
+    }
+  }
+  ~WriteLocks() {
+    for (const ReadVersion& locked : locked_)
+      tree_.frames_[locked.frame].version.unlock_unchanged(locked.version);
+    unlock_shared_words();
+  }
+  WriteLocks(const WriteLocks&) = delete;
+  WriteLocks& operator=(const WriteLocks&) = delete;
+
+  // The version before, if this commit holds the frame.
+  [[nodiscard]] const Version* before(FrameId id) const noexcept {
+    const auto at = std::lower_bound(locked_.begin(), locked_.end(), id,
+                                     [](const ReadVersion& r, FrameId f) { return r.frame < f; });
+    return at != locked_.end() && at->frame == id ? &at->version : nullptr;
+  }
+
+  // After the last write: frame i of the ascending ids has changed or not.
+  void release(const SmallVector<bool, 16>& changed) noexcept {
+    for (std::size_t i = 0; i < locked_.size(); ++i) {
+      VersionLock& word = tree_.frames_[locked_[i].frame].version;
+      if (changed[i])
+        word.unlock_changed(locked_[i].version);
+      else
+        word.unlock_unchanged(locked_[i].version);
+    }
+    unlock_shared_words();
+    locked_.clear();
+  }
+
+ private:
+  // No waiting while holding: all or nothing, and again after a jittered pause.
+  // Who fails for long asks new readers to stay away from its frames.
+  void lock_shared_words(const SmallVector<FrameId, 16>& ids) {
+    for (int attempt = 0;; ++attempt) {
+      std::size_t taken = 0;
+      while (taken < ids.size() && tree_.frames_[ids[taken]].shared.try_lock()) ++taken;
+      if (taken == ids.size()) break;
+      while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
+      if (attempt >= kPoliteAttempts)
+        for (const FrameId id : ids) tree_.frames_[id].shared.want();
+      pause(attempt);
+    }
+    for (const FrameId id : ids) shared_held_.push_back(id);
+    fault_point();
+  }
+
+  void unlock_shared_words() noexcept {
+    for (const FrameId id : shared_held_) tree_.frames_[id].shared.unlock();
+    shared_held_.clear();
+  }
+
+  static void pause(int attempt) {
+    thread_local std::minstd_rand random(
+        static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
+    if (attempt < 32) {
+      for (auto turns = random() % (16u << std::min(attempt, 5)); turns > 0; --turns) pause_cpu();
+    } else if (attempt < 64) {
+      std::this_thread::yield();
+    } else {
+      std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
+    }
+  }
+
+  static constexpr int kPoliteAttempts = 16;
+
+  Tree& tree_;
+  SmallVector<ReadVersion, 16> locked_;
+  SmallVector<FrameId, 16> shared_held_;
+};
+
+}  // namespace ztf
