@@ -151,8 +151,8 @@ def test_dropped_and_cleared(start_server: StartServer) -> None:
         assert tf.set_transform(link("map", "base", 100 * S)) is True
         assert tf.set_transform(link("map", "base", 1 * S)) is False
         tf.set_transform(link("base", "arm", 0), static=True)
-        assert tf.frame("base")["newest_stamp_ns"] == 100 * S
-        assert tf.frame("arm")["static"] is True
+        assert tf.frame("base").newest_stamp_ns == 100 * S
+        assert tf.frame("arm").static is True
         tf.clear()
         with pytest.raises(TransformException):
             tf.lookup_transform("map", "base")
@@ -164,10 +164,10 @@ def test_any_utf8_name(start_server: StartServer) -> None:
     with server.connect() as tf, tf.broadcaster("lidar/front #1") as sensor:
         tf.set_transform(link("/", "**", 1 * S), authority="$*")
         assert tf.lookup_transform("/", "**").child_frame == "**"
-        assert tf.frame("**")["authority"] == "$*"
+        assert tf.frame("**").authority == "$*"
         sensor.send(link("🤖", "e\u0301\0", 1 * S))
         assert tf.can_transform("🤖", "e\u0301\0", timeout_s=5.0)
-        assert tf.frame("e\u0301\0")["authority"] == "lidar/front #1"
+        assert tf.frame("e\u0301\0").authority == "lidar/front #1"
         with pytest.raises(InvalidArgumentException):
             tf.lookup_transform("\ud800", "x")
 
@@ -201,7 +201,7 @@ def test_batch(client: TransformClient) -> None:
     assert can.result() is False
     assert array.result().status.tolist() == [0, 0]
     assert full.result().parent_frame == "odom"
-    assert record.result()["parent"] == "map"
+    assert record.result().parent == "map"
     assert chain.result() == client.chain("map", "base")
 
 

@@ -260,8 +260,8 @@ def test_statics_are_announced_again(start_server: StartServer) -> None:
             server.kill()
             server = start_server(endpoint=server.endpoint)
             wait_for_frames(tf, ["arm", "base", "leg", "map"])
-            assert tf.frame("leg")["static"] is True
-            assert tf.frame("leg")["authority"] == "urdf"
+            assert tf.frame("leg").static is True
+            assert tf.frame("leg").authority == "urdf"
 
 
 def test_first_put_right_after_connect_arrives(server: ServerProcess) -> None:

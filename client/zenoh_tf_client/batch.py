@@ -17,7 +17,7 @@ from typing import Any, Generic, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
-from zenoh_tf import LatestTransform, StampedTransform, TransformArray, wire
+from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, TransformArray, wire
 from zenoh_tf.errors import TransformException
 
 from . import columns, requests
@@ -162,7 +162,7 @@ class Batch:
     def frames(self) -> Handle[list[str]]:
         return self._record(requests.frames())
 
-    def frame(self, name: str) -> Handle[dict[str, Any]]:
+    def frame(self, name: str) -> Handle[FrameInfo]:
         return self._record(requests.frame(name))
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> Handle[str | None]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 from numpy.typing import ArrayLike
 
-from zenoh_tf import LatestTransform, StampedTransform, TransformArray, wire
+from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, TransformArray, wire
 
 from . import requests
 from .batch import Batch
@@ -153,7 +153,7 @@ class TransformClient:
     def frames(self) -> list[str]:
         return self._call(requests.frames())
 
-    def frame(self, name: str) -> dict[str, Any]:
+    def frame(self, name: str) -> FrameInfo:
         return self._call(requests.frame(name))
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:

@@ -7,14 +7,14 @@ Each function makes the `Request` of the method of the same name: the message's 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zenoh_tf import LatestTransform, StampedTransform, Transform, TransformArray, wire
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, Transform, TransformArray, wire
+from zenoh_tf.errors import InvalidArgumentException, ProtocolError
 
 from . import columns
 
@@ -243,8 +243,15 @@ def frames() -> Request[list[str]]:
     return _info(list, "frames")
 
 
-def frame(name: str) -> Request[dict[str, Any]]:
-    return _info(dict, "frame", frame=name)
+def frame(name: str) -> Request[FrameInfo]:
+    def parse(reply: wire.Message) -> FrameInfo:
+        record = wire.parse_value(reply, dict)
+        known = {entry.name for entry in fields(FrameInfo)}
+        if not known <= record.keys():
+            raise ProtocolError(f"a frame's record without {known - record.keys()}", field="value")
+        return FrameInfo(**{key: value for key, value in record.items() if key in known})
+
+    return Request("info", wire.call_body("frame", frame=name), parse)
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:
