@@ -5,7 +5,7 @@ namespace ztf {
 
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts) {
   const nb::object by_code = nb::module_::import_("zenoh_tf.errors").attr("BY_CODE");
-  const nb::object kind = by_code[static_cast<int>(code)];
+  const nb::object kind = by_code[nb::int_(static_cast<int>(code))];
   nb::object error = nb::steal(PyObject_Call(kind.ptr(), nb::make_tuple(message).ptr(), facts.ptr()));
   if (!error.is_valid()) throw nb::python_error();
   return error;
