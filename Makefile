@@ -50,7 +50,7 @@ format: .venv/requirements.stamp ## let ruff format and sort the imports
 	@$(BIN)/ruff format .
 
 bench: native ## the benchmarks; prints JSON
-	@$(BIN)/python -m bench
+	@$(BIN)/python -m bench $(ARGS)
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address
