@@ -108,6 +108,8 @@ def test_every_answer_is_the_embedded_trees(any_server: ServerProcess) -> None:
                     theirs.stamp_ns,
                 ), name
                 assert mine.transform.pose() == pytest.approx(theirs.transform.pose(), abs=1e-15)
+            elif name == "empty name":  # a row of a column is not called by the argument's name
+                assert mine[0] is theirs[0] is InvalidArgumentException
             else:
                 assert mine == theirs, name
 
@@ -162,8 +164,8 @@ def test_dropped_and_cleared(start_server: StartServer) -> None:
 def test_any_utf8_name(start_server: StartServer) -> None:
     server = start_server(tree="a/b %*@机")
     with server.connect() as tf, tf.broadcaster("lidar/front #1") as sensor:
-        tf.set_transform(link("/", "**", 1 * S), authority="$*")
-        assert tf.lookup_transform("/", "**").child_frame == "**"
+        tf.set_transform(link("a//b", "**", 1 * S), authority="$*")
+        assert tf.lookup_transform("a//b", "**").child_frame == "**"
         assert tf.frame("**").authority == "$*"
         sensor.send(link("🤖", "e\u0301\0", 1 * S))
         assert tf.can_transform("🤖", "e\u0301\0", timeout_s=5.0)

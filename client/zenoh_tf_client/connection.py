@@ -29,6 +29,8 @@ from . import requests
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
+#: The links that Zenoh's Python package can make.
+_LINKS: Final = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
 #: Replies larger than this are cut off; the server's limits keep them far below.
 _MAX_REPLY_BYTES: Final = 256 << 20
 _HELLO_PERIOD_S: Final = 0.05
@@ -58,6 +60,13 @@ class Connection:
         if not 0 < timeout_s < 1e6:
             raise InvalidArgumentException(
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
+            )
+        if endpoint.partition("/")[0] not in _LINKS or not endpoint.partition("/")[2]:
+            # Zenoh would try a link that it does not know again and again.
+            raise InvalidArgumentException(
+                f"endpoint {endpoint!r} must be like tcp/HOST:PORT, with one of "
+                f"{', '.join(_LINKS)}",
+                field="endpoint",
             )
         self.endpoint = endpoint
         self.tree = tree
