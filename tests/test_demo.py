@@ -49,7 +49,7 @@ def test_demo() -> None:
     assert "latest common" in page
     row = re.search(r"one transactional lookup\s+([\d,]+)\s+0\n", page)
     assert row is not None and int(row[1].replace(",", "")) > 0
-    assert len(re.findall(r"\d Hz\s+\d+\.\d Hz", page)) == 3
+    assert len(re.findall(r"\d Hz\s+\d+\.\d Hz\s+\d+\.\d Hz", page)) == 3
     assert processes_of(endpoint_of(page)) == []
 
 

@@ -1,6 +1,6 @@
 """One sensor as a process: ``python -m demo_robot.sensors NAME --connect ENDPOINT``.
 
-Publishes until SIGTERM or SIGINT, then prints one JSON line: what it sent in how much time.
+Publishes until SIGTERM or SIGINT, then prints one JSON line: how much it sent, and how fast.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from demo_robot import motion
 from zenoh_tf import StampedTransform
 from zenoh_tf_client import TransformClient
-
-Measure = Callable[[int], Sequence[StampedTransform]]
 
 
 def _localisation(now: int) -> list[StampedTransform]:
@@ -35,14 +34,22 @@ def _camera(now: int) -> list[StampedTransform]:
     return [StampedTransform("camera", "object", now, motion.X_camera_object(now))]
 
 
-#: name -> (rate in Hz, measurement, static links)
-SENSORS: dict[str, tuple[float, Measure, list[StampedTransform]]] = {
-    "localisation": (10.0, _localisation, []),
-    "wheels": (50.0, _wheels, []),
-    "arm": (200.0, _arm, []),
-    "camera": (
+@dataclass(frozen=True)
+class Sensor:
+    rate_hz: float
+    measure: Callable[[int], Sequence[StampedTransform]]
+    child_frame: str  # of the last link that it measures
+    static: Sequence[StampedTransform] = ()
+
+
+SENSORS = {
+    "localisation": Sensor(10.0, _localisation, "odom"),
+    "wheels": Sensor(50.0, _wheels, "base_link"),
+    "arm": Sensor(200.0, _arm, "wrist"),
+    "camera": Sensor(
         15.0,
         _camera,
+        "object",
         [StampedTransform("base_link", "camera", 0, motion.X_base_camera)],
     ),
 }
@@ -53,7 +60,7 @@ def main() -> None:
     parser.add_argument("name", choices=SENSORS)
     parser.add_argument("--connect", required=True)
     args = parser.parse_args()
-    rate_hz, measure, static = SENSORS[args.name]
+    sensor = SENSORS[args.name]
 
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -62,15 +69,17 @@ def main() -> None:
     sent = 0
     with TransformClient.connect(args.connect) as tf:
         broadcaster = tf.broadcaster(args.name)
-        if static:
-            broadcaster.send_static(static)
-        start = due = time.monotonic()
+        if sensor.static:
+            broadcaster.send_static(sensor.static)
+        start = last = due = time.monotonic()
         while not stop.wait(max(0.0, due - time.monotonic())):
-            broadcaster.send(measure(time.time_ns()))
+            broadcaster.send(sensor.measure(time.time_ns()))
+            last = time.monotonic()
             sent += 1
-            due += 1 / rate_hz
-        spent_s = time.monotonic() - start
-    print(json.dumps({"asked_hz": rate_hz, "sent": sent, "spent_s": spent_s}), flush=True)
+            due += 1 / sensor.rate_hz
+    reached_hz = (sent - 1) / (last - start) if sent > 1 else 0.0
+    report = {"asked_hz": sensor.rate_hz, "reached_hz": reached_hz, "sent": sent}
+    print(json.dumps(report), flush=True)
 
 
 if __name__ == "__main__":

@@ -113,7 +113,7 @@ def test_set_says_when_it_was_too_old(run: Run) -> None:
 def test_set_refuses_what_is_no_rotation(run: Run) -> None:
     line = refusal(run("set", "a", "b", "0", "0", "0", "9", "0", "0", "9"))
     assert "InvalidArgumentException" in line
-    assert "rotation" in line
+    assert "quaternion" in line
 
 
 @pytest.mark.usefixtures("chain")
@@ -128,7 +128,7 @@ def test_frames_draws_the_tree(run: Run) -> None:
         "   └─ camera",
     ]
     base, arm, camera = lines[2:]
-    assert "500 ms" in base and "1.0 Hz" in base and base.endswith("wheels")
+    assert "500 ms" in base and "2.0 Hz" in base and base.endswith("wheels")
     assert arm.endswith("motors")
     assert "static" in camera and "Hz" not in camera
 
@@ -144,7 +144,7 @@ def test_frames_counts_ages_by_the_clock(run: Run) -> None:
 def test_frames_json(run: Run) -> None:
     tree = document(run("frames", "--json"))
     assert tree["tree"] == "main"
-    records = {record["frame"]: record for record in tree["frames"]}
+    records = {record["name"]: record for record in tree["frames"]}
     assert set(records) == {"map", "base", "camera"}
     assert records["map"]["parent"] is None
     assert records["camera"]["parent"] == "base"

@@ -6,11 +6,13 @@ import argparse
 import io
 import math
 import time
+from typing import Any
 
 import pytest
 
+from zenoh_tf import FrameInfo
 from zenoh_tf_client.cli import stamps
-from zenoh_tf_client.cli.drawing import Link, draw
+from zenoh_tf_client.cli.drawing import draw
 from zenoh_tf_client.cli.output import Palette, roll_pitch_yaw
 
 PLAIN = Palette(io.StringIO())
@@ -67,18 +69,28 @@ def test_seconds_lose_no_digit() -> None:
     assert stamps.seconds(-1) == "-0.000000001"
 
 
-def moving(frame: str, parent: str | None) -> Link:
-    return Link(frame, parent, False, 0, 10.0, "me")
+def link(frame: str, parent: str | None, **facts: Any) -> FrameInfo:
+    counters = ("rewritten", "dropped", "evicted", "reparented", "switched", "authority_changes")
+    known = {
+        "authority": "me" if parent else "",
+        "static": False,
+        "samples": 10 if parent else 0,
+        "oldest_stamp_ns": -1_000_000_000 if parent else None,
+        "newest_stamp_ns": 0 if parent else None,
+        "version": 2,
+        **dict.fromkeys(counters, 0),
+    }
+    return FrameInfo(name=frame, parent=parent, **{**known, **facts})
 
 
 def test_drawing() -> None:
     links = [
-        moving("b", "root"),
-        Link("root", None, False, None, None, ""),
-        Link("c", "b", True, None, None, "me"),
-        moving("a", "root"),
-        moving("d", "b"),
-        Link("other", None, False, None, None, ""),
+        link("b", "root"),
+        link("root", None),
+        link("c", "b", static=True),
+        link("a", "root"),
+        link("d", "b"),
+        link("other", None),
     ]
     assert draw(links, 12_000_000, PLAIN) == [
         "other",
@@ -91,12 +103,12 @@ def test_drawing() -> None:
 
 
 def test_drawing_a_link_whose_parent_is_unknown() -> None:
-    assert draw([moving("a", "gone")], 0, PLAIN)[0].startswith("a ")
+    assert draw([link("a", "gone")], 0, PLAIN)[0].startswith("a ")
 
 
 def test_drawing_a_very_long_chain() -> None:
-    links = [Link("0", None, False, None, None, "")]
-    links += [moving(str(i), str(i - 1)) for i in range(1, 2000)]
+    links = [link("0", None)]
+    links += [link(str(i), str(i - 1)) for i in range(1, 2000)]
     assert len(draw(links, 0, PLAIN)) == 2000
 
 

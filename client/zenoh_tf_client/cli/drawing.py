@@ -3,37 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
+from zenoh_tf import FrameInfo
 from zenoh_tf_client.cli import stamps
 from zenoh_tf_client.cli.output import Palette
 
 
-@dataclass(frozen=True)
-class Link:
-    """A frame and what is known of the link to its parent (``None``: it is a root)."""
-
-    frame: str
-    parent: str | None
-    static: bool
-    newest_stamp_ns: int | None
-    rate_hz: float | None
-    authority: str
-
-
-def draw(links: Iterable[Link], now_ns: int, colour: Palette) -> list[str]:
+def draw(frames: Iterable[FrameInfo], now_ns: int, colour: Palette) -> list[str]:
     """Lines of text, one for each frame: the tree, then columns for age, rate and authority.
 
     ``now_ns``: what ages are counted from.
     """
-    by_name = {link.frame: link for link in links}
-    children: dict[str | None, list[Link]] = {}
-    for link in sorted(by_name.values(), key=lambda link: link.frame):
+    by_name = {link.name: link for link in frames}
+    children: dict[str | None, list[FrameInfo]] = {}
+    for link in sorted(by_name.values(), key=lambda link: link.name):
         # A parent that is not in the list any more would hide its whole branch.
         parent = link.parent if link.parent in by_name else None
         children.setdefault(parent, []).append(link)
 
-    rows: list[tuple[str, Link]] = []
+    rows: list[tuple[str, FrameInfo]] = []
     # Not recursive: a chain of a thousand links is a legal tree.
     todo = [("", "", root) for root in reversed(children.get(None, []))]
     while todo:
@@ -41,18 +29,18 @@ def draw(links: Iterable[Link], now_ns: int, colour: Palette) -> list[str]:
         rows.append((prefix + branch, link))
         under = prefix + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
         last = "└─ "
-        for child in reversed(children.get(link.frame, [])):
+        for child in reversed(children.get(link.name, [])):
             todo.append((under, last, child))
             last = "├─ "
 
-    width = max((len(lead) + len(link.frame) for lead, link in rows), default=0)
+    width = max((len(lead) + len(link.name) for lead, link in rows), default=0)
     owners = max((len(link.authority) for _, link in rows), default=0)
     return [_line(lead, link, now_ns, width, owners, colour).rstrip() for lead, link in rows]
 
 
-def _line(lead: str, link: Link, now_ns: int, width: int, owners: int, colour: Palette) -> str:
-    padding = " " * (width - len(lead) - len(link.frame))
-    name = colour.strong(link.frame) if link.parent is None else link.frame
+def _line(lead: str, link: FrameInfo, now_ns: int, width: int, owners: int, colour: Palette) -> str:
+    padding = " " * (width - len(lead) - len(link.name))
+    name = colour.strong(link.name) if link.parent is None else link.name
     tree = colour.faint(lead) + name + padding
     if link.parent is None:
         return tree

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 
-from zenoh_tf import StampedTransform, TransformException
+from zenoh_tf import LookupException, StampedTransform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.errors import CommandError
 
@@ -93,10 +93,10 @@ class Feed:
         newest = {row.child_frame: row.stamp_ns for row in self._last}
         for child, stamp_ns in newest.items():
             try:
-                record = self._tf.frame(child)
-            except TransformException:
+                frame = self._tf.frame(child)
+            except LookupException:
                 return False
-            if not record["static"] and record["newest_stamp_ns"] < stamp_ns:
+            if not frame.static and (frame.newest_stamp_ns or 0) < stamp_ns:
                 return False
         return True
 

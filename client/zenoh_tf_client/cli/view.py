@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import time
-from typing import Any
+from dataclasses import asdict
 
+from zenoh_tf import FrameInfo
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import drawing, output, stamps
 from zenoh_tf_client.cli.connection import connect
@@ -29,22 +30,26 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 def _frames(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        records = _records(tf)
+        frames = _frame_infos(tf)
     if args.json:
+        records = [asdict(frame) | {"rate_hz": frame.rate_hz} for frame in frames]
         output.print_json({"tree": args.tree, "frames": records})
         return 0
-    if not records:
+    if not frames:
         print(f"tree {args.tree!r} is empty")
         return 0
-    links = [_link(record) for record in records]
-    moving = [link.newest_stamp_ns for link in links if link.newest_stamp_ns is not None]
+    moving = [
+        frame.newest_stamp_ns
+        for frame in frames
+        if frame.newest_stamp_ns is not None and not frame.static
+    ]
     now_ns = time.time_ns()
     colour = output.Palette()
     if moving and not stamps.is_clock_time(max(moving)):
         # Recorded or simulated time: against the clock every link would be years old.
         now_ns = max(moving)
         print(colour.faint(f"ages count from the tree's newest stamp, {stamps.seconds(now_ns)} s"))
-    for line in drawing.draw(links, now_ns, colour):
+    for line in drawing.draw(frames, now_ns, colour):
         print(line)
     return 0
 
@@ -61,20 +66,9 @@ def _stats(args: argparse.Namespace) -> int:
     return 0
 
 
-def _records(tf: TransformClient) -> list[dict[str, Any]]:
-    """What the server says of each frame."""
+def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
+    """What the server knows of each frame."""
     names = sorted(tf.frames())
     with tf.batch() as batch:
-        handles = {name: batch.frame(name) for name in names}
-    return [{"frame": name, **handle.result()} for name, handle in handles.items()]
-
-
-def _link(record: dict[str, Any]) -> drawing.Link:
-    return drawing.Link(
-        frame=record["frame"],
-        parent=record["parent"],
-        static=record["static"],
-        newest_stamp_ns=record["newest_stamp_ns"],
-        rate_hz=record["rate_hz"],
-        authority=record["authority"] or "",
-    )
+        handles = [batch.frame(name) for name in names]
+    return [handle.result() for handle in handles]
