@@ -94,7 +94,7 @@ def refusal(done: subprocess.CompletedProcess[str]) -> str:
 def test_everything_is_there_when_it_ends(run: Run, tmp_path: Path, kind: str) -> None:
     path = write(tmp_path / ("log.bag" if kind == "bag" else "log"), kind=kind)
     done = run("replay", str(path), "--fast", "--json")
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")
     summary = json.loads(done.stdout)
     assert summary["transforms"] == 53
     assert summary["messages"] == 53
@@ -113,7 +113,7 @@ def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
     took = {}
     for rate in ("1", "1000"):
         done = run("--json", "replay", str(path), "--rate", rate)
-        assert done.returncode == 0, done.stderr
+        assert (done.returncode, done.stderr) == (0, "")
         took[rate] = json.loads(done.stdout)["seconds"]
     assert took["1"] >= 1.1
 
@@ -139,7 +139,7 @@ def test_a_link_that_turns_around(run: Run, tmp_path: Path) -> None:
     ]
     path = write(tmp_path / "log", log)
     done = run("replay", str(path), "--fast")
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")
     ask = ("--json", "latest", "world", "a")
     assert json.loads(run(*ask).stdout)["translation"][0] == 4.0
 
@@ -150,7 +150,7 @@ def test_rows_that_are_no_transforms_are_skipped(run: Run, tmp_path: Path) -> No
     ]
     path = write(tmp_path / "log", log)
     done = run("replay", str(path), "--fast")
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")
     assert "1 transforms" in done.stdout
     assert "2 skipped" in done.stdout
 
@@ -159,7 +159,7 @@ def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
     log: Log = [(1.0, "/tf", [("a", "b", 1000.0, 1.0)]), (2.0, "/tf", [("a", "b", 1.0, 1.0)])]
     path = write(tmp_path / "log", log)
     done = run("replay", str(path), "--rate", "10")
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")
     assert "1 of them dropped" in done.stdout
 
 
