@@ -6,8 +6,10 @@ that it works with an engine that has no bridge: only the server's name is repla
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,35 +23,37 @@ COMPOSE_FILE = Path(__file__).with_name("compose.yaml")
 FRAMES = {"odom", "base_link", "wrist", "camera", "object"}
 
 
-def check_compose(engine: engines.Engine, tag: str, server: str, outside: list[str]) -> None:
-    """Run the services; ``outside`` is the command line of a client on this machine."""
+@contextlib.contextmanager
+def compose_services(
+    engine: engines.Engine, tag: str, server: str, outside: list[str]
+) -> Iterator[None]:
+    """Run the services during the block, which starts once all sensors are heard.
+
+    ``outside`` is the command line of a client on this machine.
+    """
     services = YAML(typ="safe").load(COMPOSE_FILE)["services"]
-    names: list[str] = []
+    names = {service: f"{server}-{service}" for service in services if service != "server"}
     try:
-        for service, description in services.items():
-            if service == "server":
-                continue
-            name = f"{server}-{service}"
-            names.append(name)
-            _start(engine, tag, name, server, description)
+        for service, name in names.items():
+            _start(engine, tag, name, server, services[service])
 
         def heard() -> bool:
             told = engines.run([*outside, "--json", "frames"]).stdout
             return {record["name"] for record in json.loads(told)["frames"]} >= FRAMES
 
         until(heard, 30, "the sensors are not all heard")
-        client = f"{server}-client"
-        until(lambda: "wrist" in engine.logs(client), 30, "the client shows no tree")
-        for name in names:
+        until(lambda: "wrist" in engine.logs(names["client"]), 30, "the client shows no tree")
+        for name in names.values():
             expect(engine.inspect(name)["State"]["Running"], f"{name} has ended")
+        say("compose", f"{len(names)} services beside the server, all sensors heard")
+        yield
     except BaseException:
-        for name in names:
+        for name in names.values():
             print(f"--- log of {name}\n{engine.logs(name)}---", file=sys.stderr)
         raise
     finally:
-        for name in names:
+        for name in names.values():
             engine.remove(name)
-    say("compose", f"{len(names)} services beside the server, all sensors heard")
 
 
 def _start(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import engines
 from checks import expect, say, until
-from compose_check import check_compose
+from compose_check import compose_services
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCKERFILE = ROOT / "docker/Dockerfile"
@@ -38,9 +38,9 @@ def main() -> int:
             check_privileges(engine)
             outside = outside_client(engine)
             check_outside_client(outside)
-            check_compose(engine, TAG, NAME, outside)
-            check_frozen_is_unhealthy(engine)
-            check_stop(engine)
+            with compose_services(engine, TAG, NAME, outside):
+                check_frozen_is_unhealthy(engine)
+                check_stop(engine)
         except BaseException:
             print(f"--- log of the container\n{engine.logs(NAME)}---", file=sys.stderr)
             raise
@@ -123,7 +123,7 @@ def check_stop(engine: engines.Engine) -> None:
     code = engine.inspect(NAME)["State"]["ExitCode"]
     expect(code == 0, f"ends with {code} on SIGTERM")
     expect(stop_time_s <= STOP_TIME_MAX_S, f"takes {stop_time_s:.1f} s to stop")
-    say("stopped", f"{stop_time_s:.2f} s after SIGTERM, exit code 0")
+    say("stopped", f"{stop_time_s:.2f} s after SIGTERM with sensors at work, exit code 0")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ def main() -> int:
         "--connect", default=os.environ.get("ZENOH_TF_CONNECT", "tcp/127.0.0.1:7447")
     )
     parser.add_argument("--tree", default=os.environ.get("ZENOH_TF_TREE", "main"))
-    parser.add_argument("--timeout", type=float, default=3.0, metavar="SECONDS")
+    parser.add_argument("--timeout", type=float, default=2.0, metavar="SECONDS")
     args = parser.parse_args()
     try:
         with TransformClient.connect(args.connect, tree=args.tree, timeout_s=args.timeout) as tf:
