@@ -14,7 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, Transform, TransformArray, wire
-from zenoh_tf.errors import InvalidArgumentException, ProtocolError
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    LimitExceeded,
+    ProtocolError,
+    TransformException,
+)
 
 from . import columns
 
@@ -38,12 +43,26 @@ class Request(Generic[T]):
         return self.kind in ("commit", "admin")
 
 
+def _raise(error: TransformException) -> Any:
+    raise error
+
+
 @dataclass(slots=True, kw_only=True)
 class Read(Request[T]):
     """A lookup of a single row, which a batch may join with its neighbours."""
 
     row: columns.Row
-    result: Callable[[wire.LookupReply, int], T]
+    convert: Callable[[int, int, wire.Pose], T]  # stamp, newest stamp, pose
+    failed: Callable[[TransformException], T] = _raise
+
+    def result(self, answer: wire.LookupReply, row: int) -> T:
+        """The result in one row of a reply."""
+        error = answer.error(row)
+        if error is not None:
+            return self.failed(error)
+        stamp_ns = int(answer.stamp[row])
+        newest_ns = stamp_ns if answer.newest is None else int(answer.newest[row])
+        return self.convert(stamp_ns, newest_ns, tuple(answer.pose[row].tolist()))
 
 
 def _read(
@@ -51,8 +70,9 @@ def _read(
     source: str,
     op: int,
     stamp_ns: int | None,
-    result: Callable[[wire.LookupReply, int], T],
+    convert: Callable[[int, int, wire.Pose], T],
     timeout_s: float = 0.0,
+    failed: Callable[[TransformException], T] = _raise,
 ) -> Read[T]:
     stamp = wire.NO_STAMP if stamp_ns is None else columns.stamp(stamp_ns)
     body = wire.one_read(target, source, op, stamp)
@@ -60,10 +80,14 @@ def _read(
         body["timeout_ns"] = _timeout_ns(timeout_s)
 
     def parse(reply: wire.Message) -> T:
-        return result(wire.parse_lookup_reply(reply, 1), 0)
+        one = wire.parse_one_answer(reply)
+        if one is not None:
+            return convert(*one)
+        return request.result(wire.parse_lookup_reply(reply, 1), 0)
 
     row = (target, source, op, stamp)
-    return Read("lookup", body, parse, timeout_s, row=row, result=result)
+    request = Read("lookup", body, parse, timeout_s, row=row, convert=convert, failed=failed)
+    return request
 
 
 def _timeout_ns(timeout_s: float) -> int:
@@ -74,30 +98,19 @@ def _timeout_ns(timeout_s: float) -> int:
     return int(timeout_s * 1e9)
 
 
-def _stamped(target: str, source: str) -> Callable[[wire.LookupReply, int], StampedTransform]:
-    def result(answer: wire.LookupReply, row: int) -> StampedTransform:
-        stamp_ns, _, transform = _answer(answer, row)
-        return StampedTransform(target, source, stamp_ns, transform)
+def _stamped(target: str, source: str) -> Callable[[int, int, wire.Pose], StampedTransform]:
+    def convert(stamp_ns: int, _: int, pose: wire.Pose) -> StampedTransform:
+        return StampedTransform(target, source, stamp_ns, Transform(pose[:3], pose[3:]))
 
-    return result
+    return convert
 
 
-def _latest(target: str, source: str) -> Callable[[wire.LookupReply, int], LatestTransform]:
-    def result(answer: wire.LookupReply, row: int) -> LatestTransform:
-        stamp_ns, newest_ns, transform = _answer(answer, row)
+def _latest(target: str, source: str) -> Callable[[int, int, wire.Pose], LatestTransform]:
+    def convert(stamp_ns: int, newest_ns: int, pose: wire.Pose) -> LatestTransform:
+        transform = Transform(pose[:3], pose[3:])
         return LatestTransform(target, source, stamp_ns, transform, newest_ns)
 
-    return result
-
-
-def _answer(answer: wire.LookupReply, row: int) -> tuple[int, int, Transform]:
-    error = answer.error(row)
-    if error is not None:
-        raise error
-    x, y, z, qx, qy, qz, qw = answer.pose[row].tolist()
-    stamp_ns = int(answer.stamp[row])
-    newest_ns = stamp_ns if answer.newest is None else int(answer.newest[row])
-    return stamp_ns, newest_ns, Transform((x, y, z), (qx, qy, qz, qw))
+    return convert
 
 
 # --- reads
@@ -114,11 +127,14 @@ def can_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[bool]:
     op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
-    request = _read(
-        target, source, op, stamp_ns, lambda answer, row: int(answer.status[row]) == 0, timeout_s
-    )
-    request.body["errors"] = False
-    return request
+    return _read(target, source, op, stamp_ns, lambda *_: True, timeout_s, failed=_false_if_missing)
+
+
+def _false_if_missing(error: TransformException) -> bool:
+    """A missing transform is an answer, a wrong argument is not."""
+    if isinstance(error, (InvalidArgumentException, LimitExceeded)):
+        raise error
+    return False
 
 
 def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:
@@ -130,14 +146,10 @@ def lookup_latest_transform_xact(target: str, source: str) -> Read[LatestTransfo
 
 
 def latest_common_time(a: str, b: str) -> Read[int | None]:
-    def result(answer: wire.LookupReply, row: int) -> int | None:
-        error = answer.error(row)
-        if error is not None:
-            raise error
-        stamp_ns = int(answer.stamp[row])
+    def convert(stamp_ns: int, *_: object) -> int | None:
         return None if stamp_ns == wire.NO_STAMP else stamp_ns
 
-    return _read(a, b, wire.OP_COMMON_TIME, None, result)
+    return _read(a, b, wire.OP_COMMON_TIME, None, convert)
 
 
 def lookup_transform_full(
@@ -153,13 +165,8 @@ def lookup_transform_full(
     lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
     lookup.source_stamp = columns.stamps(source_stamp_ns, 1)
     lookup.timeout_ns = _timeout_ns(timeout_s)
-    result = _stamped(target, source)
-    return Request(
-        "lookup",
-        wire.lookup_body(lookup),
-        lambda reply: result(wire.parse_lookup_reply(reply, 1), 0),
-        timeout_s,
-    )
+    read = lookup_transform(target, source)  # whose answer looks the same
+    return Request("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
 
 
 def lookup_latest_transforms_xact(
@@ -168,11 +175,11 @@ def lookup_latest_transforms_xact(
     lookup = columns.join([(target, source, wire.OP_LATEST_XACT, 0) for target, source in pairs])
     lookup.stamp = columns.stamps(None, len(pairs))
     lookup.atomic = True
-    results = [_latest(target, source) for target, source in pairs]
+    reads = [lookup_latest_transform_xact(target, source) for target, source in pairs]
 
     def parse(reply: wire.Message) -> list[LatestTransform]:
-        answer = wire.parse_lookup_reply(reply, len(results))
-        return [result(answer, row) for row, result in enumerate(results)]
+        answer = wire.parse_lookup_reply(reply, len(reads))
+        return [read.result(answer, row) for row, read in enumerate(reads)]
 
     return Request("lookup", wire.lookup_body(lookup), parse)
 

@@ -54,7 +54,7 @@ class Limits:
     )
     pending_queries: int = _limit(
         4096,
-        "queries received and not yet started",
+        "queries received and not yet started, per query family",
         "the query is refused",
     )
     waiters: int = _limit(

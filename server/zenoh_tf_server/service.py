@@ -89,12 +89,37 @@ class Service:
     # --- reads
 
     def _lookup(self, message: wire.Message, answer: Answer) -> None:
+        one = wire.parse_one_read(message)
+        if one is not None and (found := self._read_one(*one)) is not None:
+            answer(self._seal(found), False)
+            return
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)
         if lookup.timeout_ns:
             self.waiters.ask(lambda: self._attempt(lookup), lookup.timeout_ns * 1e-9, answer)
         else:
             answer(self._seal(self._read(lookup)[0]), False)
+
+    def _read_one(self, target: str, source: str, op: int, stamp_ns: int) -> wire.Message | None:
+        """The reply's fields to a plain single read; None for any other or a failed one."""
+        tree = self.tree
+        newest_ns = None
+        try:
+            if op == wire.OP_AT and stamp_ns != wire.NO_STAMP:
+                found = tree.lookup_transform(target, source, stamp_ns)
+            elif op == wire.OP_COMMON:
+                found = tree.lookup_transform(target, source)
+            elif op == wire.OP_LATEST:
+                found = latest = tree.lookup_latest_transform(target, source)
+                newest_ns = latest.newest_stamp_ns
+            elif op == wire.OP_LATEST_XACT:
+                found = latest = tree.lookup_latest_transform_xact(target, source)
+                newest_ns = latest.newest_stamp_ns
+            else:
+                return None
+        except TransformException:
+            return None
+        return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose())
 
     def _attempt(self, lookup: wire.Lookup) -> tuple[bytes, bool]:
         """The reply as it is now, and whether waiting could better it."""

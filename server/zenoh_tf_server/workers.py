@@ -1,19 +1,21 @@
-"""Queries: callbacks that only enqueue, and a pool of workers behind one queue.
+"""Queries: a bounded Zenoh channel and a pool of threads for each query family.
 
-Why not a Zenoh channel per queryable: a full one would block Zenoh's receive thread, and
-with it every client's traffic. Here the callback sees the queue's length and refuses.
+A pool has one thread more than it may have busy. Whoever receives a query and finds all
+others busy does not serve it but puts it into the backlog, or refuses it where that is
+full. So the channel is always drained: a full one would block Zenoh's receive thread, and
+with it every client. (A callback that enqueues would do as well, but entering Python on
+Zenoh's thread costs a sequential client a sixth of its rate.)
 """
 
 from __future__ import annotations
 
 import logging
-import queue
 import threading
-from collections.abc import Callable
+from collections import deque
 from typing import Any
 
 import zenoh
-from zenoh.handlers import Callback
+from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys
 
@@ -22,7 +24,9 @@ from .service import Service
 
 log = logging.getLogger("zenoh_tf.server")
 
-_Job = tuple[str, str, zenoh.Query]  # operation, key of the reply, query
+_CHANNEL = 256
+#: Families whose requests are short and rare: one at a time.
+_SMALL = ("info", "admin")
 
 
 class QueryAnswer:
@@ -31,72 +35,121 @@ class QueryAnswer:
 
     __slots__ = ("_key", "_query")
 
-    def __init__(self, query: zenoh.Query, key: str) -> None:
+    def __init__(self, query: zenoh.Query, key: zenoh.KeyExpr) -> None:
         self._query = query
         self._key = key
 
     def __call__(self, reply: bytes, failed: bool) -> None:
-        with self._query as query:
-            try:
-                if failed:
-                    query.reply_err(reply)
-                else:
-                    query.reply(self._key, reply)
-            except zenoh.ZError as error:  # the client is gone, or gave up
-                log.debug("no reply to %s: %s", query.key_expr, error)
+        query = self._query
+        try:
+            if failed:
+                query.reply_err(reply)
+            else:
+                query.reply(self._key, reply)
+        except zenoh.ZError as error:  # the client is gone, or gave up
+            log.debug("no reply to %s: %s", query.key_expr, error)
+        finally:
+            query.drop()
 
 
 class Workers:
+    """The pools of all query families."""
+
     def __init__(self, service: Service, count: int) -> None:
-        self._service = service
-        self._queue: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._queryables: list[zenoh.Queryable[Any]] = []
-        self._threads = [
-            threading.Thread(target=self._work, name=f"worker-{index}", daemon=True)
-            for index in range(count)
+        self._pools = [
+            _Pool(service, operation, 1 if operation in _SMALL else count)
+            for operation in keys.OPERATIONS
         ]
 
     def start(self, session: zenoh.Session, tree: str) -> None:
-        for thread in self._threads:
-            thread.start()
-        for operation in keys.OPERATIONS:
-            key = keys.operation(tree, operation)
-            handler = Callback(self._intake(operation, key), indirect=False)
-            self._queryables.append(session.declare_queryable(key, handler, complete=True))
+        for pool in self._pools:
+            pool.start(session, tree)
 
     def close(self) -> None:
         """No more queries; those received are answered, then the workers end."""
-        for queryable in self._queryables:
-            queryable.undeclare()
-        for _ in self._threads:
-            self._queue.put(None)
+        for pool in self._pools:
+            pool.undeclare()
+        for pool in self._pools:
+            pool.join()
+
+
+class _Pool:
+    def __init__(self, service: Service, operation: str, count: int) -> None:
+        self._service = service
+        self._operation = operation
+        self._count = count
+        self._lock = threading.Lock()
+        # Guarded by the lock. Invariant: a query waits in the backlog only while `count`
+        # threads are busy, each of which looks there before it stops being busy.
+        self._busy = 0
+        self._backlog: deque[zenoh.Query] = deque()
+        self._queryable: zenoh.Queryable[Any] | None = None
+        self._threads: list[threading.Thread] = []
+
+    def start(self, session: zenoh.Session, tree: str) -> None:
+        key = keys.operation(tree, self._operation)
+        channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
+        self._key = zenoh.KeyExpr(key)
+        self._queryable = session.declare_queryable(key, channel, complete=True)
+        # Receive on the handler: undeclaring a queryable that a thread waits on fails.
+        handler: Any = self._queryable.handler
+        for index in range(self._count + 1):
+            thread = threading.Thread(
+                target=self._work,
+                args=(handler.recv,),
+                name=f"{self._operation}-{index}",
+                daemon=True,
+            )
+            thread.start()
+            self._threads.append(thread)
+
+    def undeclare(self) -> None:
+        if self._queryable is not None:
+            self._queryable.undeclare()
+
+    def join(self) -> None:
         for thread in self._threads:
             thread.join(timeout=0.5)
 
-    def _intake(self, operation: str, key: str) -> Callable[[zenoh.Query], None]:
-        """The callback of one queryable; it runs on Zenoh's receive thread."""
-        jobs = self._queue
-        service = self._service
-        most = service.limits.pending_queries
-
-        def take(query: zenoh.Query) -> None:
-            pending = jobs.qsize()
-            if pending < most:
-                jobs.put((operation, key, query))
-            else:
-                answer: Answer = QueryAnswer(query, key)
-                answer(service.error(service.limits.exceeded("pending_queries", pending + 1)), True)
-
-        return take
-
-    def _work(self) -> None:
-        handle = self._service.handle
-        while (job := self._queue.get()) is not None:
-            operation, key, query = job
-            payload = query.payload
-            answer = QueryAnswer(query, key)
+    def _work(self, receive: Any) -> None:
+        while True:
             try:
-                handle(operation, payload.to_bytes() if payload is not None else b"", answer)
-            except Exception:  # one query must never end a worker
-                log.exception("while answering %s", key)
-                query.drop()
+                query: zenoh.Query = receive()
+            except zenoh.ZError:  # undeclared
+                return
+            if self._admit(query):
+                self._serve(query)
+                while (waiting := self._next()) is not None:
+                    self._serve(waiting)
+
+    def _admit(self, query: zenoh.Query) -> bool:
+        """True: serve it, as one of the busy. False: it is in the backlog, or refused."""
+        limits = self._service.limits
+        with self._lock:
+            if self._busy < self._count:
+                self._busy += 1
+                return True
+            pending = len(self._backlog) + 1
+            if pending <= limits.pending_queries:
+                self._backlog.append(query)
+                return False
+        refusal = self._service.error(limits.exceeded("pending_queries", pending))
+        QueryAnswer(query, self._key)(refusal, True)
+        return False
+
+    def _next(self) -> zenoh.Query | None:
+        with self._lock:
+            if self._backlog:
+                return self._backlog.popleft()
+            self._busy -= 1
+            return None
+
+    def _serve(self, query: zenoh.Query) -> None:
+        answer: Answer = QueryAnswer(query, self._key)
+        try:
+            payload = query.payload
+            data = payload.to_bytes() if payload is not None else b""
+            self._service.handle(self._operation, data, answer)
+        except Exception:  # one query must never end a worker
+            log.exception("while answering %s", self._key)
+            query.drop()

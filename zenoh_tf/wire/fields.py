@@ -91,8 +91,6 @@ def _unpack(payload: bytes, unicode_errors: str) -> Any:
         raw=False,
         strict_map_key=True,
         unicode_errors=unicode_errors,
-        max_str_len=size,
-        max_bin_len=size,
         max_array_len=min(size, MAX_LIST),
         max_map_len=MAX_MAP_KEYS,
         max_ext_len=0,

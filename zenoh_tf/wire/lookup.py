@@ -44,6 +44,10 @@ NO_STAMP: Final = -(1 << 63)
 _FIRST: Final = struct.pack("<I", 0)
 _SECOND: Final = struct.pack("<I", 1)
 _STAMP: Final = struct.Struct("<q")
+_ROW: Final = struct.Struct("<IIq")  # target, source, stamp
+_POSE: Final = struct.Struct("<7d")
+
+Pose = tuple[float, float, float, float, float, float, float]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
 
 
@@ -136,6 +140,53 @@ def parse_lookup(body: Message) -> Lookup:
     lookup.errors = flag(body, "errors", True)
     lookup.timeout_ns = integer(body, "timeout_ns", 0, low=0)
     return lookup
+
+
+def parse_one_read(body: Message) -> tuple[str, str, int, int] | None:
+    """(target, source, op, stamp) of a well-formed single read without options, else None:
+    `parse_lookup` then says what it is. For such a read numpy would be most of the cost."""
+    op, target, source = body.get("op"), body.get("target"), body.get("source")
+    names, stamp = body.get("names"), body.get("stamp")
+    if (
+        len(body) == 6
+        and type(op) is type(target) is type(source) is type(stamp) is bytes
+        and (len(op), len(target), len(source), len(stamp)) == (1, 4, 4, 8)
+        and op[0] < OP_FULL
+        and type(names) is list
+    ):
+        target_row, source_row, stamp_ns = _ROW.unpack(target + source + stamp)
+        if target_row < len(names) > source_row:
+            target, source = names[target_row], names[source_row]
+            if type(target) is type(source) is str:
+                return target, source, op[0], stamp_ns
+    return None
+
+
+def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose) -> Message:
+    """What `lookup_reply` makes for a single read that has an answer, without numpy."""
+    reply: Message = {
+        "status": b"\0",
+        "stamp": _STAMP.pack(stamp_ns),
+        "pose": _POSE.pack(*pose),
+        "errors": [],
+    }
+    if newest_ns is not None:
+        reply["newest"] = _STAMP.pack(newest_ns)
+    return reply
+
+
+def parse_one_answer(reply: Message) -> tuple[int, int, Pose] | None:
+    """(stamp, newest, pose) of a well-formed reply to a single read that has an answer, else
+    None: `parse_lookup_reply` then says what it is."""
+    stamp, pose = reply.get("stamp"), reply.get("pose")
+    newest = reply.get("newest", stamp)
+    if (
+        reply.get("status") == b"\0"
+        and type(stamp) is type(newest) is type(pose) is bytes
+        and (len(stamp), len(newest), len(pose)) == (8, 8, 56)
+    ):
+        return _STAMP.unpack(stamp)[0], _STAMP.unpack(newest)[0], _POSE.unpack(pose)
+    return None
 
 
 @dataclass(slots=True)
