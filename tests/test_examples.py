@@ -69,6 +69,14 @@ def test_examples_are_short_and_in_the_readme(name: str) -> None:
     assert f"```python\n{text}```" in (ROOT / "README.md").read_text()
 
 
+def test_architecture_names_files_that_exist() -> None:
+    files = [str(path) for path in ROOT.glob("*/**/*.*") if ".venv" not in path.parts]
+    for name in re.findall(
+        r"[\w/]+\.(?:py|hpp|cpp)\b", (ROOT / "docs/architecture.md").read_text()
+    ):
+        assert any(path.endswith(f"/{name}") for path in files), name
+
+
 @pytest.mark.parametrize(
     "page", ["README.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
 )

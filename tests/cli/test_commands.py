@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -189,6 +190,10 @@ def test_unknown_frame(run: Run) -> None:
 def test_a_time_that_no_link_has(run: Run) -> None:
     line = refusal(run("lookup", "map", "base", "--at", "99s"))
     assert "ForwardExtrapolationException" in line
+    assert line.endswith("(97.0 s too late)")
+    line = refusal(run("lookup", "map", "base", "--at", "0.25"))
+    assert "BackwardExtrapolationException" in line
+    assert line.endswith("(750 ms too early)")
 
 
 def test_no_server(zenoh_tf: Run) -> None:
@@ -223,6 +228,10 @@ def test_wrong_usage(zenoh_tf: Run, args: list[str]) -> None:
     assert done.returncode == 2
     assert "usage: zenoh-tf" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_version(zenoh_tf: Run) -> None:
+    assert re.fullmatch(r"zenoh-tf \d+\.\d+\.\d+\S*\n", succeeds(zenoh_tf("--version")))
 
 
 def test_help_names_every_command(zenoh_tf: Run) -> None:

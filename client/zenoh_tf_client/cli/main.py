@@ -13,9 +13,14 @@ import signal
 import sys
 from collections.abc import Sequence
 from decimal import Decimal
+from importlib.metadata import version
 
-from zenoh_tf import TransformException
-from zenoh_tf_client.cli import query, replay, view, write
+from zenoh_tf import (
+    BackwardExtrapolationException,
+    ForwardExtrapolationException,
+    TransformException,
+)
+from zenoh_tf_client.cli import query, replay, stamps, view, write
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
@@ -44,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except TransformException as error:
-        return _fail(f"{type(error).__name__}: {error}")
+        return _fail(f"{type(error).__name__}: {error}{_distance(error)}")
     except CommandError as error:
         return _fail(str(error))
 
@@ -52,6 +57,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _fail(message: str) -> int:
     print("zenoh-tf: " + " ".join(message.split()), file=sys.stderr)
     return 1
+
+
+def _distance(error: TransformException) -> str:
+    """How far beyond the data a time is; the message has both ends in nanoseconds."""
+    if error.stamp_ns is None:
+        return ""
+    if isinstance(error, ForwardExtrapolationException) and error.newest_stamp_ns is not None:
+        return f" ({stamps.age(error.stamp_ns - error.newest_stamp_ns)} too late)"
+    if isinstance(error, BackwardExtrapolationException) and error.oldest_stamp_ns is not None:
+        return f" ({stamps.age(error.oldest_stamp_ns - error.stamp_ns)} too early)"
+    return ""
 
 
 def _plain_number(arg: str) -> str:
@@ -62,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="zenoh-tf", description="Ask, change and watch a transform tree served over Zenoh."
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
     _add_common(parser, top=True)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
