@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, Transform, TransformArray, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
-    LimitExceeded,
     ProtocolError,
     TransformException,
 )
@@ -127,14 +126,7 @@ def can_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[bool]:
     op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
-    return _read(target, source, op, stamp_ns, lambda *_: True, timeout_s, failed=_false_if_missing)
-
-
-def _false_if_missing(error: TransformException) -> bool:
-    """A missing transform is an answer, a wrong argument is not."""
-    if isinstance(error, (InvalidArgumentException, LimitExceeded)):
-        raise error
-    return False
+    return _read(target, source, op, stamp_ns, lambda *_: True, timeout_s, failed=lambda _: False)
 
 
 def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:

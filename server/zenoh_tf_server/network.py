@@ -25,6 +25,7 @@ def open_session(listen: Sequence[str], connect: Sequence[str], limits: Limits) 
     settings: dict[str, object] = {
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,  # nothing is scouted for
         # It can drop a reply when a receiver stalls for 100 ms.
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": _RECEIVE_MARGIN * limits.message_bytes,
