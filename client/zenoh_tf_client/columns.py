@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from itertools import chain
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,14 +89,26 @@ def join(rows: Sequence[Row]) -> wire.Lookup:
     return wire.Lookup(list(names), op, target, source, stamp)
 
 
+_FIELDS = attrgetter("parent_frame", "child_frame", "stamp_ns", "transform")
+
+
 def commit(
     stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
 ) -> wire.Commit:
-    """The rows of a transaction."""
+    """The rows of a transaction. A sensor's hot path: each value is touched once."""
+    try:
+        parents, children, times, transforms = zip(*map(_FIELDS, stampeds), strict=True)
+    except AttributeError as error:
+        raise InvalidArgumentException(
+            "stampeds must hold StampedTransform", field="stampeds"
+        ) from error
+    except ValueError:  # nothing to unpack: no rows
+        parents = children = times = transforms = ()
     names = _Names()
-    count = len(stampeds)
-    parent = np.fromiter((names[row.parent_frame] for row in stampeds), np.uint32, count)
-    child = np.fromiter((names[row.child_frame] for row in stampeds), np.uint32, count)
-    stamp: NDArray[Any] = np.fromiter((row.stamp_ns for row in stampeds), np.int64, count)
-    pose = np.array([row.transform.pose() for row in stampeds], np.float64).reshape(count, 7)
+    count = len(parents)
+    parent = names.column(parents, count)
+    child = names.column(children, count)
+    stamp = np.fromiter(times, np.int64, count)
+    numbers = chain.from_iterable([transform.pose() for transform in transforms])
+    pose = np.fromiter(numbers, np.float64, 7 * count).reshape(count, 7)
     return wire.Commit(list(names), parent, child, stamp, pose, authority, static)
