@@ -39,7 +39,7 @@ def _run(children: Children) -> None:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     server = children.start("zenoh_tf_server", "--listen", endpoint)
     try:
-        client = TransformClient.connect(endpoint)
+        client = TransformClient.connect(endpoint, timeout_s=10.0)
     except ServerUnavailable:
         server.check()  # its last words say more
         raise
@@ -88,25 +88,26 @@ def _free_port() -> int:
 def _wait_for_history(tf: TransformClient, children: list[Child]) -> None:
     """Until every sensor has published for a second."""
     give_up = time.monotonic() + 10.0
-    since_ns = time.time_ns()
-    while not all(
-        tf.can_transform("map", frame, since_ns + 10**9) for frame in ("wrist", "object")
-    ):
-        for child in children:
-            child.check()
-        if time.monotonic() > give_up:
-            raise ChildFailed("the sensors' data did not arrive within 10 s")
-        time.sleep(0.05)
+
+    def wait(stamp_ns: int | None) -> None:
+        while not all(tf.can_transform("map", frame, stamp_ns) for frame in ("wrist", "object")):
+            for child in children:
+                child.check()
+            if time.monotonic() > give_up:
+                raise ChildFailed("the sensors' data did not arrive within 10 s")
+            time.sleep(0.05)
+
+    wait(None)
+    wait(time.time_ns() + 1_000_000_000)
 
 
 def _lookup_at_a_time(tf: TransformClient) -> None:
-    seen_ns = tf.lookup_latest_transform_xact("camera", "object").stamp_ns
-    time.sleep(0.25)  # by then the slower sensors have data on both sides of that moment
-    asked_ns = time.time_ns()
+    then_ns = time.time_ns() - 500_000_000
+    wrist = tf.lookup_transform("map", "wrist", then_ns, timeout_s=2.0)
     now = tf.lookup_latest_transform_xact("map", "object")
-    then_ns = asked_ns - 500_000_000
-    wrist = tf.lookup_transform("map", "wrist", then_ns)
-    held = tf.lookup_transform("map", "object", seen_ns)
+    seen_ns = tf.lookup_latest_transform_xact("camera", "object").stamp_ns
+    # Waits until the slower sensors have data on both sides of that moment.
+    seen = tf.lookup_transform("map", "object", seen_ns, timeout_s=2.0)
 
     page.heading("A lookup at a time")
     page.prose(
@@ -117,7 +118,7 @@ def _lookup_at_a_time(tf: TransformClient) -> None:
         [
             ("where", "when", "answer: x, y, z in metres", "off by"),
             _answer("wrist in map", "500 ms ago", wrist.transform, motion.X_map_wrist(then_ns)),
-            _answer("object in map", "as the camera saw it", held.transform, motion.X_map_object),
+            _answer("object in map", "as the camera saw it", seen.transform, motion.X_map_object),
             _answer("object in map", "latest", now.transform, motion.X_map_object),
         ]
     )

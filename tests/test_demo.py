@@ -53,7 +53,7 @@ def test_demo() -> None:
     assert processes_of(endpoint_of(page)) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_demo_ends_its_children(number: signal.Signals) -> None:
     with start() as demo:
         assert demo.stdout is not None and demo.stderr is not None

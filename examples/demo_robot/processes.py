@@ -15,6 +15,10 @@ from typing import Any
 EXAMPLES = Path(__file__).resolve().parent.parent
 
 
+#: What ends a program from outside, as far as it can be told of it.
+_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 class ChildFailed(Exception):
     """A child process ended where it should not have."""
 
@@ -46,9 +50,13 @@ class Child:
     def terminate(self) -> None:
         self._process.terminate()
 
-    def report(self, timeout_s: float = 10.0) -> dict[str, Any]:
+    def report(self, timeout_s: float = 20.0) -> dict[str, Any]:
         """Wait for the end; the JSON line that the process printed last."""
-        if self._process.wait(timeout_s) != 0:
+        try:
+            status = self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise ChildFailed(f"{self.name} did not end within {timeout_s:g} s") from None
+        if status != 0:
             raise ChildFailed(f"{self.name} failed: {self._last_words()}")
         self._out.seek(0)
         result: dict[str, Any] = json.loads(self._out.read().strip().splitlines()[-1])
@@ -79,8 +87,9 @@ class Children:
         self._children: list[Child] = []
 
     def __enter__(self) -> Children:
-        # A plain kill of the demo would otherwise leave its children behind.
-        signal.signal(signal.SIGTERM, _interrupt)
+        # A plain kill of the demo, or the end of its terminal, would otherwise leave them behind.
+        for number in _ENDS:
+            signal.signal(number, _interrupt)
         return self
 
     def __exit__(
@@ -90,12 +99,10 @@ class Children:
         trace: TracebackType | None,
     ) -> None:
         # A second Ctrl-C must not stop us here.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        for number in _ENDS:
+            signal.signal(number, signal.SIG_IGN)
         for child in reversed(self._children):
             child.end()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
     def start(self, module: str, *args: str) -> Child:
         child = Child(module, *args)

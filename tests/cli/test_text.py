@@ -95,10 +95,10 @@ def test_drawing() -> None:
     assert draw(links, 12_000_000, PLAIN) == [
         "other",
         "root",
-        "├─ a        12 ms    10.0 Hz  me",
-        "└─ b        12 ms    10.0 Hz  me",
-        "   ├─ c    static             me",
-        "   └─ d     12 ms    10.0 Hz  me",
+        "├─ a      12 ms  10.0 Hz  me",
+        "└─ b      12 ms  10.0 Hz  me",
+        "   ├─ c  static           me",
+        "   └─ d   12 ms  10.0 Hz  me",
     ]
 
 

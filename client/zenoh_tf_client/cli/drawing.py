@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from zenoh_tf import FrameInfo
 from zenoh_tf_client.cli import stamps
 from zenoh_tf_client.cli.output import Palette
+
+#: Older links are drawn in the colour of warnings.
+FRESH_NS = 2_000_000_000
 
 
 def draw(frames: Iterable[FrameInfo], now_ns: int, colour: Palette) -> list[str]:
@@ -33,28 +36,45 @@ def draw(frames: Iterable[FrameInfo], now_ns: int, colour: Palette) -> list[str]
             todo.append((under, last, child))
             last = "├─ "
 
-    width = max((len(lead) + len(link.name) for lead, link in rows), default=0)
-    owners = max((len(link.authority) for _, link in rows), default=0)
-    return [_line(lead, link, now_ns, width, owners, colour).rstrip() for lead, link in rows]
+    lines = []
+    names = _width(lead + link.name for lead, link in rows)
+    ages = _width(_age(link, now_ns) for _, link in rows)
+    rates = _width(_rate(link) for _, link in rows)
+    for lead, link in rows:
+        padding = " " * (names - len(lead) - len(link.name))
+        if link.parent is None:
+            lines.append(colour.faint(lead) + colour.strong(link.name))
+            continue
+        age = _tint(link, now_ns, colour)(_age(link, now_ns).rjust(ages))
+        cells = [link.name + padding, age, _rate(link).rjust(rates), colour.faint(link.authority)]
+        lines.append(colour.faint(lead) + "  ".join(cells).rstrip())
+    return lines
 
 
-def _line(lead: str, link: FrameInfo, now_ns: int, width: int, owners: int, colour: Palette) -> str:
-    padding = " " * (width - len(lead) - len(link.name))
-    name = colour.strong(link.name) if link.parent is None else link.name
-    tree = colour.faint(lead) + name + padding
+def _width(texts: Iterable[str]) -> int:
+    return max(map(len, texts), default=0)
+
+
+def _age(link: FrameInfo, now_ns: int) -> str:
     if link.parent is None:
-        return tree
-    authority = colour.faint(f"{link.authority:<{owners}}")
+        return ""
     if link.static:
-        return f"{tree}  {colour.accent('static'.rjust(8))}  {'':>9}  {authority}"
-    age_ns = None if link.newest_stamp_ns is None else now_ns - link.newest_stamp_ns
-    if age_ns is None:
-        age = "-"
-    elif abs(age_ns) < stamps.CLOCK_RANGE_NS:
-        age = stamps.age(age_ns)
-    else:  # a link of recorded time in a tree of the clock's
-        age = f"at {(now_ns - age_ns) / 1e9:.0f} s"
-    age = age.rjust(8)
-    fresh = age_ns is not None and age_ns < 2_000_000_000
-    rate = "" if link.rate_hz is None else f"{link.rate_hz:.1f} Hz"
-    return f"{tree}  {colour.good(age) if fresh else colour.warn(age)}  {rate:>9}  {authority}"
+        return "static"
+    if link.newest_stamp_ns is None:
+        return "-"
+    age_ns = now_ns - link.newest_stamp_ns
+    if abs(age_ns) < stamps.CLOCK_RANGE_NS:
+        return stamps.age(age_ns)
+    # A link of recorded time in a tree of the clock's.
+    return f"at {link.newest_stamp_ns / 1e9:.0f} s"
+
+
+def _rate(link: FrameInfo) -> str:
+    return "" if link.rate_hz is None else f"{link.rate_hz:.1f} Hz"
+
+
+def _tint(link: FrameInfo, now_ns: int, colour: Palette) -> Callable[[str], str]:
+    if link.static:
+        return colour.accent
+    fresh = link.newest_stamp_ns is not None and now_ns - link.newest_stamp_ns < FRESH_NS
+    return colour.good if fresh else colour.warn
