@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zenoh_tf import wire
+from zenoh_tf import _core, wire
 from zenoh_tf.errors import (
     BY_CODE,
     ForwardExtrapolationException,
@@ -138,11 +138,40 @@ def test_errors_of_a_newer_server_stay_understandable() -> None:
 
 def test_a_reply_names_its_rows() -> None:
     answer = wire.parse_lookup_reply(wire.unpack(wire.pack(REPLY)), 2)
-    assert answer.error(0) is None
-    assert isinstance(answer.error(1), LookupException)
     assert answer.pose.shape == (2, 7)
+    (none, stamp, newest, pose), (error, *_) = answer.rows()
+    assert (none, stamp, newest, pose) == (None, 7, 7, tuple(range(7)))
+    assert isinstance(error, LookupException)
     without = {**REPLY, "status": b"\0\x09", "errors": []}
-    assert type(wire.parse_lookup_reply(without, 2).error(1)) is ForwardExtrapolationException
+    _, (error, *_) = wire.parse_lookup_reply(without, 2).rows()
+    assert type(error) is ForwardExtrapolationException
+
+
+def test_single_reads_and_answers_are_the_same_messages_as_many() -> None:
+    plain = wire.one_read("map", "base", wire.OP_AT, 7)
+    assert wire.parse_one_read(plain) == ("map", "base", wire.OP_AT, 7)
+    assert wire.parse_one_read(wire.unpack(wire.pack(LOOKUP))) == ("map", "base", 0, 7)
+    for _, change, _ in MALFORMED[:29]:
+        body = {**LOOKUP, **change}
+        body.pop("v" if "v" in change else "", None)
+        assert wire.parse_one_read(body) is None, change
+    lookup = wire.parse_lookup(plain)
+    pose: wire.Pose = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    for op, newest in ((wire.OP_AT, None), (wire.OP_LATEST, 9)):
+        lookup.op = np.array([op], np.uint8)
+        one = wire.one_answer(7, newest, pose)
+        many = wire.lookup_reply(
+            lookup, np.zeros(1, np.uint8), np.array([7]), np.array([newest or 0]), np.array([pose])
+        )
+        assert wire.unpack(wire.pack(one | {"v": 1})) == wire.unpack(wire.pack(many | {"v": 1}))
+        assert wire.parse_one_answer(one) == (7, newest or 7, pose)
+    for field, value in (("status", b"\2"), ("stamp", b""), ("pose", b"1"), ("newest", None)):
+        assert wire.parse_one_answer(one | {field: value}) is None
+
+
+def test_the_trees_operations_have_the_same_numbers() -> None:
+    for name in (*(name for name in dir(_core) if name.startswith("OP_")), "NO_STAMP"):
+        assert getattr(wire, name) == getattr(_core, name), name
 
 
 MALFORMED: list[tuple[dict[str, Any], dict[str, Any], str]] = [

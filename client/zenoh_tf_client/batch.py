@@ -24,6 +24,7 @@ from . import columns, requests
 from .requests import Read, Request
 
 T = TypeVar("T")
+A = TypeVar("A")
 
 #: Sends a batch's operations: (operations, whether any writes) -> the reply.
 Send = Callable[[list[tuple[str, wire.Message]], bool], wire.Message]
@@ -52,9 +53,9 @@ class Handle(Generic[T]):
             raise RuntimeError("the batch has not been sent: its block has not ended")
         return self._error
 
-    def _settle(self, parse: Callable[[], T]) -> None:
+    def _settle(self, parse: Callable[[A], T], answer: A) -> None:
         try:
-            self._value = parse()
+            self._value = parse(answer)
         except TransformException as error:
             self._error = error
         self._sent = True
@@ -90,9 +91,8 @@ class Batch:
             writes = any(request.writes for request, _ in recorded)
             replies = wire.parse_batch_reply(self._send(operations, writes), len(operations))
         except TransformException as error:
-            failure = error
             for _, handle in recorded:
-                handle._settle(lambda: _raise(failure))
+                handle._settle(_raise, error)
             raise
         for settle, reply in zip(settlers, replies, strict=True):
             settle(reply)
@@ -211,7 +211,7 @@ def _join(
 
 
 def _settler(request: Request[Any], handle: Handle[Any]) -> _Settle:
-    return lambda reply: handle._settle(lambda: request.parse(reply))
+    return lambda reply: handle._settle(request.parse, reply)
 
 
 def _settler_of_reads(run: list[tuple[Read[Any], Handle[Any]]]) -> _Settle:
@@ -219,11 +219,10 @@ def _settler_of_reads(run: list[tuple[Read[Any], Handle[Any]]]) -> _Settle:
         try:
             answer = wire.parse_lookup_reply(reply, len(run))
         except TransformException as error:
-            failure = error
             for _, handle in run:
-                handle._settle(lambda: _raise(failure))
+                handle._settle(_raise, error)
             return
-        for row, (read, handle) in enumerate(run):
-            handle._settle(lambda read=read, row=row: read.result(answer, row))  # type: ignore[misc]
+        for (read, handle), row in zip(run, answer.rows(), strict=True):
+            handle._settle(read.result, row)
 
     return settle

@@ -54,14 +54,10 @@ class Read(Request[T]):
     convert: Callable[[int, int, wire.Pose], T]  # stamp, newest stamp, pose
     failed: Callable[[TransformException], T] = _raise
 
-    def result(self, answer: wire.LookupReply, row: int) -> T:
+    def result(self, row: wire.AnswerRow) -> T:
         """The result in one row of a reply."""
-        error = answer.error(row)
-        if error is not None:
-            return self.failed(error)
-        stamp_ns = int(answer.stamp[row])
-        newest_ns = stamp_ns if answer.newest is None else int(answer.newest[row])
-        return self.convert(stamp_ns, newest_ns, tuple(answer.pose[row].tolist()))
+        error, stamp_ns, newest_ns, pose = row
+        return self.failed(error) if error else self.convert(stamp_ns, newest_ns, pose)
 
 
 def _read(
@@ -82,7 +78,7 @@ def _read(
         one = wire.parse_one_answer(reply)
         if one is not None:
             return convert(*one)
-        return request.result(wire.parse_lookup_reply(reply, 1), 0)
+        return request.result(next(wire.parse_lookup_reply(reply, 1).rows()))
 
     row = (target, source, op, stamp)
     request = Read("lookup", body, parse, timeout_s, row=row, convert=convert, failed=failed)
@@ -171,7 +167,7 @@ def lookup_latest_transforms_xact(
 
     def parse(reply: wire.Message) -> list[LatestTransform]:
         answer = wire.parse_lookup_reply(reply, len(reads))
-        return [read.result(answer, row) for row, read in enumerate(reads)]
+        return [read.result(row) for read, row in zip(reads, answer.rows(), strict=True)]
 
     return Request("lookup", wire.lookup_body(lookup), parse)
 

@@ -51,15 +51,16 @@ class Outcomes:
     def begin(self, identity: bytes, until_ns: int, now_ns: int, answer: Answer) -> bool:
         """True: the caller runs the write, then calls `finish`. False: a repeat came first,
         `answer` gets its outcome. Raises LimitExceeded where there is no room."""
-        with self._lock:
-            self._forget_expired(now_ns)
-            outcome = self._outcomes.get(identity)
-            if outcome is None:
+        while not self.repeat(identity, answer):
+            with self._lock:
+                self._forget_expired(now_ns)
+                if identity in self._outcomes:  # a repeat came between the two looks
+                    continue
                 self._limits.check("outcomes", len(self._outcomes) + 1)
                 self._limits.check("outcome_bytes", self._bytes)
                 self._outcomes[identity] = _Outcome(until_ns)
                 return True
-        return not self.repeat(identity, answer)
+        return False
 
     def finish(self, identity: bytes, reply: bytes, failed: bool) -> None:
         """The outcome is known: remember it, and answer repeats that came meanwhile."""

@@ -48,6 +48,9 @@ _ROW: Final = struct.Struct("<IIq")  # target, source, stamp
 _POSE: Final = struct.Struct("<7d")
 
 Pose = tuple[float, float, float, float, float, float, float]
+#: error, or None where there is an answer: its stamp, newest stamp (the stamp where the
+#: operation has none) and pose
+AnswerRow = tuple[TransformException | None, int, int, Pose]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
 
 
@@ -199,14 +202,17 @@ class LookupReply:
     pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of source in target
     errors: dict[int, TransformException] = field(default_factory=dict)
 
-    def error(self, row: int) -> TransformException | None:
-        """The error of a row, or None where it has an answer."""
-        code = int(self.status[row])
-        if code == 0:
-            return None
-        return self.errors.get(row) or BY_CODE.get(code, TransformException)(
-            "no answer for this row"
-        )
+    def rows(self) -> Iterator[AnswerRow]:
+        """Row by row as Python's own types."""
+        stamps = self.stamp.tolist()
+        newests = stamps if self.newest is None else self.newest.tolist()
+        columns = zip(self.status.tolist(), stamps, newests, self.pose.tolist(), strict=True)
+        for row, (code, stamp, newest, pose) in enumerate(columns):
+            yield self._error(row, code) if code else None, stamp, newest, tuple(pose)
+
+    def _error(self, row: int, code: int) -> TransformException:
+        kind = BY_CODE.get(code, TransformException)
+        return self.errors.get(row) or kind("no answer for this row")
 
 
 def lookup_reply(
