@@ -106,6 +106,13 @@ def test_drawing_a_link_whose_parent_is_unknown() -> None:
     assert draw([link("a", "gone")], 0, PLAIN)[0].startswith("a ")
 
 
+def test_names_cannot_command_the_terminal() -> None:
+    (_, line) = draw([link("root", None), link("a\x1b[2J\n", "root")], 0, PLAIN)
+    assert line.startswith("└─ a\\x1b[2J\\n  ")
+    (_, line) = draw([link("root", None), link("møbel 机", "root")], 0, PLAIN)
+    assert line.startswith("└─ møbel 机  ")
+
+
 def test_drawing_a_very_long_chain() -> None:
     links = [link("0", None)]
     links += [link(str(i), str(i - 1)) for i in range(1, 2000)]

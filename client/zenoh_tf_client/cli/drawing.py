@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 from zenoh_tf import FrameInfo
 from zenoh_tf_client.cli import stamps
-from zenoh_tf_client.cli.output import Palette
+from zenoh_tf_client.cli.output import Palette, printable
 
 #: Older links are drawn in the colour of warnings.
 FRESH_NS = 2_000_000_000
@@ -37,16 +37,17 @@ def draw(frames: Iterable[FrameInfo], now_ns: int, colour: Palette) -> list[str]
             last = "├─ "
 
     lines = []
-    names = _width(lead + link.name for lead, link in rows)
+    names = _width(lead + printable(link.name) for lead, link in rows)
     ages = _width(_age(link, now_ns) for _, link in rows)
     rates = _width(_rate(link) for _, link in rows)
     for lead, link in rows:
-        padding = " " * (names - len(lead) - len(link.name))
+        name = printable(link.name)
         if link.parent is None:
-            lines.append(colour.faint(lead) + colour.strong(link.name))
+            lines.append(colour.faint(lead) + colour.strong(name))
             continue
         age = _tint(link, now_ns, colour)(_age(link, now_ns).rjust(ages))
-        cells = [link.name + padding, age, _rate(link).rjust(rates), colour.faint(link.authority)]
+        owner = colour.faint(printable(link.authority))
+        cells = [name.ljust(names - len(lead)), age, _rate(link).rjust(rates), owner]
         lines.append(colour.faint(lead) + "  ".join(cells).rstrip())
     return lines
 

@@ -19,6 +19,14 @@ def print_json(document: object) -> None:
     print(json.dumps(document, ensure_ascii=False, allow_nan=False))
 
 
+def printable(text: str) -> str:
+    """``text`` with control characters escaped: frames are named by strangers, and a terminal
+    obeys what it is sent."""
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
+    )
+
+
 class Palette:
     """Wraps text in terminal colours, or leaves it alone.
 
@@ -67,8 +75,8 @@ def answer_document(answer: StampedTransform) -> dict[str, object]:
 def answer_text(answer: StampedTransform) -> str:
     """A lookup's answer for reading."""
     colour = Palette()
-    head = f"{colour.strong(answer.child_frame)} in {colour.strong(answer.parent_frame)}"
-    lines = [head]
+    source, target = printable(answer.child_frame), printable(answer.parent_frame)
+    lines = [f"{colour.strong(source)} in {colour.strong(target)}"]
     if isinstance(answer, LatestTransform):
         lines.append(_row("newest link", _when(answer.newest_stamp_ns)))
         lines.append(_row("oldest link", _when(answer.stamp_ns)))

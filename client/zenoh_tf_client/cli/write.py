@@ -75,7 +75,7 @@ def _set(args: argparse.Namespace) -> int:
         )
     else:
         kind = "static" if args.static else f"at {stamps.seconds(stamp_ns)} s"
-        print(f"{args.parent} -> {args.child} stored, {kind}")
+        print(f"{output.printable(args.parent)} -> {output.printable(args.child)} stored, {kind}")
     return 0
 
 
