@@ -146,6 +146,10 @@ def test_arrays(client: TransformClient) -> None:
         client.lookup_transforms(["map"], ["base", "odom"], None)
     with pytest.raises(InvalidArgumentException):
         client.sample("map", "base", [0.5])
+    for stamp_ns in (0.5, "now", 1 << 63, -(1 << 63)):
+        with pytest.raises(InvalidArgumentException) as caught:
+            client.lookup_transform("map", "base", stamp_ns)  # type: ignore[arg-type]
+        assert caught.value.field == "stamp_ns"
 
 
 def test_dropped_and_cleared(start_server: StartServer) -> None:

@@ -204,7 +204,7 @@ def _join(
             run.append((request, handle))
         else:
             end_run()
-            operations.append((request.kind, request.body))
+            operations.append((request.kind, request.body()))
             settlers.append(_settler(request, handle))
     end_run()
     return operations, settlers

@@ -57,6 +57,8 @@ class Broadcaster:
         """Publish transforms that hold for all times, now and to every server to come."""
         rows = _rows(stampeds)
         with self._lock:
+            if self._closed:
+                raise ServerUnavailable("the broadcaster is closed")
             if self._servers is None:
                 self._servers = self._session.liveliness().declare_subscriber(
                     keys.servers(self._tree), self._on_server, history=False

@@ -189,8 +189,8 @@ class TransformClient:
 
     def _call(self, request: Request[T]) -> T:
         if request.writes:
-            return request.parse(self._connection.write(request.kind, request.body))
-        return request.parse(self._connection.read(request.kind, request.body, request.wait_s))
+            return request.parse(self._connection.write(request.kind, request.body()))
+        return request.parse(self._connection.read(request.kind, request.body(), request.wait_s))
 
     def _send_batch(self, operations: list[tuple[str, wire.Message]], writes: bool) -> wire.Message:
         body = wire.batch_body(operations)

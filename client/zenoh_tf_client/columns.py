@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import chain
-from operator import attrgetter
+from operator import attrgetter, index
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,11 +29,19 @@ class _Names(dict[str, int]):
         return np.fromiter(map(self.__getitem__, names), np.uint32, count)
 
 
-def stamp(stamp_ns: int) -> int:
-    """A time given by the caller: any 64-bit integer but NO_STAMP, which means none."""
-    if stamp_ns == wire.NO_STAMP:
-        raise InvalidArgumentException(f"stamp_ns {stamp_ns} is reserved", field="stamp_ns")
-    return stamp_ns
+def at(target: str, source: str, stamp_ns: int | None) -> Row:
+    """A lookup at a time, or at the latest common time."""
+    if stamp_ns is None:
+        return target, source, wire.OP_COMMON, wire.NO_STAMP
+    try:
+        stamp = index(stamp_ns)
+    except TypeError:
+        stamp = wire.NO_STAMP
+    if not wire.NO_STAMP < stamp < -wire.NO_STAMP:  # the lowest would be read as no time at all
+        raise InvalidArgumentException(
+            f"stamp_ns must be an integer of 64 bits, not {stamp_ns!r}", field="stamp_ns"
+        )
+    return target, source, wire.OP_AT, stamp
 
 
 def stamps(stamps_ns: ArrayLike | None, count: int) -> NDArray[np.int64]:

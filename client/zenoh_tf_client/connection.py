@@ -200,7 +200,7 @@ class Connection:
 
     def _hello(self, timeout_s: float) -> _Server:
         request = requests.hello()
-        reply = self._query(request.kind, wire.pack(request.body), timeout_s)
+        reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, _Silence):
             raise ServerUnavailable(reply.why)

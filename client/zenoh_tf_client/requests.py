@@ -6,6 +6,7 @@ Each function makes the `Request` of the method of the same name: the message's 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
@@ -28,61 +29,73 @@ T = TypeVar("T")
 MAX_WAIT_S = 3600.0
 
 
-@dataclass(slots=True)
-class Request(Generic[T]):
+class Request(ABC, Generic[T]):
     """One operation of a client."""
 
+    __slots__ = ()
+
     kind: str  # a query family of zenoh_tf.keys
-    body: wire.Message
-    parse: Callable[[wire.Message], T]
-    wait_s: float = 0.0
+    wait_s: float  # how long the server itself may wait
 
     @property
     def writes(self) -> bool:
         return self.kind in ("commit", "admin")
+
+    @abstractmethod
+    def body(self) -> wire.Message:
+        """The message to send."""
+
+    @abstractmethod
+    def parse(self, reply: wire.Message) -> T:
+        """The result in a reply, or raises its error."""
+
+
+@dataclass(slots=True)
+class Call(Request[T]):
+    """Any operation but a lookup of a single row."""
+
+    kind: str
+    message: wire.Message
+    parser: Callable[[wire.Message], T]
+    wait_s: float = 0.0
+
+    def body(self) -> wire.Message:
+        return self.message
+
+    def parse(self, reply: wire.Message) -> T:
+        return self.parser(reply)
 
 
 def _raise(error: TransformException) -> Any:
     raise error
 
 
-@dataclass(slots=True, kw_only=True)
+@dataclass(slots=True)
 class Read(Request[T]):
     """A lookup of a single row, which a batch may join with its neighbours."""
 
     row: columns.Row
     convert: Callable[[int, int, wire.Pose], T]  # stamp, newest stamp, pose
+    wait_s: float = 0.0
     failed: Callable[[TransformException], T] = _raise
+    kind: str = "lookup"
+
+    def body(self) -> wire.Message:
+        body = wire.one_read(*self.row)
+        if self.wait_s:
+            body["timeout_ns"] = _timeout_ns(self.wait_s)
+        return body
+
+    def parse(self, reply: wire.Message) -> T:
+        one = wire.parse_one_answer(reply)
+        if one is not None:
+            return self.convert(*one)
+        return self.result(next(wire.parse_lookup_reply(reply, 1).rows()))
 
     def result(self, row: wire.AnswerRow) -> T:
         """The result in one row of a reply."""
         error, stamp_ns, newest_ns, pose = row
         return self.failed(error) if error else self.convert(stamp_ns, newest_ns, pose)
-
-
-def _read(
-    target: str,
-    source: str,
-    op: int,
-    stamp_ns: int | None,
-    convert: Callable[[int, int, wire.Pose], T],
-    timeout_s: float = 0.0,
-    failed: Callable[[TransformException], T] = _raise,
-) -> Read[T]:
-    stamp = wire.NO_STAMP if stamp_ns is None else columns.stamp(stamp_ns)
-    body = wire.one_read(target, source, op, stamp)
-    if timeout_s:
-        body["timeout_ns"] = _timeout_ns(timeout_s)
-
-    def parse(reply: wire.Message) -> T:
-        one = wire.parse_one_answer(reply)
-        if one is not None:
-            return convert(*one)
-        return request.result(next(wire.parse_lookup_reply(reply, 1).rows()))
-
-    row = (target, source, op, stamp)
-    request = Read("lookup", body, parse, timeout_s, row=row, convert=convert, failed=failed)
-    return request
 
 
 def _timeout_ns(timeout_s: float) -> int:
@@ -114,30 +127,29 @@ def _latest(target: str, source: str) -> Callable[[int, int, wire.Pose], LatestT
 def lookup_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[StampedTransform]:
-    op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
-    return _read(target, source, op, stamp_ns, _stamped(target, source), timeout_s)
+    return Read(columns.at(target, source, stamp_ns), _stamped(target, source), timeout_s)
 
 
 def can_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[bool]:
-    op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
-    return _read(target, source, op, stamp_ns, lambda *_: True, timeout_s, failed=lambda _: False)
+    row = columns.at(target, source, stamp_ns)
+    return Read(row, lambda *_: True, timeout_s, failed=lambda _: False)
 
 
 def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:
-    return _read(target, source, wire.OP_LATEST, None, _latest(target, source))
+    return Read((target, source, wire.OP_LATEST, wire.NO_STAMP), _latest(target, source))
 
 
 def lookup_latest_transform_xact(target: str, source: str) -> Read[LatestTransform]:
-    return _read(target, source, wire.OP_LATEST_XACT, None, _latest(target, source))
+    return Read((target, source, wire.OP_LATEST_XACT, wire.NO_STAMP), _latest(target, source))
 
 
 def latest_common_time(a: str, b: str) -> Read[int | None]:
     def convert(stamp_ns: int, *_: object) -> int | None:
         return None if stamp_ns == wire.NO_STAMP else stamp_ns
 
-    return _read(a, b, wire.OP_COMMON_TIME, None, convert)
+    return Read((a, b, wire.OP_COMMON_TIME, wire.NO_STAMP), convert)
 
 
 def lookup_transform_full(
@@ -154,22 +166,21 @@ def lookup_transform_full(
     lookup.source_stamp = columns.stamps(source_stamp_ns, 1)
     lookup.timeout_ns = _timeout_ns(timeout_s)
     read = lookup_transform(target, source)  # whose answer looks the same
-    return Request("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
+    return Call("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
 
 
 def lookup_latest_transforms_xact(
     pairs: Sequence[tuple[str, str]],
 ) -> Request[list[LatestTransform]]:
-    lookup = columns.join([(target, source, wire.OP_LATEST_XACT, 0) for target, source in pairs])
-    lookup.stamp = columns.stamps(None, len(pairs))
-    lookup.atomic = True
     reads = [lookup_latest_transform_xact(target, source) for target, source in pairs]
+    lookup = columns.join([read.row for read in reads])
+    lookup.atomic = True
 
     def parse(reply: wire.Message) -> list[LatestTransform]:
         answer = wire.parse_lookup_reply(reply, len(reads))
         return [read.result(row) for read, row in zip(reads, answer.rows(), strict=True)]
 
-    return Request("lookup", wire.lookup_body(lookup), parse)
+    return Call("lookup", wire.lookup_body(lookup), parse)
 
 
 def lookup_transforms(
@@ -184,7 +195,7 @@ def lookup_transforms(
         answer = wire.parse_lookup_reply(reply, rows)
         return TransformArray(answer.status, answer.stamp, answer.pose)
 
-    return Request("lookup", wire.lookup_body(lookup), parse)
+    return Call("lookup", wire.lookup_body(lookup), parse)
 
 
 def sample(target: str, source: str, stamps_ns: ArrayLike) -> Request[TransformArray]:
@@ -199,7 +210,7 @@ def set_transform(
 ) -> Request[bool]:
     commit = columns.commit([stamped], authority, static)
     commit.drop_old = True
-    return Request(
+    return Call(
         "commit",
         wire.commit_body(commit),
         lambda reply: bool(wire.parse_commit_reply(reply, 1)[0]),
@@ -214,12 +225,12 @@ def set_transforms_xact(
     def parse(reply: wire.Message) -> None:
         wire.parse_commit_reply(reply, commit.rows)
 
-    return Request("commit", wire.commit_body(commit), parse)
+    return Call("commit", wire.commit_body(commit), parse)
 
 
 def clear(keep_static: bool = True) -> Request[None]:
     body = wire.call_body("clear", keep_static=keep_static)
-    return Request("admin", body, lambda reply: wire.parse_value(reply, type(None)))
+    return Call("admin", body, lambda reply: wire.parse_value(reply, type(None)))
 
 
 # --- introspection
@@ -227,7 +238,7 @@ def clear(keep_static: bool = True) -> Request[None]:
 
 def _info(kind: type | tuple[type, ...], what: str, **arguments: str | int | None) -> Request[Any]:
     body = wire.call_body(what, **arguments)
-    return Request("info", body, lambda reply: wire.parse_value(reply, kind))
+    return Call("info", body, lambda reply: wire.parse_value(reply, kind))
 
 
 def hello() -> Request[dict[str, Any]]:
@@ -246,7 +257,7 @@ def frame(name: str) -> Request[FrameInfo]:
             raise ProtocolError(f"a frame's record without {known - record.keys()}", field="value")
         return FrameInfo(**{key: value for key, value in record.items() if key in known})
 
-    return Request("info", wire.call_body("frame", frame=name), parse)
+    return Call("info", wire.call_body("frame", frame=name), parse)
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:

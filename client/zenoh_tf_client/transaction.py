@@ -128,7 +128,7 @@ class Transaction:
         wire.parse_commit_reply(reply, commit.rows)
 
     def _read(self, request: Request[T]) -> T:
-        reply = self._connection.read("lookup", request.body | {"versions": True})
+        reply = self._connection.read("lookup", request.body() | {"versions": True})
         instance = wire.text(reply, "instance")
         if self._instance not in (None, instance):
             raise ServerRestarted(
