@@ -235,3 +235,38 @@ def test_without_rosbags(zenoh_tf: Run, tmp_path: Path) -> None:
     )
     line = refusal(zenoh_tf("replay", str(tmp_path / "any.mcap"), start=("-c", code)))
     assert "pip install rosbags" in line
+
+
+def test_a_server_that_refuses(start_server: Any, zenoh_tf: Run, tmp_path: Path) -> None:
+    server = start_server("--one-authority-per-frame")
+    with server.connect() as tf:
+        tf.set_transform(StampedTransform("odom", "base", 1, Transform()), authority="wheels")
+    path = write(tmp_path / "log")
+    done = zenoh_tf("--connect", server.endpoint, "replay", str(path), "--fast")
+    assert "refused 1 messages" in refusal(done)
+    assert "wheels" in server.log
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) -> None:
+    log = [(float(i), "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(120)]
+    path = write(tmp_path / "log", log)
+    server = start_server()
+    command = ("-m", "zenoh_tf_client", "--connect", server.endpoint, "--timeout", "2")
+    with subprocess.Popen(
+        [sys.executable, *command, "replay", str(path), "--rate", "30"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        with server.connect() as tf:
+            while not tf.can_transform("a", "b"):
+                assert process.poll() is None
+        server.kill()
+        if restarted:
+            start_server(endpoint=server.endpoint)
+        out, err = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert out == ""
+    said = "zenoh-tf: the server was restarted" if restarted else "zenoh-tf: ServerUnavailable: "
+    assert err.startswith(said)

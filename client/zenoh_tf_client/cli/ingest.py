@@ -31,6 +31,7 @@ class Feed:
         self._puts = 0
         self._last: list[StampedTransform] = []
         self._before = tf.stats()
+        self._instance = tf.instance
         self.transforms = 0
         self.dropped_as_too_old = 0
 
@@ -65,15 +66,20 @@ class Feed:
     def finish(self) -> None:
         """Send the rest and wait until the server has ingested everything.
 
-        Raises CommandError if the server refused some of it, or makes no progress.
+        Raises CommandError if the server refused some of it, was restarted, or gets no further.
         """
         self.flush()
         taken, give_up = -1, 0.0
         while True:
             stats = self._tf.stats()
+            if self._tf.instance != self._instance:
+                raise CommandError("the server was restarted; what it had before is lost")
             refused = self._since(stats, "bad_puts")
             if refused:
-                raise CommandError(f"the server refused {refused} messages; its log says why")
+                raise CommandError(
+                    f"the server refused {refused} messages, from here or from others; "
+                    "its log says why"
+                )
             now = self._since(stats, "puts")
             # Others may publish too and be counted. So the last put must be there as well:
             # puts on one key are ingested in order.
