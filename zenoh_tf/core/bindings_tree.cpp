@@ -36,15 +36,14 @@ void wait(const Tree& tree, std::uint64_t seen, Clock::time_point deadline) {
 template <class MakeQuery>
 Answer ask(const Tree& tree, MakeQuery&& make_query, double timeout_s) {
   Answer answer;
-  ReadSet reads;
   if (timeout_s == 0.0) [[likely]] {
-    tree.lookup(make_query(), answer, reads);
+    tree.lookup(make_query(), answer);
     return answer;
   }
   const Clock::time_point deadline = deadline_of(timeout_s);
   for (;;) {
     const std::uint64_t seen = tree.signal().epoch();
-    tree.lookup(make_query(), answer, reads);
+    tree.lookup(make_query(), answer);
     if (answer.failure.code == Code::ok || !tree.may_come(answer.failure)) return answer;
     if (Clock::now() >= deadline) return answer;
     wait(tree, seen, deadline);
@@ -117,8 +116,7 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
 template <Op op>
 LatestTransform latest(const Tree& tree, nb::handle target, nb::handle source) {
   Answer a;
-  ReadSet reads;
-  tree.lookup(query_of(tree, op, target, source), a, reads);
+  tree.lookup(query_of(tree, op, target, source), a);
   return latest_answer(tree, a, target, source);
 }
 
@@ -147,8 +145,7 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
 
 std::optional<Stamp> latest_common_time(const Tree& tree, nb::handle a, nb::handle b) {
   Answer answer;
-  ReadSet reads;
-  tree.lookup(query_of(tree, Op::common_time, a, b), answer, reads);
+  tree.lookup(query_of(tree, Op::common_time, a, b), answer);
   if (answer.failure.code != Code::ok) raise(make_error(tree, answer.failure, a, b));
   return answer.stamp == kNoStamp ? std::nullopt : std::optional(answer.stamp);
 }
@@ -221,12 +218,11 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle source
   std::vector<Answer> answers(n);
   {
     nb::gil_scoped_release release;
-    ReadSet reads;
     for (std::size_t i = 0; i < n; ++i) {
       const Stamp stamp = has_one_stamp ? one_stamp : stamp_rows(i);
       const Query query{stamp == kNoStamp ? Op::common : Op::at, target_ids[one_target ? 0 : i],
                         source_ids[one_source ? 0 : i], stamp};
-      tree.lookup(query, answers[i], reads);
+      tree.lookup(query, answers[i]);
       if (answers[i].failure.code != Code::ok) answers[i].pose = Pose{};
     }
   }
@@ -307,8 +303,12 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
       if (versions) read_set.assign(reads.begin(), reads.end());
     } else {
       for (std::size_t i = 0; i < n; ++i) {
-        tree.lookup(queries[i], answers[i], reads);
-        if (versions) read_set.insert(read_set.end(), reads.begin(), reads.end());
+        if (!versions) {
+          tree.lookup(queries[i], answers[i]);
+          continue;
+        }
+        tree.lookup_all({&queries[i], 1}, {&answers[i], 1}, reads);
+        read_set.insert(read_set.end(), reads.begin(), reads.end());
       }
     }
   };

@@ -41,9 +41,13 @@ class SharedPose {
     const double values[7] = {p.x, p.y, p.z, p.qx, p.qy, p.qz, p.qw};
     for (int i = 0; i < 7; ++i) values_[i].store(values[i], std::memory_order_release);
   }
+  // x, y, z, qx, qy, qz, qw
+  ZTF_HOT double operator[](int i) const noexcept {
+    return values_[i].load(std::memory_order_acquire);
+  }
   ZTF_HOT Pose load() const noexcept {
-    const auto get = [this](int i) { return values_[i].load(std::memory_order_acquire); };
-    return {get(0), get(1), get(2), get(3), get(4), get(5), get(6)};
+    const SharedPose& p = *this;
+    return {p[0], p[1], p[2], p[3], p[4], p[5], p[6]};
   }
 
  private:

@@ -2,21 +2,22 @@
 //
 // A guard spans one read-only transaction. enter() comes before a frame's data
 // is read and gives the frame's version, or false: give up and start over with
-// fresh state. keep() names what the answer rests on. valid() says whether all
-// that was kept was true at one instant.
+// fresh state. rest() comes after the data was read and names what the answer
+// rests on; false: it has changed already. valid() says at the end whether all
+// that the answer rests on was true at one instant.
 //
-// Why `optimistic` is strictly serializable: between the last keep()'s reading
-// and valid()'s first check there is an instant at which every kept frame had
-// the version that was read, since each had it before and still has it after.
-// That instant is the transaction's place in the order. Writers lock with
-// sequentially consistent operations and valid() loads likewise, so two readers
-// cannot see two independent writes in opposite orders.
+// Why `optimistic` is strictly serializable: between the last reading and the
+// first check there is an instant at which every frame named had the version
+// that was read, since each had it before and still has it after. That instant
+// is the transaction's place in the order. Writers lock with sequentially
+// consistent operations and checks load likewise, so two readers cannot see two
+// independent writes in opposite orders.
 #pragma once
 
 #include <algorithm>
 #include <utility>
 
-#include "frame.hpp"
+#include "compose.hpp"
 #include "small_vector.hpp"
 
 namespace ztf {
@@ -30,37 +31,68 @@ struct ReadVersion {
 };
 using ReadSet = SmallVector<ReadVersion, 64>;
 
-class OptimisticGuard {
+// For a transaction of one walk: checked as soon as it is over. Where a walk
+// decides that another is needed, it is checked after that one, so that the
+// times over which both were true overlap.
+class WalkGuard {
  public:
-  OptimisticGuard(const Frame* frames, ReadSet& reads) : frames_(frames), reads_(reads) {
-    reads_.clear();
-  }
-  bool enter(FrameId, const Frame& frame, Version& version) const {
+  ZTF_HOT bool enter(const Frame& frame, Version& version) const {
     version = frame.version.unlocked();
     return true;
   }
-  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
+  ZTF_HOT bool rest(const Step* steps, std::size_t n) const noexcept {
+    fault_point();
+    bool same = true;
+    for (const Step* step = steps; step != steps + n; ++step)
+      same &= step->frame->version.load() == step->version;
+    return same;
+  }
+};
+
+// What the guards of longer transactions have in common: the list of all reads.
+class ReadList {
+ public:
+  ReadList(const Frame* frames, ReadSet& reads) noexcept : frames_(frames), reads_(reads) {
+    reads_.clear();
+  }
+  bool rest(const Step* steps, std::size_t n) {
+    ReadVersion* const reads = reads_.append(n);
+    for (std::size_t i = 0; i < n; ++i) reads[i] = {id_of(*steps[i].frame), steps[i].version};
+    return true;
+  }
+  [[nodiscard]] bool valid() const { return true; }
+
+ protected:
+  [[nodiscard]] FrameId id_of(const Frame& frame) const noexcept {
+    return static_cast<FrameId>(&frame - frames_);
+  }
+  const Frame* const frames_;
+  ReadSet& reads_;
+};
+
+class OptimisticGuard : public ReadList {
+ public:
+  using ReadList::ReadList;
+  bool enter(const Frame& frame, Version& version) const {
+    version = frame.version.unlocked();
+    return true;
+  }
   [[nodiscard]] bool valid() const {
     fault_point();
     for (const ReadVersion& read : reads_)
       if (frames_[read.frame].version.load() != read.version) return false;
     return true;
   }
-
- private:
-  const Frame* frames_;
-  ReadSet& reads_;
 };
 
 // Where optimism has failed too often: holds the version locks of the frames
 // that the last attempt needed. Where an attempt needs another frame it reads
 // on, unprotected, to learn what else it needs, and starts over with more. Each
 // attempt adds a frame at least, and what is locked stands still, so it ends.
-class LockingGuard {
+class LockingGuard : public ReadList {
  public:
   LockingGuard(Frame* frames, ReadSet& reads, SmallVector<FrameId, 64>& wanted)
-      : frames_(frames), reads_(reads), wanted_(wanted) {
-    reads_.clear();
+      : ReadList(frames, reads), frames_(frames), wanted_(wanted) {
     std::sort(wanted_.begin(), wanted_.end());
     wanted_.set_size(
         static_cast<std::size_t>(std::unique(wanted_.begin(), wanted_.end()) - wanted_.begin()));
@@ -72,7 +104,8 @@ class LockingGuard {
   LockingGuard(const LockingGuard&) = delete;
   LockingGuard& operator=(const LockingGuard&) = delete;
 
-  bool enter(FrameId id, const Frame&, Version& version) {
+  bool enter(const Frame& frame, Version& version) {
+    const FrameId id = id_of(frame);
     const auto at = std::lower_bound(held_.begin(), held_.end(), id,
                                      [](const ReadVersion& r, FrameId f) { return r.frame < f; });
     if (at != held_.end() && at->frame == id) {
@@ -84,12 +117,10 @@ class LockingGuard {
     }
     return true;
   }
-  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
   [[nodiscard]] bool valid() const { return complete_; }
 
  private:
   Frame* frames_;
-  ReadSet& reads_;
   SmallVector<FrameId, 64>& wanted_;
   SmallVector<ReadVersion, 64> held_;
   bool complete_ = true;
@@ -99,19 +130,18 @@ class LockingGuard {
 // writer while it holds locks, because writers never wait while they hold any.
 // A frame that a starving writer wants is left alone for some attempts, unless
 // nothing else would ever be read.
-class SharedGuard {
+class SharedGuard : public ReadList {
  public:
   SharedGuard(Frame* frames, ReadSet& reads, bool heed_wanted)
-      : frames_(frames), reads_(reads), heed_wanted_(heed_wanted) {
-    reads_.clear();
-  }
+      : ReadList(frames, reads), frames_(frames), heed_wanted_(heed_wanted) {}
   ~SharedGuard() {
     for (const FrameId id : held_) frames_[id].shared.unlock_shared();
   }
   SharedGuard(const SharedGuard&) = delete;
   SharedGuard& operator=(const SharedGuard&) = delete;
 
-  bool enter(FrameId id, const Frame&, Version& version) {
+  bool enter(const Frame& frame, Version& version) {
+    const FrameId id = id_of(frame);
     Backoff backoff;
     for (;;) {
       switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {
@@ -127,40 +157,29 @@ class SharedGuard {
       }
     }
   }
-  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
-  [[nodiscard]] bool valid() const { return true; }
-
  private:
   Frame* frames_;
-  ReadSet& reads_;
   SmallVector<FrameId, 64> held_;
   const bool heed_wanted_;
 };
 
 // For who holds the tree's one mutex.
-class GiantGuard {
+class GiantGuard : public ReadList {
  public:
-  explicit GiantGuard(ReadSet& reads) : reads_(reads) { reads_.clear(); }
-  bool enter(FrameId, const Frame& frame, Version& version) const {
+  using ReadList::ReadList;
+  bool enter(const Frame& frame, Version& version) const {
     version = frame.version.load();
     return true;
   }
-  void keep(FrameId id, Version version) { reads_.push_back({id, version}); }
-  [[nodiscard]] bool valid() const { return true; }
-
- private:
-  ReadSet& reads_;
 };
 
 // Without protection: for links that are consistent each by itself.
 class NoGuard {
  public:
-  bool enter(FrameId, const Frame&, Version& version) const {
+  bool enter(const Frame&, Version& version) const {
     version = 0;
     return true;
   }
-  void keep(FrameId, Version) const {}
-  [[nodiscard]] bool valid() const { return true; }
 };
 
 }  // namespace ztf

@@ -1,6 +1,6 @@
 // The samples of one frame over time: finding one, and putting one in.
 //
-// Thread safety: place_at() and pose_at() for any reader (frame.hpp); the writing functions
+// Thread safety: place_at() and pose_between() for any reader (frame.hpp); the writing functions
 // for who holds the frame.
 // Rules (tf2's, but for those marked *)
 // 1. A sample older than newest - cache is too old to be put in; one exactly
@@ -40,12 +40,8 @@ ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
   return search(frame, stamp);
 }
 
-Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept;  // from the ring
-
-// The pose in the parent for a place that place_at() has found.
-ZTF_HOT Pose pose_at(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
-  return slot == Place::kNewest ? frame.latest_pose.load() : pose_between(frame, slot, stamp);
-}
+// The pose at a time from the ring, for a slot that search() has found.
+Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept;
 
 // The oldest stamp that the frame can serve; its newest where it has only one.
 inline Stamp oldest_stamp(const Frame& frame) noexcept {

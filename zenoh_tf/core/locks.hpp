@@ -17,6 +17,7 @@
 #include <thread>
 
 #include "fault_points.hpp"
+#include "pose.hpp"
 
 namespace ztf {
 
@@ -64,16 +65,9 @@ class VersionLock {
   [[nodiscard]] Version load() const noexcept { return word_.load(std::memory_order_seq_cst); }
 
   // Waits until no writer holds it.
-  [[nodiscard]] Version unlocked() const {
-    Version version = load();
-    if (version & kLocked) [[unlikely]] {
-      Backoff backoff;
-      do {
-        backoff.wait();
-        version = load();
-      } while (version & kLocked);
-    }
-    return version;
+  [[nodiscard]] ZTF_HOT Version unlocked() const {
+    const Version version = load();
+    return version & kLocked ? wait_unlocked() : version;
   }
 
   // Waits for the lock; returns the version before.
@@ -110,6 +104,15 @@ class VersionLock {
   static constexpr Version kCommit = 2;
 
  private:
+  [[gnu::noinline, gnu::cold]] Version wait_unlocked() const {
+    Backoff backoff;
+    for (;;) {
+      backoff.wait();
+      const Version version = load();
+      if (!(version & kLocked)) return version;
+    }
+  }
+
   std::atomic<Version> word_;
 };
 

@@ -91,9 +91,9 @@ class Tree {
   [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
   [[nodiscard]] const Options& options() const noexcept { return options_; }
 
-  // Each query as a transaction of its own. `reads`: what the answer rests on.
-  void lookup(const Query& query, Answer& answer, ReadSet& reads) const;
-  // All queries in one transaction: one instant for all.
+  // One query as a transaction of its own.
+  void lookup(const Query& query, Answer& answer) const;
+  // All queries in one transaction: one instant for all. `reads`: what they rest on.
   void lookup_all(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads) const;
 
   // All rows or none; throws Refused. stored[i] tells which rows were not too old.

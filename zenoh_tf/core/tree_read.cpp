@@ -19,6 +19,11 @@ Code code_of(Place::Kind kind) noexcept {
   }
 }
 
+void give_range(const StampRange& range, Answer& a) noexcept {
+  a.stamp = range.oldest() == kNoStamp ? 0 : range.oldest();
+  a.newest = range.newest() == kNoStamp ? 0 : range.newest();
+}
+
 // Answers questions under one guard. Every function returns false to start over.
 template <class Guard>
 class Reader {
@@ -26,7 +31,7 @@ class Reader {
   Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth)
       : frames_(frames), guard_(guard), max_depth_(max_depth) {}
 
-  bool answer(const Query& q, Answer& a) {
+  ZTF_HOT bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;
     if (q.target == 0 || q.source == 0) [[unlikely]] {
       a = Answer{.failure = {Code::lookup, q.target, q.source}};
@@ -60,27 +65,35 @@ class Reader {
       Walk walk = walk_between(q.target, q.source, link_of);
       if (!arrive(walk, q.stamp, a)) return false;
       if (a.failure.code != Code::ok) return true;
-      for (std::size_t i = 0; i <= walk.target_links; ++i) out.push_back(walk.from_target.frames[i]);
-      for (std::size_t i = walk.source_links; i-- > 0;) out.push_back(walk.from_source.frames[i]);
-      return true;
+      for (std::size_t i = 0; i < walk.target_links; ++i)
+        out.push_back(id_of(walk.from_target.frame_above(i)));
+      for (std::size_t i = walk.source_links + 1; i-- > 0;)
+        out.push_back(id_of(walk.from_source.frame_above(i)));
+      return walk.rest(true);
     };
     return q.stamp == kNoStamp ? collect(NewestLink{}) : collect(LinkAt{q.stamp});
   }
 
  private:
+  [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept {
+    return static_cast<FrameId>(frame - frames_);
+  }
+
   template <class LinkOf>
   Walk<Guard, LinkOf> walk_between(FrameId target, FrameId source, LinkOf link_of) {
     return {frames_, guard_, link_of, max_depth_, target, source};
   }
 
-  // Walks, keeps what was read, and explains where the two ways did not meet.
+  // Walks, and explains where the two ways did not meet; then the walk's failure
+  // is in `a`.
   template <class W>
   ZTF_HOT bool arrive(W& walk, Stamp stamp, Answer& a) {
     const Walked walked = walk.run();
+    if (walked == Walked::met) [[likely]]
+      return true;
     if (walked == Walked::restart) return false;
-    walk.keep_reads(walked == Walked::met);
-    if (walked == Walked::apart) explain(walk.from_target, walk.from_source, stamp, a);
-    return true;
+    explain(walk.from_target, walk.from_source, stamp, a);
+    return walk.rest(false);
   }
 
   bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
@@ -89,8 +102,9 @@ class Reader {
     if (target == source) return true;
     Walk walk = walk_between(target, source, LinkAt{stamp});
     if (!arrive(walk, stamp, a)) return false;
-    if (a.failure.code == Code::ok) a.pose = joined(walk, stamp);
-    return true;
+    if (a.failure.code != Code::ok) return true;
+    join(walk, stamp, a.pose);
+    return walk.rest(true);
   }
 
   bool common(FrameId target, FrameId source, Answer& a) {
@@ -98,16 +112,15 @@ class Reader {
     Walk walk = walk_between(target, source, NewestLink{});
     if (!arrive(walk, kNoStamp, a)) return false;
     if (a.failure.code != Code::ok) return true;
-    const Range range = stamps(walk);
-    a.stamp = range.oldest == kNoStamp ? 0 : range.oldest;  // static links only: any time serves
-    // Mostly the links at that time are the newest ones: the same frames again,
-    // which the guard has already entered and kept.
-    if (range.oldest == range.newest || (go_back(walk.from_source, walk.source_links, a.stamp) &&
-                                         go_back(walk.from_target, walk.target_links, a.stamp))) {
-      a.pose = joined(walk, a.stamp);
-      return true;
-    }
-    return at(target, source, a.stamp, a);
+    const Stamp oldest = walk.range.oldest();
+    a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
+    // Mostly the links at that time are the newest ones.
+    if (oldest == walk.range.newest() || (go_back(walk.from_source, walk.source_links, a.stamp) &&
+                                         go_back(walk.from_target, walk.target_links, a.stamp)))
+      join(walk, a.stamp, a.pose);
+    else if (!at(target, source, a.stamp, a))
+      return false;
+    return walk.rest(true);
   }
 
   // Moves the steps of a newest way to a time; false where one of the links led
@@ -115,8 +128,9 @@ class Reader {
   bool go_back(Way& way, std::size_t links, Stamp stamp) const noexcept {
     for (std::size_t i = 0; i < links; ++i) {
       if (way.steps[i].stamp == stamp || way.steps[i].stamp == kNoStamp) continue;
-      const Place place = place_at(frames_[way.frames[i]], stamp);
-      if (place.kind != Place::Kind::ok || place.parent != way.frames[i + 1]) return false;
+      const Place place = place_at(*way.steps[i].frame, stamp);
+      if (place.kind != Place::Kind::ok || frames_ + place.parent != way.frame_above(i + 1))
+        return false;
       way.steps[i].slot = place.slot;
     }
     return true;
@@ -127,11 +141,9 @@ class Reader {
     Walk walk = walk_between(target, source, NewestLink{});
     if (!arrive(walk, kNoStamp, a)) return false;
     if (a.failure.code != Code::ok) return true;
-    const Range range = stamps(walk);
-    a.stamp = range.oldest == kNoStamp ? 0 : range.oldest;
-    a.newest = range.newest == kNoStamp ? 0 : range.newest;
-    a.pose = joined(walk, kNoStamp);
-    return true;
+    give_range(walk.range, a);
+    join(walk, kNoStamp, a.pose);
+    return walk.rest(true);
   }
 
   bool common_time(FrameId target, FrameId source, Answer& a) {
@@ -143,8 +155,9 @@ class Reader {
     }
     Walk walk = walk_between(target, source, NewestLink{});
     if (!arrive(walk, kNoStamp, a)) return false;
-    if (a.failure.code == Code::ok) a.stamp = stamps(walk).oldest;
-    return true;
+    if (a.failure.code != Code::ok) return true;
+    a.stamp = walk.range.oldest();
+    return walk.rest(true);
   }
 
   bool full(const Query& q, Answer& a) {
@@ -170,67 +183,42 @@ class Reader {
   bool itself(FrameId id, Answer& a) {
     const Frame& frame = frames_[id];
     Version version;
-    if (!guard_.enter(id, frame, version)) return false;
+    if (!guard_.enter(frame, version)) return false;
     const Link link = NewestLink{}(frame);
-    guard_.keep(id, version);
     const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
     a.stamp = a.newest = timeless ? 0 : link.stamp;
     a.pose = Pose{};
-    return true;
+    const Step step{&frame, version, link.stamp, link.slot};
+    return guard_.rest(&step, 1);
   }
 
-  struct Range {
-    Stamp oldest = kNoStamp, newest = kNoStamp;  // kNoStamp: static links only
-  };
   template <class W>
-  static Range stamps(const W& walk) noexcept {
-    Range range;
-    const auto note = [&](const Way& way, std::size_t links) {
-      for (std::size_t i = 0; i < links; ++i) {
-        const Stamp stamp = way.steps[i].stamp;
-        if (stamp == kNoStamp) continue;
-        if (range.oldest == kNoStamp || stamp < range.oldest) range.oldest = stamp;
-        if (stamp > range.newest) range.newest = stamp;
-      }
+  void join(const W& walk, Stamp stamp, Pose& pose) const noexcept {
+    const auto composed = [&](const Way& way, std::size_t links, Pose& out) {
+      compose(way.steps.begin(), links, stamp, out);
     };
-    note(walk.from_source, walk.source_links);
-    note(walk.from_target, walk.target_links);
-    return range;
-  }
-
-  template <class W>
-  Pose joined(const W& walk, Stamp stamp) const noexcept {
-    if (walk.target_links == 0) return composed(walk.from_source, walk.source_links, stamp);
-    const Pose down = inverse(composed(walk.from_target, walk.target_links, stamp));
-    return walk.source_links == 0 ? down
-                                  : down * composed(walk.from_source, walk.source_links, stamp);
-  }
-
-  // X_frames[links]_frames[0]
-  Pose composed(const Way& way, std::size_t links, Stamp stamp) const noexcept {
-    const FrameId* const frames = way.frames.begin();
-    const Step* const steps = way.steps.begin();
-    Pose pose = pose_at(frames_[frames[0]], steps[0].slot, stamp);
-    for (std::size_t i = 1; i < links; ++i)
-      pose = pose_at(frames_[frames[i]], steps[i].slot, stamp) * pose;
-    return pose;
+    if (walk.source_links != 0) composed(walk.from_source, walk.source_links, pose);
+    if (walk.target_links == 0) return;
+    Pose from_target;
+    composed(walk.from_target, walk.target_links, from_target);
+    pose = walk.source_links == 0 ? inverse(from_target) : inverse(from_target) * pose;
   }
 
   // Two ways that did not meet: tf2's order of blame.
   void explain(const Way& from_target, const Way& from_source, Stamp stamp, Answer& a) const {
-    a = Answer{.failure = {Code::connectivity, from_target.frames[0], from_source.frames[0]}};
+    a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
     a.failure.stamp = stamp;
     for (const Way* way : {&from_source, &from_target})
       if (way->end == Way::End::too_deep) {
         a.failure.code = Code::lookup;
-        a.failure.frame = way->top();
+        a.failure.frame = id_of(way->top);
         return;
       }
     for (const Way* way : {&from_target, &from_source})
       if (way->end == Way::End::broken) {
-        const Frame& frame = frames_[way->top()];
+        const Frame& frame = *way->top;
         a.failure.code = code_of(way->why);
-        a.failure.frame = way->top();
+        a.failure.frame = id_of(way->top);
         a.failure.parent = frame.parent.load(std::memory_order_acquire);
         a.failure.oldest = oldest_stamp(frame);
         a.failure.newest = frame.latest_stamp.load(std::memory_order_acquire);
@@ -280,7 +268,7 @@ void Tree::read(ReadSet& reads, Body&& body) const {
     }
     case Concurrency::giant: {
       const std::lock_guard lock(giant_);
-      GiantGuard guard(reads);
+      GiantGuard guard(frames_, reads);
       attempt(guard);
       return;
     }
@@ -294,44 +282,50 @@ bool Tree::latest_alone(const Query& query, Answer& a) const {
   NoGuard guard;
   Walk walk(frames_, guard, NewestLink{}, options_.max_depth, query.target, query.source);
   if (walk.run() != Walked::met) return false;
-  Stamp oldest = kNoStamp, newest = kNoStamp;
-  const auto compose = [&](const Way& way, std::size_t links, Pose& pose) {
+  StampRange range;
+  const auto compose_alone = [&](const Way& way, std::size_t links, Pose& pose) {
     for (std::size_t i = 0; i < links; ++i) {
-      const Frame& frame = frames_[way.frames[i]];
+      const Frame& frame = *way.steps[i].frame;
       Version version;
       Link link;
-      Pose newest_pose;
+      Pose newest;
       do {
         version = frame.version.unlocked();
         link = NewestLink{}(frame);
-        newest_pose = frame.latest_pose.load();
+        newest = frame.latest_pose.load();
         fault_point();
       } while (frame.version.load() != version);
-      if (link.parent != way.frames[i + 1]) return false;
-      if (link.stamp != kNoStamp) {
-        if (oldest == kNoStamp || link.stamp < oldest) oldest = link.stamp;
-        if (link.stamp > newest) newest = link.stamp;
-      }
-      pose = newest_pose * pose;
+      if (frames_ + link.parent != way.frame_above(i + 1)) return false;
+      range.include(link.stamp);
+      pose = newest * pose;
     }
     return true;
   };
   Pose from_source, from_target;
-  if (!compose(walk.from_source, walk.source_links, from_source) ||
-      !compose(walk.from_target, walk.target_links, from_target))
+  if (!compose_alone(walk.from_source, walk.source_links, from_source) ||
+      !compose_alone(walk.from_target, walk.target_links, from_target))
     return false;
   a.failure.code = Code::ok;
-  a.pose = inverse(from_target) * from_source;
-  a.stamp = oldest == kNoStamp ? 0 : oldest;
-  a.newest = newest == kNoStamp ? 0 : newest;
+  a.pose = walk.target_links == 0 ? from_source : inverse(from_target) * from_source;
+  give_range(range, a);
   return true;
 }
 
-void Tree::lookup(const Query& query, Answer& answer, ReadSet& reads) const {
-  if (query.op == Op::latest && options_.concurrency != Concurrency::giant) {
-    // Errors are decided on consistent data: ask again, as a transaction.
+void Tree::lookup(const Query& query, Answer& answer) const {
+  // A lookup in full takes two walks, which must be checked together.
+  if (options_.concurrency == Concurrency::optimistic && query.op != Op::full) [[likely]] {
+    // Errors are decided on consistent data: latest_alone() has none.
+    if (query.op == Op::latest && latest_alone(query, answer)) return;
+    for (int i = 0; i < kOptimisticAttempts; ++i) {
+      WalkGuard guard;
+      Reader reader(frames_, guard, options_.max_depth);
+      if (reader.answer(query, answer)) [[likely]]
+        return;
+    }
+  } else if (query.op == Op::latest && options_.concurrency == Concurrency::two_phase) {
     if (latest_alone(query, answer)) return;
   }
+  ReadSet reads;
   read(reads, [&](auto& reader) { return reader.answer(query, answer); });
 }
 

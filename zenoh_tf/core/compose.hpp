@@ -1,0 +1,24 @@
+// Composing the links of a way.
+//
+// Thread safety: for any reader, as everything about samples (frame.hpp).
+#pragma once
+
+#include "history.hpp"
+
+namespace ztf {
+
+// A link of a way up, as read: the frame it leads up from, in which version,
+// and which of the frame's samples it is.
+struct Step {
+  const Frame* frame;
+  Version version;
+  Stamp stamp;         // newest links: kNoStamp where static, good for all times
+  std::uint32_t slot;  // as in Place
+};
+
+// Gives X_parent_child of that many links, one at least, from the child at
+// steps[0] up to the parent of the last. Into a reference: a pose that is
+// returned would be stored in parts and copied as a whole, and that stalls.
+void compose(const Step* steps, std::size_t links, Stamp stamp, Pose& pose) noexcept;
+
+}  // namespace ztf
