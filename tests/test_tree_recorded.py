@@ -1,5 +1,7 @@
 """The embedded tree against the real tf2's answers about a recorded run."""
 
+from typing import Literal
+
 import pytest
 
 from zenoh_tf import StampedTransform, TransformException, TransformTree
@@ -20,7 +22,9 @@ def ask(tree: TransformTree, q: Question) -> StampedTransform | TransformExcepti
 
 @needs_recording
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
-def test_every_recorded_answer_agrees(concurrency: str) -> None:
+def test_every_recorded_answer_agrees(
+    concurrency: Literal["optimistic", "2pl", "giant"],
+) -> None:
     tree = TransformTree(cache_time_s=1000.0, concurrency=concurrency)
     for static, stampeds in transforms():
         for stamped in stampeds:

@@ -1,7 +1,7 @@
 """The native tree. Shapes: poses are (x, y, z, qx, qy, qz, qw) rows of float64."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,7 +117,8 @@ class Tree:
         versions: bool = False,  # also return what was read, for a transaction
     ) -> tuple[
         NDArray[np.uint8],  # status: 0 or errors.BY_CODE
-        NDArray[np.int64],  # stamp_ns (latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all static)
+        # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
+        NDArray[np.int64],
         NDArray[np.int64],  # newest_stamp_ns (latest forms only)
         NDArray[np.float64],  # (n, 7) poses; identity where status != 0
         list[tuple[int, Any]],  # (row, TransformException), for every row with a status
@@ -141,7 +142,7 @@ class Tree:
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
-        stamps_ns: int | None | Sequence[int] | NDArray[np.int64],
+        stamps_ns: int | Sequence[int] | NDArray[np.int64] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
     def frames(self) -> list[str]: ...
     def frame_record(self, name: str) -> dict[str, Any]: ...

@@ -1,7 +1,7 @@
 """Every error of zenoh-tf, embedded and remote.
 
     TransformException
-    ├── LookupException                     a frame is unknown, or the tree holds a loop at that time
+    ├── LookupException                     a frame is unknown, or the way up runs in a loop
     ├── ConnectivityException               both frames are known, no path joins them
     ├── InvalidArgumentException            the call itself is wrong
     ├── TimeoutException                    no answer in time

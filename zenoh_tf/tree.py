@@ -55,7 +55,7 @@ class TransformTree(_core.Tree):
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
-        stamps_ns: int | None | Sequence[int] | NDArray[np.int64],
+        stamps_ns: int | Sequence[int] | NDArray[np.int64] | None,
     ) -> TransformArray:
         """Many lookups in one call, each a transaction of its own.
 

@@ -152,6 +152,24 @@ Pose pose_of(nb::handle translation, nb::handle rotation) {
   return pose;
 }
 
+Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
+  return {op, frame_of(tree, target, "target_frame"), frame_of(tree, source, "source_frame")};
+}
+
+void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
+            bool release_interpreter) {
+  try {
+    if (release_interpreter) {
+      nb::gil_scoped_release released;
+      tree.commit(request, stored);
+    } else {
+      tree.commit(request, stored);
+    }
+  } catch (const Refused& refused) {
+    raise(make_error(refused));
+  }
+}
+
 }  // namespace ztf
 
 NB_MODULE(_core, m) {

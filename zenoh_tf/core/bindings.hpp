@@ -43,6 +43,7 @@ nb::object make_error(const Tree& tree, const Failure& failure, nb::handle targe
 std::string_view text_of(nb::handle name, const char* field);
 // A frame's id, 0 where there is none; names that no frame can have are errors.
 FrameId frame_of(const Tree& tree, nb::handle name, const char* field);
+Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
 Stamp stamp_of(nb::handle stamp, const char* field);  // kNoStamp for None
 Pose pose_of(nb::handle translation, nb::handle rotation);
 
@@ -61,7 +62,13 @@ nb::object make_array(const std::size_t (&shape)[N], Fill&& fill) {
   return nb::cast(nb::ndarray<nb::numpy, T>(data, N, shape, owner));
 }
 
+// tree.commit(), with its refusal as a Python error.
+void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
+            bool release_interpreter);
+
 void bind_values(nb::module_& m);
 void bind_tree(nb::module_& m);
+void bind_rows(nb::module_& m, nb::class_<Tree>& tree);
+void bind_introspection(nb::class_<Tree>& tree);
 
 }  // namespace ztf

@@ -1,0 +1,75 @@
+"""Torn reads: a chain whose x-translations sum to zero in every transaction.
+
+Exact in float64: any other sum mixes two transactions. The same writers and readers run on the
+embedded tree (threads) and on a server (processes).
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+LINKS = 8
+ROOT, LEAF = "link0", f"link{LINKS}"
+
+
+class Sets(Protocol):
+    def set_transforms_xact(self, stampeds: list[StampedTransform]) -> object: ...
+
+
+def zero_sum(random: random.Random, stamp_ns: int) -> list[StampedTransform]:
+    """One transaction's links, in random order."""
+    xs = [float(random.randrange(-1000, 1000)) for _ in range(LINKS - 1)]
+    xs.append(-sum(xs))
+    links = [
+        StampedTransform(f"link{i}", f"link{i + 1}", stamp_ns, Transform((x, 0.0, 0.0)))
+        for i, x in enumerate(xs)
+    ]
+    random.shuffle(links)
+    return links
+
+
+def write(tf: Sets, seed: int, until: float) -> int:
+    """Commit until the time (monotonic) is over; the number of commits."""
+    rng = random.Random(seed)
+    commits = 0
+    while time.monotonic() < until:
+        tf.set_transforms_xact(zero_sum(rng, time.time_ns()))
+        commits += 1
+    return commits
+
+
+def read(tf: Any, lookups: list[str], until: float) -> Counter[tuple[str, bool]]:
+    """Look up until the time is over; how often each lookup was torn or whole."""
+    seen: Counter[tuple[str, bool]] = Counter()
+    calls: list[tuple[str, Callable[[str, str], StampedTransform]]] = [
+        (name, getattr(tf, name)) for name in lookups
+    ]
+    while time.monotonic() < until:
+        for name, lookup in calls:
+            x, *_ = lookup(ROOT, LEAF).transform.pose()
+            seen[name, x != 0.0] += 1
+    return seen
+
+
+def main(role: str, endpoint: str, seconds: float, seed_or_lookups: str) -> None:
+    """A process of its own: writes or reads on a server, then prints what it counted."""
+    with TransformClient.connect(endpoint) as tf:
+        until = time.monotonic() + seconds
+        if role == "write":
+            print(json.dumps(write(tf, int(seed_or_lookups), until)))
+        else:
+            seen = read(tf, seed_or_lookups.split(","), until)
+            print(json.dumps([[name, torn, n] for (name, torn), n in seen.items()]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], float(sys.argv[3]), sys.argv[4])
