@@ -25,7 +25,7 @@ def answer(handle: Handle[StampedTransform]) -> StampedTransform | TransformExce
 def test_every_recorded_answer_agrees(start_server: StartServer, concurrency: str) -> None:
     server = start_server("--cache-time", "1000", "--concurrency", concurrency)
     replay = [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, "replay"]
-    subprocess.run([*replay, "--fast", str(RUN)], check=True, timeout=50)
+    subprocess.run([*replay, str(RUN)], check=True, timeout=50)
     with TransformClient.connect(server.endpoint) as tf:
         assert len(questions()) > 1700
         for start in range(0, len(questions()), 250):

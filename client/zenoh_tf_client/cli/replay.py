@@ -24,11 +24,13 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "recorded with, in the order of the log. Needs the rosbags library.",
     )
     replay.add_argument("file", metavar="FILE", type=Path)
-    speed = replay.add_mutually_exclusive_group()
-    speed.add_argument(
-        "--rate", metavar="N", type=_rate, default=1.0, help="times real speed (default 1)"
+    replay.add_argument(
+        "--rate",
+        metavar="N",
+        type=_rate,
+        default=0.0,
+        help="times real speed; 0, the default: as fast as the service takes it",
     )
-    speed.add_argument("--fast", action="store_true", help="as fast as the service takes it")
     replay.add_argument(
         "--authority", metavar="NAME", default="replay", help="who says so (default replay)"
     )
@@ -43,10 +45,10 @@ def _replay(args: argparse.Namespace) -> int:
         feed = Feed(tf, args.authority, patience_s=args.timeout)
         with Progress(recording.message_count, "messages") as progress:
             messages = recording.messages()
-            paced = messages if args.fast else _paced(messages, args.rate)
+            paced = _paced(messages, args.rate) if args.rate else messages
             for number, message in enumerate(paced, start=1):
                 feed.add(message.transforms, static=message.static)
-                if not args.fast:
+                if args.rate:
                     feed.flush()
                 progress.to(number, note=f"{feed.transforms:,} transforms")
             feed.finish()
@@ -92,7 +94,7 @@ def _rate(text: str) -> float:
     try:
         rate = float(text)
     except ValueError:
-        rate = 0.0
-    if not 0.0 < rate < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number; see also --fast")
+        rate = -1.0
+    if not 0.0 <= rate < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 on")
     return rate
