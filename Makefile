@@ -49,8 +49,8 @@ format: .venv/requirements.stamp ## let ruff format and sort the imports
 	@$(BIN)/ruff check --select I --fix .
 	@$(BIN)/ruff format .
 
-bench: native ## the benchmarks; prints JSON
-	@$(BIN)/python -m bench $(ARGS)
+bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON
+	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address

@@ -1,1 +1,1 @@
-"""Benchmarks: ``python -m bench`` prints one JSON document."""
+"""Benchmarks: ``make bench``."""

@@ -1,58 +1,65 @@
-"""``python -m bench [embedded] [remote]``: measure, print one JSON document.
+"""``python -m bench [native] [embedded] [remote] [--results FILE]``
 
-Figures are medians over repeats, on whatever else the machine is doing meanwhile; compare only what
-was measured in one run.
+Medians of repetitions, with the lowest and the highest. What is compared is measured by turns in
+one run and compared pair by pair, for other work on the machine meets both; figures of different
+runs say little about each other.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import sys
-from collections.abc import Callable
-from importlib.metadata import version
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from bench import embedded, remote
+from bench import embedded, machine, native, remote
+from bench.figures import Figure
 
-PARTS: dict[str, Callable[[float], dict[str, float]]] = {
-    "embedded": embedded.measure,
-    "remote": remote.measure,
+
+def _printed(measure: Callable[[], Iterator[Figure]]) -> Callable[[], Any]:
+    def run() -> list[dict[str, Any]]:
+        figures = []
+        for figure in measure():
+            print(figure.line(), flush=True)
+            figures.append(figure.as_dict())
+        return figures
+
+    return run
+
+
+PARTS: dict[str, Callable[[], Any]] = {
+    "native": native.measure,
+    "embedded": _printed(embedded.measure),
+    "remote": _printed(remote.measure),
 }
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m bench",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
-    parser.add_argument("--seconds", type=float, default=1.0, help="per figure (default 1)")
+    parser.add_argument("--results", type=Path, metavar="FILE", help="write all of it as JSON")
     args = parser.parse_args()
     unknown = set(args.parts) - set(PARTS)
     if unknown:
         parser.error(f"no such part: {', '.join(sorted(unknown))}")
-    document: dict[str, object] = {"machine": _machine()}
+    document: dict[str, Any] = {"machine": machine.describe()}
+    for key, value in document["machine"].items():
+        print(f"{key}: {value}")
     for part in args.parts or PARTS:
-        print(f"measuring: {part}", file=sys.stderr, flush=True)
-        document[part] = PARTS[part](args.seconds)
-    print(json.dumps(document, indent=2))
+        print(f"\n== {part}", flush=True)
+        document[part] = PARTS[part]()
+    document["machine"]["load_at_end"] = machine.load()
+    print(f"\nload at the end: {document['machine']['load_at_end']}")
+    if args.results is not None:
+        args.results.parent.mkdir(parents=True, exist_ok=True)
+        args.results.write_text(json.dumps(document, indent=1) + "\n")
     return 0
-
-
-def _machine() -> dict[str, object]:
-    cpu = platform.processor()
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        models = [s for s in information.read_text().splitlines() if s.startswith("model name")]
-        cpu = models[0].split(":", 1)[1].strip() if models else cpu
-    return {
-        "cpu": cpu,
-        "cores": os.cpu_count(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "zenoh_tf": version("zenoh-tf"),
-        "eclipse_zenoh": version("eclipse-zenoh"),
-    }
 
 
 if __name__ == "__main__":

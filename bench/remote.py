@@ -1,84 +1,200 @@
-"""The service from a client process: the cost of a lookup, and what batches reach."""
+"""The service from a client process: what a lookup costs, and what batches reach."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import socket
+import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import zenoh
 
-from bench import empty_server
-from bench.timing import END_NS, FRAMES, START_NS, history, median_of_each_s
-from zenoh_tf import StampedTransform, Transform
-from zenoh_tf_client import TransformClient
+from bench import empty_server, workload
+from bench.figures import REPETITIONS, Bar, Figure
+from bench.machine import ROOT
+from bench.workload import ROWS, SOURCE, TARGET
+from zenoh_tf import StampedTransform, Transform, keys, wire
+from zenoh_tf_client import TransformClient, requests
 
-ROWS = 1000
+TREE = "main"
+#: Round trips of one repetition.
+CALLS = 300
+BULK_CALLS = 40
+#: A broadcaster's messages: transforms in each, messages in a repetition.
 BROADCAST_ROWS = 100
-# The server gives up a publisher that waits longer; far below that the rate is the server's own.
-BROADCASTS_MAX = 5000
+BROADCAST_MESSAGES = 1000
+
+Call = Callable[[], object]
 
 
-def measure(seconds: float) -> dict[str, float]:
+def measure() -> Iterator[Figure]:
     """Microseconds a round trip; lookups and transforms a second."""
-    figures = _measure_empty(seconds)
     endpoint = _free_endpoint()
-    command = ["zenoh_tf_server", "--listen", endpoint, "--cache-time", "1e6"]
-    with _process(*command, "--log-level", "error"), TransformClient.connect(endpoint) as tf:
-        figures |= _measure_service(tf, seconds)
-    figures["lookup_per_empty"] = round(figures["lookup_p50_us"] / figures["empty_p50_us"], 3)
-    return figures
+    command = ["zenoh_tf_server", "--listen", endpoint, "--tree", TREE, "--log-level", "error"]
+    with _process(*command), TransformClient.connect(endpoint, TREE) as tf:
+        tf.set_transforms_xact([_stamped(*row) for row in workload.history()])
+        yield from _round_trips(tf, endpoint)
+        yield from _batches(tf)
+        yield from _broadcasts(tf)
 
 
-def _measure_empty(seconds: float) -> dict[str, float]:
-    endpoint = _free_endpoint()
-    with (
-        _process("bench.empty_server", endpoint),
-        zenoh.open(empty_server.configuration("client", endpoint)) as session,
+def _round_trips(tf: TransformClient, endpoint: str) -> Iterator[Figure]:
+    """A lookup, and the same messages without a client around them, by turns with an empty
+    query that sends and receives as many bytes."""
+    request = wire.pack(requests.lookup_transform(TARGET, SOURCE).body())
+    key = zenoh.KeyExpr(keys.operation(TREE, "lookup"))
+    empty_endpoint = _free_endpoint()
+    with _session(endpoint) as session:
+        reply_bytes = _ask(session, key, request)
+        with (
+            _process("bench.empty_server", empty_endpoint, str(reply_bytes)),
+            _session(empty_endpoint) as empty_session,
+        ):
+            empty_key, payload = zenoh.KeyExpr(empty_server.KEY), bytes(len(request))
+            calls: list[Call] = [
+                lambda: tf.lookup_transform(TARGET, SOURCE),
+                lambda: _ask(session, key, request),
+                lambda: _ask(empty_session, empty_key, payload),
+            ]
+            lookup, bare, empty = _by_turns_us(calls)
+    about = f"empty query of {len(request)} and {reply_bytes} B"
+    yield Figure("lookup_transform", "us", lookup, about, empty, Bar(1.3, ratio=True))
+    yield Figure("its messages without the client", "us", bare, about, empty)
+
+
+def _by_turns_us(calls: list[Call]) -> list[list[float]]:
+    """For each call and repetition the median round trip."""
+    values: list[list[float]] = [[] for _ in calls]
+    for repetition in range(REPETITIONS + 1):
+        for call, medians in zip(calls, values, strict=True):
+            spent = []
+            for _ in range(CALLS):
+                start = time.perf_counter()
+                call()
+                spent.append(time.perf_counter() - start)
+            if repetition:  # the first was the warm-up
+                medians.append(1e6 * statistics.median(spent))
+    return values
+
+
+def _batches(tf: TransformClient) -> Iterator[Figure]:
+    times_ns = workload.times_ns()
+    array = np.array(times_ns)
+    targets, sources = [TARGET] * ROWS, [SOURCE] * ROWS
+    bar = Bar(300_000, at_least=True)
+
+    def recorded() -> None:
+        with tf.batch() as batch:
+            handles = [batch.lookup_transform(TARGET, SOURCE, at) for at in times_ns]
+        for handle in handles:
+            handle.result()
+
+    for name, call, goal in (
+        (
+            f"lookup_transforms, {ROWS} rows",
+            lambda: tf.lookup_transforms(TARGET, SOURCE, array),
+            bar,
+        ),
+        (
+            f"the same, {ROWS} names on either side",
+            lambda: tf.lookup_transforms(targets, sources, array),
+            bar,
+        ),
+        (f"a batch of {ROWS} lookup_transform", recorded, None),
     ):
-        asker = session.declare_querier(
-            empty_server.KEY, consolidation=zenoh.ConsolidationMode.NONE
-        )
-
-        def ask() -> None:
-            for reply in asker.get():
-                assert reply.ok is not None
-
-        return {"empty_p50_us": round(1e6 * median_of_each_s(ask, seconds), 1)}
-
-
-def _measure_service(tf: TransformClient, seconds: float) -> dict[str, float]:
-    tf.set_transforms_xact(history())
-    target, source = FRAMES[0], FRAMES[-1]
-    stamps_ns = np.linspace(START_NS, END_NS, ROWS).astype(np.int64)
-    one_s = median_of_each_s(lambda: tf.lookup_transform(target, source), seconds)
-    many_s = median_of_each_s(lambda: tf.lookup_transforms(target, source, stamps_ns), seconds)
-    return {
-        "lookup_p50_us": round(1e6 * one_s, 1),
-        "batched_lookups_per_s": round(ROWS / many_s),
-        "broadcast_transforms_per_s": round(_broadcast_rate(tf, seconds)),
-    }
+        call()
+        rates = []
+        for _ in range(REPETITIONS):
+            start = time.perf_counter()
+            for _ in range(BULK_CALLS):
+                call()
+            rates.append(BULK_CALLS * ROWS / (time.perf_counter() - start))
+        yield Figure(name, "/s", rates, bar=goal)
 
 
-def _broadcast_rate(tf: TransformClient, seconds: float) -> float:
-    """Transforms a second from the first put until the server has committed the last."""
-    sender = tf.broadcaster("bench")
-    pose = Transform((1.0, 2.0, 3.0))
+def _broadcasts(tf: TransformClient) -> Iterator[Figure]:
+    """Transforms a second from the first message until the server has counted the last."""
+    about = f"broadcaster, messages of {BROADCAST_ROWS}"
+    transform = Transform(*workload.pose(0, 0))
+    sample = 0
+
+    def message() -> list[StampedTransform]:
+        nonlocal sample
+        sample += 1
+        stamp_ns = workload.END_NS + sample * workload.PERIOD_NS
+        return [
+            StampedTransform(TARGET, f"joint{i}", stamp_ns, transform)
+            for i in range(BROADCAST_ROWS)
+        ]
+
+    def built() -> Iterator[list[StampedTransform]]:
+        return iter([message() for _ in range(BROADCAST_MESSAGES)])
+
+    def building() -> Iterator[list[StampedTransform]]:
+        return (message() for _ in range(BROADCAST_MESSAGES))
+
+    with tf.broadcaster("bench") as sender:
+        for name, messages, bar in (
+            (about, built, Bar(300_000, at_least=True)),
+            (f"{about}, with building them", building, None),
+        ):
+            rates = [_ingested_per_s(tf, sender.send, messages()) for _ in range(REPETITIONS + 1)]
+            yield Figure(name, "/s", rates[1:], bar=bar)  # the first was the warm-up
+
+
+def _ingested_per_s(
+    tf: TransformClient,
+    send: Callable[[list[StampedTransform]], None],
+    messages: Iterator[list[StampedTransform]],
+) -> float:
+    expected = tf.stats()["put_transforms"] + BROADCAST_MESSAGES * BROADCAST_ROWS
     start = time.perf_counter()
-    sent = 0
-    while time.perf_counter() < start + seconds and sent < BROADCASTS_MAX:
-        sent += 1
-        sender.send(
-            [StampedTransform("map", f"b{i}", END_NS + sent, pose) for i in range(BROADCAST_ROWS)]
-        )
-    last = f"b{BROADCAST_ROWS - 1}"
-    while not tf.can_transform("map", last, END_NS + sent):
+    for stampeds in messages:
+        send(stampeds)
+    while tf.stats()["put_transforms"] < expected:
+        if time.perf_counter() > start + 60:
+            raise SystemExit(f"transforms were lost: {tf.stats()}")
         time.sleep(0.001)
-    return sent * BROADCAST_ROWS / (time.perf_counter() - start)
+    return BROADCAST_MESSAGES * BROADCAST_ROWS / (time.perf_counter() - start)
+
+
+def _ask(session: zenoh.Session, key: zenoh.KeyExpr, payload: bytes) -> int:
+    """The bytes of the reply to a query that is sent as the client sends its own."""
+    for reply in session.get(
+        key, payload=payload, timeout=5.0, consolidation=zenoh.ConsolidationMode.NONE
+    ):
+        assert reply.ok is not None
+        return len(reply.ok.payload.to_bytes())
+    raise SystemExit(f"no answer on {key}")
+
+
+def _session(endpoint: str) -> zenoh.Session:
+    """Set up as the client's is."""
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+def _stamped(
+    parent: str,
+    child: str,
+    stamp_ns: int,
+    translation: workload.Vector,
+    rotation: workload.Quaternion,
+) -> StampedTransform:
+    return StampedTransform(parent, child, stamp_ns, Transform(translation, rotation))
 
 
 @contextlib.contextmanager
@@ -86,6 +202,7 @@ def _process(module: str, *arguments: str) -> Iterator[None]:
     """A Python module as a process that has said its first line and ends with the block."""
     process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
+        cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
