@@ -1,0 +1,133 @@
+// A tree with the conveniences that tests want: names for ids, one call per step.
+//
+// Thread safety: as the tree, all of it.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "check.hpp"
+#include "tree.hpp"
+
+namespace ztf {
+
+struct Set {
+  std::string parent, child;
+  Stamp stamp;
+  Pose pose = {};
+};
+
+struct SetOptions {
+  std::string authority = {};
+  bool is_static = false;
+  bool drop_old = false;
+  std::vector<std::pair<std::string, Version>> reads = {};
+};
+
+inline Pose at_x(double x) { return {x, 0, 0, 0, 0, 0, 1}; }
+
+// A pose without any symmetry that could hide a mistake; differs with n.
+inline Pose some_pose(int n) {
+  Pose p{0.3 * n + 1, 2.0 - 0.7 * n, 0.11 * n * n, 0.2 + 0.1 * (n % 5), -0.4, 0.3 * (n % 3), 0.6};
+  const double scale = 1 / std::sqrt(p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw);
+  p.qx *= scale;
+  p.qy *= scale;
+  p.qz *= scale;
+  p.qw *= scale;
+  return p;
+}
+
+inline double distance(const Pose& a, const Pose& b) {
+  const double sign = a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw < 0 ? -1 : 1;
+  double most = 0;
+  for (const double d : {a.x - b.x, a.y - b.y, a.z - b.z, a.qx - sign * b.qx, a.qy - sign * b.qy,
+                         a.qz - sign * b.qz, a.qw - sign * b.qw})
+    most = std::isnan(d) ? INFINITY : std::max(most, std::abs(d));
+  return most;
+}
+
+class World {
+ public:
+  explicit World(const Options& options = {}) : tree(options) {}
+  explicit World(Concurrency concurrency) : tree(Options{.concurrency = concurrency}) {}
+
+  Tree tree;
+
+  // Why it was refused, if it was.
+  std::optional<Refused> commit(const std::vector<Set>& sets, const SetOptions& options = {},
+                                std::vector<std::uint8_t>* stored = nullptr) {
+    std::vector<std::string_view> names, read_names;
+    std::vector<Row> rows;
+    std::vector<Version> read_versions;
+    for (const Set& set : sets) {
+      const auto row = static_cast<std::uint32_t>(names.size());
+      names.push_back(set.parent);
+      names.push_back(set.child);
+      rows.push_back({row, row + 1, set.stamp, set.pose});
+    }
+    for (const auto& [name, version] : options.reads) {
+      read_names.push_back(name);
+      read_versions.push_back(version);
+    }
+    std::vector<std::uint8_t> flags(sets.size());
+    try {
+      tree.commit({names, rows, options.authority, options.is_static, options.drop_old, read_names,
+                   read_versions},
+                  flags);
+    } catch (Refused& refused) {
+      return std::move(refused);
+    }
+    if (stored) *stored = flags;
+    return std::nullopt;
+  }
+  // True stored, false dropped as too old; anything else is a failed test.
+  bool set(const std::string& parent, const std::string& child, Stamp stamp, const Pose& pose = {},
+           bool is_static = false) {
+    std::vector<std::uint8_t> stored;
+    const auto refused =
+        commit({{parent, child, stamp, pose}}, {.is_static = is_static, .drop_old = true}, &stored);
+    if (refused) check::fail(__FILE__, __LINE__, refused->message);
+    return !refused && stored[0];
+  }
+  Code refusal(const std::vector<Set>& sets, const SetOptions& options = {}) {
+    const auto refused = commit(sets, options);
+    return refused ? refused->code : Code::ok;
+  }
+
+  [[nodiscard]] FrameId id(const std::string& name) const { return tree.find(name); }
+  [[nodiscard]] Query query(Op op, const std::string& target, const std::string& source,
+                            Stamp stamp = kNoStamp) const {
+    return {op, id(target), id(source), stamp};
+  }
+  [[nodiscard]] Answer ask(Op op, const std::string& target, const std::string& source,
+                           Stamp stamp = kNoStamp) const {
+    Answer answer;
+    tree.lookup(query(op, target, source, stamp), answer);
+    return answer;
+  }
+  [[nodiscard]] Answer at(const std::string& target, const std::string& source, Stamp stamp) const {
+    return ask(Op::at, target, source, stamp);
+  }
+  [[nodiscard]] Code code(Op op, const std::string& target, const std::string& source,
+                          Stamp stamp = kNoStamp) const {
+    return ask(op, target, source, stamp).failure.code;
+  }
+  // What a transaction that reads this must find unchanged at its end.
+  std::vector<std::pair<std::string, Version>> reads_of(const Query& q, Answer& answer) const {
+    ReadSet reads;
+    tree.lookup_all({&q, 1}, {&answer, 1}, reads);
+    std::vector<std::pair<std::string, Version>> named;
+    for (const ReadVersion& read : reads)
+      named.emplace_back(std::string(tree.name(read.frame)), read.version);
+    return named;
+  }
+};
+
+template <class Body>
+void for_each_concurrency(Body&& body) {
+  for (const auto c : {Concurrency::optimistic, Concurrency::two_phase, Concurrency::giant}) body(c);
+}
+
+}  // namespace ztf

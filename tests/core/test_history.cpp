@@ -1,0 +1,244 @@
+// The rules of history.hpp on one frame: order, pruning, searching.
+#include "history.hpp"
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <random>
+#include <vector>
+
+#include "fixture.hpp"
+
+using namespace ztf;
+using Kind = Place::Kind;
+
+namespace {
+
+struct Sample {
+  Stamp stamp;
+  FrameId parent;
+  bool operator==(const Sample&) const = default;
+};
+
+class History {
+ public:
+  explicit History(std::uint64_t cache_ns = 10, std::uint32_t max_samples = 1u << 16,
+                   std::uint32_t first_index = 0)
+      : frame(std::make_unique<Frame>()), limits{cache_ns, max_samples} {
+    frame->first.store(first_index);
+  }
+
+  // None: too old, as the tree decides before it calls insert().
+  std::optional<Inserted> put(Stamp stamp, FrameId parent, double x = 0) {
+    if (frame->count.load() > 0 && too_old(stamp, frame->latest_stamp.load(), limits.cache_ns))
+      return std::nullopt;
+    reserve(*frame, 1, limits);
+    return insert(*frame, stamp, parent, at_x(x), limits);
+  }
+  void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
+
+  [[nodiscard]] Place at(Stamp stamp) const { return place_at(*frame, stamp); }
+  [[nodiscard]] double x(Stamp stamp) const {
+    const Place place = at(stamp);
+    CHECK_EQ(place.kind, Kind::ok);
+    return place.slot == Place::kNewest ? frame->latest_pose.load().x
+                                        : pose_between(*frame, place.slot, stamp).x;
+  }
+  [[nodiscard]] std::vector<Sample> newest_first() const {
+    std::vector<Sample> all;
+    const std::uint32_t first = frame->first.load();
+    for (std::uint32_t i = frame->count.load(); i-- > 0;)
+      all.push_back({frame->ring.load()->stamp(first + i), frame->ring.load()->parent(first + i)});
+    return all;
+  }
+
+  std::unique_ptr<Frame> frame;
+  HistoryLimits limits;
+};
+
+}  // namespace
+
+TEST(samples_stand_in_order_of_time) {
+  History h;
+  const std::vector<Sample> sent = {{0, 1}, {10, 2}, {5, 3}, {3, 4}, {8, 5}, {8, 6}, {8, 7}};
+  for (const Sample& s : sent) CHECK(h.put(s.stamp, s.parent).has_value());
+  const std::vector<Sample> expected = {{10, 2}, {8, 7}, {5, 3}, {3, 4}, {0, 1}};
+  CHECK(h.newest_first() == expected);
+  CHECK_EQ(*h.put(15, 8), Inserted::added);
+  CHECK(!h.put(0, 9));
+  CHECK_EQ(*h.put(5, 10), Inserted::rewritten);
+  const std::vector<Sample> pruned = {{15, 8}, {10, 2}, {8, 7}, {5, 10}};
+  CHECK(h.newest_first() == pruned);
+}
+
+TEST(the_last_wins_at_every_equal_stamp) {
+  History h(100);
+  for (const Stamp t : {10, 14, 18}) {
+    h.put(t, 1, static_cast<double>(t));
+    CHECK_EQ(*h.put(t, 1, static_cast<double>(t) + 0.5), Inserted::rewritten);
+  }
+  for (const Stamp t : {10, 14, 18}) CHECK_EQ(h.x(t), static_cast<double>(t) + 0.5);
+  CHECK_EQ(h.x(12), 12.5);
+  CHECK_EQ(h.frame->count.load(), 3u);
+  for (int i = 0; i < 99; ++i) h.put(18, 2, 7);
+  CHECK_EQ(h.frame->count.load(), 3u);
+  CHECK_EQ(h.frame->parent.load(), 2u);
+}
+
+TEST(pruning_comes_after_the_insert) {
+  History h(10);
+  h.put(0, 1, 0);
+  h.put(100, 1, 100);
+  CHECK_EQ(h.frame->count.load(), 1u);
+  CHECK_EQ(h.at(50).kind, Kind::no_data);
+}
+
+TEST(too_old_begins_beyond_the_limit) {
+  History h(10);
+  h.put(100, 1, 100);
+  CHECK(!h.put(89, 1));
+  CHECK_EQ(*h.put(90, 1, 90), Inserted::added);
+  CHECK_EQ(h.x(90), 90);
+  CHECK_EQ(h.x(95), 95);
+  h.put(101, 1, 101);
+  CHECK_EQ(h.at(95).kind, Kind::backward);
+  CHECK_EQ(h.at(99).kind, Kind::backward);
+}
+
+TEST(one_sample_serves_its_own_time_only) {
+  History h;
+  CHECK_EQ(h.at(0).kind, Kind::root);
+  h.put(5, 1, 5);
+  CHECK_EQ(h.x(5), 5);
+  for (const Stamp t : {4, 6, -1000, 1000}) CHECK_EQ(h.at(t).kind, Kind::no_data);
+  h.put(7, 1, 7);
+  CHECK_EQ(h.x(6), 6);
+  CHECK_EQ(h.at(4).kind, Kind::backward);
+  CHECK_EQ(h.at(8).kind, Kind::forward);
+}
+
+TEST(nothing_is_interpolated_between_two_parents) {
+  History h(1000);
+  h.put(555, 4, 1);
+  h.put(655, 5, 100);
+  for (Stamp t = 555; t < 655; ++t) {
+    CHECK_EQ(h.x(t), 1);
+    CHECK_EQ(h.at(t).parent, 4u);
+  }
+  CHECK_EQ(h.x(655), 100);
+  CHECK_EQ(h.at(655).parent, 5u);
+}
+
+TEST(static_and_dynamic_replace_each_other) {
+  History h(1000);
+  h.put(10, 1, 10);
+  h.put(11, 1, 11);
+  h.fix(5, 2, 9);
+  for (const Stamp t : {-5, 5, 10, 11, 1000}) {
+    CHECK_EQ(h.x(t), 9);
+    CHECK_EQ(h.at(t).parent, 2u);
+  }
+  h.put(3, 1, 3);  // older than all before: they are forgotten
+  CHECK_EQ(h.frame->count.load(), 1u);
+  CHECK_EQ(h.at(10).kind, Kind::no_data);
+  h.put(12, 1, 12);
+  CHECK_EQ(h.x(6), 6);
+  forget(*h.frame);
+  CHECK_EQ(h.at(12).kind, Kind::root);
+  CHECK_EQ(h.at(6).kind, Kind::root);
+}
+
+TEST(a_full_frame_gives_up_its_oldest) {
+  History h(1000, 4);
+  for (Stamp t = 1; t <= 4; ++t) CHECK_EQ(*h.put(10 * t, 1), Inserted::added);
+  CHECK_EQ(*h.put(5, 1), Inserted::refused);
+  CHECK_EQ(h.newest_first().back().stamp, 10);
+  CHECK_EQ(*h.put(10, 2), Inserted::rewritten);
+  CHECK_EQ(*h.put(15, 3), Inserted::evicted);
+  const std::vector<Sample> expected = {{40, 1}, {30, 1}, {20, 1}, {15, 3}};
+  CHECK(h.newest_first() == expected);
+  CHECK_EQ(*h.put(50, 1), Inserted::evicted);
+  CHECK_EQ(h.newest_first().back().stamp, 20);
+}
+
+TEST(the_ends_of_time_are_times) {
+  const Stamp first = kNoStamp + 1, last = std::numeric_limits<Stamp>::max();
+  for (const auto& [from, to] : {std::pair{first, Stamp{0}}, std::pair{Stamp{0}, last}}) {
+    History h(static_cast<std::uint64_t>(last));
+    h.put(to, 1, 1);
+    h.put(from, 1, -1);
+    CHECK_NEAR(h.x(from / 2 + to / 2), 0, 1e-15);
+    CHECK_EQ(h.x(from), -1);
+    CHECK_EQ(h.x(to), 1);
+  }
+  CHECK(too_old(first, last, ~std::uint64_t{0} - 2));
+  CHECK(!too_old(first, last, ~std::uint64_t{0} - 1));
+  CHECK(!too_old(last, first, 0));
+  History h(10);
+  h.put(last, 1);
+  CHECK(!h.put(first, 1));
+}
+
+// Against std::map, with stamps as irregular as they come, and indices that pass their end.
+TEST(any_history_is_that_of_a_sorted_map) {
+  std::mt19937_64 generator(7);
+  for (int round = 0; round < 60; ++round) {
+    const std::uint64_t cache = round % 3 ? 3000 : std::uint64_t{1} << 62;
+    const std::uint32_t max_samples = round % 4 ? 64 : 5;
+    History h(cache, max_samples, round % 2 ? 0xFFFFFFFFu - static_cast<std::uint32_t>(round) : 0);
+    std::map<Stamp, std::pair<FrameId, double>> model;
+    Stamp now = 0;
+    for (int i = 0; i < 300; ++i) {
+      // Bursts, pauses over many magnitudes, and stragglers.
+      now += static_cast<Stamp>(generator() % (1u << generator() % 12));
+      Stamp stamp = now;
+      if (generator() % 3 == 0) stamp -= static_cast<Stamp>(generator() % 4000);
+      const auto parent = static_cast<FrameId>(1 + generator() % 8 / 7);
+      const double x = static_cast<double>(generator() % 1000);
+      const auto result = h.put(stamp, parent, x);
+
+      std::optional<Inserted> expected;
+      if (model.empty() || !too_old(stamp, model.rbegin()->first, cache)) {
+        expected = Inserted::added;
+        if (model.contains(stamp)) {
+          expected = Inserted::rewritten;
+        } else if (model.size() == max_samples) {
+          expected = stamp < model.begin()->first ? Inserted::refused : Inserted::evicted;
+          if (expected == Inserted::evicted) model.erase(model.begin());
+        }
+        if (expected != Inserted::refused) model[stamp] = {parent, x};
+        while (too_old(model.begin()->first, model.rbegin()->first, cache)) model.erase(model.begin());
+      }
+      CHECK(result == expected);
+      CHECK_EQ(h.frame->count.load(), model.size());
+      CHECK_EQ(h.frame->latest_stamp.load(), model.rbegin()->first);
+      CHECK_EQ(oldest_stamp(*h.frame), model.begin()->first);
+
+      const Stamp asked = now + 50 - static_cast<Stamp>(generator() % 4000);
+      const Place place = h.at(asked);
+      auto after = model.upper_bound(asked);
+      if (model.size() == 1 && model.begin()->first != asked) {
+        CHECK_EQ(place.kind, Kind::no_data);
+      } else if (after == model.begin()) {
+        CHECK_EQ(place.kind, Kind::backward);
+      } else if (after == model.end() && model.rbegin()->first != asked) {
+        CHECK_EQ(place.kind, Kind::forward);
+      } else {
+        const auto before = std::prev(after);
+        double value = before->second.second;
+        if (after != model.end() && after->second.first == before->second.first)
+          value += (after->second.second - value) * static_cast<double>(asked - before->first) /
+                   static_cast<double>(after->first - before->first);
+        CHECK_EQ(place.kind, Kind::ok);
+        CHECK_EQ(place.parent, before->second.first);
+        CHECK_NEAR(h.x(asked), value, 1e-9);
+      }
+    }
+  }
+}
+
+TEST(the_index_that_means_newest_is_never_a_slot) {
+  History h(1000, 64, 0xFFFFFFFE);
+  for (Stamp t = 0; t < 10; ++t) h.put(10 * t, 1, static_cast<double>(10 * t));
+  for (Stamp t = 0; t <= 90; ++t) CHECK_EQ(h.x(t), static_cast<double>(t));
+}

@@ -1,0 +1,131 @@
+// Commits and lookups for which there is no memory: each allocation fails in its turn, and nothing
+// is left locked, half done or lost.
+#include <cstdlib>
+#include <new>
+
+#include "fixture.hpp"
+
+namespace {
+
+thread_local long allocations_left = -1;  // before one fails; below 0: none does
+
+void* allocate(std::size_t bytes, std::size_t alignment) {
+  if (allocations_left == 0) throw std::bad_alloc();
+  if (allocations_left > 0) --allocations_left;
+  void* memory = alignment > alignof(std::max_align_t)
+                     ? std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)
+                     : std::malloc(bytes);
+  if (!memory) throw std::bad_alloc();
+  return memory;
+}
+
+}  // namespace
+
+// All of them, so that none is mixed with what a sanitizer replaces. Out of line, else the compiler
+// sees free() for new and warns.
+[[gnu::noinline]] void* operator new(std::size_t n) { return allocate(n, 1); }
+[[gnu::noinline]] void* operator new[](std::size_t n) { return allocate(n, 1); }
+[[gnu::noinline]] void* operator new(std::size_t n, std::align_val_t a) { return allocate(n, static_cast<std::size_t>(a)); }
+[[gnu::noinline]] void* operator new[](std::size_t n, std::align_val_t a) { return allocate(n, static_cast<std::size_t>(a)); }
+[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete[](void* p) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete[](void* p, std::size_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete[](void* p, std::align_val_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t, std::align_val_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete[](void* p, std::size_t, std::align_val_t) noexcept { std::free(p); }
+
+using namespace ztf;
+
+namespace {
+
+// Runs body again and again, each time with one allocation more; how often it failed.
+template <class Body, class AfterFailure>
+long fail_each_allocation(Body&& body, AfterFailure&& after_failure) {
+  for (long n = 0;; ++n) {
+    allocations_left = n;
+    try {
+      body();
+      allocations_left = -1;
+      return n;
+    } catch (const std::bad_alloc&) {
+      allocations_left = -1;
+      after_failure();
+    }
+  }
+}
+
+std::string state(const World& w) {
+  std::ostringstream text;
+  for (FrameId id = 1; id <= w.tree.size(); ++id) {
+    const FrameInfo i = w.tree.info(id);  // hangs if the frame was left locked
+    text << w.tree.name(id) << ' ' << i.parent << ' ' << i.samples << ' ' << i.newest << ' '
+         << i.version << '\n';
+  }
+  return text.str();
+}
+
+// A commit, prepared, so that nothing but the core allocates.
+struct Prepared {
+  std::vector<std::string> names;
+  std::vector<std::string_view> views;
+  std::vector<Row> rows;
+  std::vector<std::uint8_t> stored;
+
+  Prepared(const std::string& prefix, std::uint32_t links, Stamp stamp) : stored(links) {
+    for (std::uint32_t i = 0; i <= links; ++i)
+      names.push_back(i ? prefix + std::string(200, 'x') + std::to_string(i) : "root");
+    for (const std::string& name : names) views.push_back(name);
+    for (std::uint32_t i = links; i-- > 0;) rows.push_back({i, i + 1, stamp, at_x(1)});
+  }
+};
+
+}  // namespace
+
+TEST(a_commit_without_memory_is_no_commit) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("root", "other", 1);
+    for (Stamp stamp = 1; stamp <= 9; ++stamp) {  // names, then samples, then bigger rings
+      Prepared p("f", 100, stamp);
+      const std::string before = state(w);
+      const long failures = fail_each_allocation(
+          [&] { w.tree.commit({p.views, p.rows}, p.stored); }, [&] { CHECK_EQ(state(w), before); });
+      CHECK(failures > 3);
+      Answer a;
+      w.tree.lookup({Op::latest_xact, w.id("root"), w.id(p.names.back())}, a);
+      CHECK_EQ(a.failure.code, Code::ok);
+      CHECK_EQ(a.pose.x, 100);
+      CHECK_EQ(a.stamp, stamp);
+    }
+  });
+}
+
+TEST(clearing_without_memory_clears_nothing) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    Prepared p("f", 100, 1);
+    w.tree.commit({p.views, p.rows}, p.stored);
+    const std::string before = state(w);
+    CHECK(fail_each_allocation([&] { w.tree.clear(true); }, [&] { CHECK_EQ(state(w), before); }) > 2);
+    CHECK_EQ(w.tree.info(2).samples, 0u);
+  });
+}
+
+TEST(a_lookup_without_memory_leaves_no_lock) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    Prepared p("f", 300, 1);
+    w.tree.commit({p.views, p.rows}, p.stored);
+    const Query q{Op::latest_xact, w.id("root"), w.id(p.names.back())};
+    Answer a;
+    CHECK(fail_each_allocation([&] { w.tree.lookup(q, a); }, [] {}) > 2);
+    CHECK_EQ(a.pose.x, 300);
+    ReadSet reads;
+    fail_each_allocation([&] { w.tree.lookup_all({&q, 1}, {&a, 1}, reads); }, [] {});
+    Prepared again("f", 300, 2);
+    w.tree.commit({again.views, again.rows}, again.stored);  // hangs if a shared lock was left
+    CHECK_EQ(w.ask(Op::latest_xact, "root", p.names.back()).stamp, 2);
+  });
+}

@@ -1,0 +1,239 @@
+// Commits: all or nothing, in time's order, within the limits.
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+// Everything about a tree that a refused commit must leave alone.
+std::string state(const World& w) {
+  std::ostringstream text;
+  for (FrameId id = 1; id <= w.tree.size(); ++id) {
+    const FrameInfo i = w.tree.info(id);
+    text << w.tree.name(id) << ' ' << i.parent << ' ' << i.is_static << ' ' << i.samples << ' '
+         << i.oldest << ' ' << i.newest << ' ' << i.version << ' ' << i.authority << '\n';
+  }
+  return text.str();
+}
+
+void check_refused(World& w, Code code, const std::string& field, const std::vector<Set>& sets,
+                   const SetOptions& options = {}) {
+  const std::string before = state(w);
+  const std::uint64_t epoch = w.tree.signal().epoch();
+  const auto refused = w.commit(sets, options);
+  CHECK(refused.has_value());
+  if (refused) {
+    CHECK_EQ(refused->code, code);
+    CHECK_EQ(refused->field, field);
+  }
+  CHECK_EQ(state(w), before);
+  CHECK_EQ(w.tree.signal().epoch(), epoch);
+}
+
+}  // namespace
+
+TEST(bad_rows_leave_nothing_behind) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 100'000'000'000);
+    const double nan = std::nan(""), inf = INFINITY;
+    const Set good{"new1", "new2", 1};
+    const Code bad = Code::invalid_argument;
+    check_refused(w, bad, "child_frame", {good, {"x", "x", 1}});
+    check_refused(w, bad, "child_frame", {good, {"x", "/x", 1}});
+    check_refused(w, bad, "child_frame", {good, {"x", "", 1}});
+    check_refused(w, bad, "parent_frame", {good, {"/", "x", 1}});
+    check_refused(w, bad, "stamp_ns", {good, {"x", "y", kNoStamp}});
+    check_refused(w, bad, "translation", {good, {"x", "y", 1, at_x(nan)}});
+    check_refused(w, bad, "translation", {good, {"x", "y", 1, at_x(-inf)}});
+    check_refused(w, bad, "rotation", {good, {"x", "y", 1, {0, 0, 0, 0, 0, 0, nan}}});
+    check_refused(w, bad, "rotation", {good, {"x", "y", 1, {0, 0, 0, 0, 0, 0, 0}}});
+    check_refused(w, bad, "rotation", {good, {"x", "y", 1, {0, 0, 0, 0, 0, 0, 1.01}}});
+    check_refused(w, bad, "rotation", {good, {"x", "y", 1, {0, 0, 0, 1e200, 0, 0, 1}}});
+    check_refused(w, bad, "stamp_ns", {good, {"a", "b", 89'999'999'999}});
+    check_refused(w, bad, "parent_frame", {good, {"b", "a", 1}});
+    check_refused(w, Code::conflict, "", {good}, {.reads = {{"b", 12345}}});
+    check_refused(w, Code::limit, "max_name_bytes", {good, {"x", std::string(256, 'y'), 1}});
+    CHECK_EQ(w.refusal({good, {"/x", "/y", 1, {0, 0, 0, 0, 0, 0, 1.004}}}), Code::ok);
+    CHECK_EQ(w.at("x", "y", 1).pose.qw, 1);
+    CHECK_EQ(w.tree.size(), 6u);
+    CHECK_EQ(w.tree.name(4), "new1");  // the child was numbered first
+  });
+}
+
+TEST(old_rows_are_dropped_or_refuse) {
+  World w(Options{.cache_ns = 10});
+  w.set("a", "b", 100, at_x(100));
+  CHECK(w.set("a", "b", 90, at_x(90)));
+  CHECK(!w.set("a", "b", 89));
+  CHECK_EQ(w.tree.counters(w.id("b")).dropped.load(), 1u);
+  std::vector<std::uint8_t> stored;
+  CHECK(!w.commit({{"a", "b", 89}, {"a", "c", 1}, {"a", "b", 101, at_x(101)}}, {.drop_old = true}, &stored));
+  const std::vector<std::uint8_t> expected = {0, 1, 1};
+  CHECK(stored == expected);
+  CHECK_EQ(w.tree.info(w.id("b")).oldest, 100);
+  check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 102}, {"a", "b", 90}, {"a", "d", 1}});
+}
+
+// A row that finds no room is a row that is not stored: never a success.
+TEST(a_full_frame_refuses_older_rows) {
+  for_each_concurrency([](Concurrency c) {
+    World w(Options{.concurrency = c, .max_samples_per_frame = 4});
+    for (Stamp t = 1; t <= 4; ++t) w.set("a", "b", 10 * t);
+    check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 5}, {"a", "c", 5}});
+    CHECK(!w.set("a", "b", 5));
+    CHECK_EQ(w.tree.counters(w.id("b")).dropped.load(), 1u);
+    CHECK(w.set("a", "b", 10, at_x(1)));
+    CHECK(w.set("a", "b", 15));
+    CHECK_EQ(w.tree.info(w.id("b")).oldest, 15);
+    CHECK_EQ(w.tree.counters(w.id("b")).evicted.load(), 1u);
+    check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 14}, {"a", "b", 60}});
+  });
+}
+
+TEST(unsorted_and_duplicate_rows) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    CHECK_EQ(w.refusal({{"z", "y", 3, at_x(3)},
+                        {"y", "x", 1, at_x(10)},
+                        {"z", "y", 1, at_x(1)},
+                        {"root", "z", 9},
+                        {"z", "y", 2, at_x(-1)},
+                        {"z", "y", 2, at_x(2)}}),
+             Code::ok);
+    for (Stamp t = 1; t <= 3; ++t) CHECK_EQ(w.at("z", "y", t).pose.x, static_cast<double>(t));
+    CHECK_EQ(w.ask(Op::latest_xact, "root", "x").pose.x, 13);
+    // Of static ones the newest stands.
+    CHECK_EQ(w.refusal({{"s", "t", 2, at_x(2)}, {"s", "t", 1, at_x(1)}}, {.is_static = true}), Code::ok);
+    CHECK_EQ(w.at("s", "t", 0).pose.x, 2);
+    CHECK_EQ(w.tree.info(w.id("y")).version, VersionLock::kCommit);  // one commit, one version
+  });
+}
+
+TEST(cycles_are_refused) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 1);
+    w.set("b", "c", 1);
+    const Code bad = Code::invalid_argument;
+    check_refused(w, bad, "parent_frame", {{"c", "a", 1}});
+    check_refused(w, bad, "parent_frame", {{"b", "a", 1}}, {.is_static = true});
+    check_refused(w, bad, "parent_frame", {{"d", "a", 1}, {"c", "d", 1}});
+    check_refused(w, bad, "parent_frame", {{"p", "q", 1}, {"q", "r", 1}, {"r", "p", 1}});
+    check_refused(w, bad, "parent_frame", {{"p", "q", 1}, {"q", "p", 1}});
+    // A transaction counts as simultaneous: turning a chain around is no cycle.
+    CHECK_EQ(w.refusal({{"c", "b", 2}, {"b", "a", 2}, {"r", "c", 2}}), Code::ok);
+    CHECK_EQ(w.code(Op::latest_xact, "r", "a"), Code::ok);
+    // Only the newest parent of each matters.
+    CHECK_EQ(w.refusal({{"a", "r", 1}, {"top", "r", 5}}), Code::ok);
+    // A sample older than the newest changes no topology.
+    CHECK_EQ(w.refusal({{"a", "r", 3}}), Code::ok);
+    CHECK_EQ(w.tree.parent(w.id("r"), kNoStamp), w.id("top"));
+    CHECK_EQ(w.tree.counters(w.id("a")).reparented.load(), 0u);
+    CHECK_EQ(w.tree.counters(w.id("b")).reparented.load(), 1u);
+  });
+}
+
+TEST(the_frame_limit) {
+  World w(Options{.max_frames = 3});
+  w.set("a", "b", 1);
+  check_refused(w, Code::limit, "max_frames", {{"c", "d", 1}});
+  CHECK(w.set("b", "c", 1));
+  check_refused(w, Code::limit, "max_frames", {{"c", "d", 1}});
+  CHECK(w.set("b", "c", 2));
+}
+
+TEST(one_authority_per_frame) {
+  World w(Options{.one_authority_per_frame = true});
+  CHECK_EQ(w.refusal({{"a", "b", 1}}, {.authority = "me"}), Code::ok);
+  CHECK_EQ(w.refusal({{"a", "b", 2}}, {.authority = "me"}), Code::ok);
+  check_refused(w, Code::invalid_argument, "authority", {{"a", "b", 3}}, {.authority = "you"});
+  check_refused(w, Code::invalid_argument, "authority", {{"a", "b", 3}});
+  CHECK_EQ(w.refusal({{"b", "c", 1}}, {.authority = "you"}), Code::ok);
+  CHECK_EQ(w.tree.authority(w.tree.info(w.id("b")).authority), "me");
+  w.tree.clear(true);
+  CHECK_EQ(w.refusal({{"a", "b", 3}}, {.authority = "you"}), Code::ok);
+}
+
+TEST(authorities_are_counted_and_limited) {
+  World w(Options{.max_authorities = 2});
+  CHECK_EQ(w.refusal({{"a", "b", 1}}, {.authority = "one"}), Code::ok);
+  CHECK_EQ(w.refusal({{"a", "b", 2}}, {.authority = "two"}), Code::ok);
+  CHECK_EQ(w.tree.counters(w.id("b")).authority_changes.load(), 1u);
+  check_refused(w, Code::limit, "max_authorities", {{"a", "b", 3}}, {.authority = "three"});
+  check_refused(w, Code::limit, "max_name_bytes", {{"a", "b", 3}}, {.authority = std::string(256, 'x')});
+}
+
+TEST(read_versions_must_still_stand) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 1, at_x(1));
+    w.set("b", "c", 1, at_x(1));
+    Answer a;
+    auto reads = w.reads_of(w.query(Op::latest_xact, "a", "c"), a);
+    CHECK_EQ(reads.size(), 2u);
+    CHECK_EQ(w.refusal({{"a", "d", 1}}, {.reads = reads}), Code::ok);
+    CHECK_EQ(w.refusal({{"a", "b", 2}}, {.reads = reads}), Code::ok);  // both read and written
+    check_refused(w, Code::conflict, "", {{"a", "d", 2}}, {.reads = reads});
+    // Failures rest on what was read, too.
+    reads = w.reads_of(w.query(Op::at, "a", "c", 50), a);
+    CHECK_EQ(a.failure.code, Code::no_data);
+    CHECK_EQ(w.refusal({{"a", "e", 1}}, {.reads = reads}), Code::ok);
+    w.set("b", "c", 50);
+    check_refused(w, Code::conflict, "", {{"a", "e", 2}}, {.reads = reads});
+    const auto cleared = w.reads_of(w.query(Op::latest_xact, "a", "c"), a);
+    w.tree.clear(true);
+    check_refused(w, Code::conflict, "", {{"a", "e", 3}}, {.reads = cleared});
+  });
+}
+
+// Version 0 says that a frame did not exist. It does as soon as it is somebody's parent.
+TEST(a_name_that_was_unknown_must_still_be) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 1);
+    CHECK_EQ(w.refusal({{"a", "b", 2}}, {.reads = {{"x", 0}}}), Code::ok);
+    CHECK_EQ(w.refusal({{"x", "y", 2}}, {.reads = {{"x", 0}, {"y", 0}}}), Code::ok);
+    check_refused(w, Code::conflict, "", {{"a", "b", 3}}, {.reads = {{"x", 0}}});
+    check_refused(w, Code::conflict, "", {{"a", "b", 3}}, {.reads = {{"y", 0}}});
+  });
+}
+
+TEST(clear_keeps_names_and_static_links) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 1, at_x(1), true);
+    w.set("b", "c", 5);
+    w.set("b", "c", 6);
+    w.tree.clear(true);
+    CHECK_EQ(w.tree.size(), 3u);
+    CHECK_EQ(w.at("a", "b", 5).pose.x, 1);
+    CHECK_EQ(w.code(Op::common, "b", "c"), Code::connectivity);
+    CHECK_EQ(w.code(Op::at, "b", "c", 6), Code::connectivity);
+    CHECK_EQ(w.tree.info(w.id("c")).samples, 0u);
+    CHECK(w.set("b", "c", 1));  // nothing newer is remembered
+    CHECK_EQ(w.code(Op::at, "b", "c", 1), Code::ok);
+    w.tree.clear(false);
+    CHECK_EQ(w.code(Op::latest, "a", "b"), Code::connectivity);
+    CHECK(w.set("c", "a", 1));  // what was forgotten closes no cycle
+  });
+}
+
+TEST(many_questions_at_one_instant) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 1, at_x(1));
+    w.set("b", "c", 2, at_x(2));
+    const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "c"), w.query(Op::at, "a", "b", 7),
+                                        w.query(Op::latest, "c", "a"), w.query(Op::common, "a", "nope")};
+    std::vector<Answer> answers(queries.size());
+    ReadSet reads;
+    w.tree.lookup_all(queries, answers, reads);
+    CHECK_EQ(answers[0].pose.x, 3);
+    CHECK_EQ(answers[1].failure.code, Code::no_data);
+    CHECK_EQ(answers[2].pose.x, -3);
+    CHECK_EQ(answers[3].failure.code, Code::lookup);
+    CHECK_EQ(reads.size(), 6u);  // the failed one read a link and a root
+    for (const ReadVersion& read : reads) CHECK_EQ(read.version, w.tree.info(read.frame).version);
+  });
+}

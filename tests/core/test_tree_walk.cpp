@@ -1,0 +1,216 @@
+// Which links a lookup takes, and what it makes of them. Poses are without symmetry throughout.
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+std::string nth(const std::string& prefix, int n) { return prefix + std::to_string(n); }
+
+// A chain of links below `root`: prefix1, prefix2, ...; returns the pose of the last in root.
+Pose grow(World& w, const std::string& root, const std::string& prefix, int links, Stamp stamp = 1) {
+  std::vector<Set> sets;
+  Pose product;
+  for (int i = 1; i <= links; ++i) {
+    sets.push_back({i == 1 ? root : nth(prefix, i - 1), nth(prefix, i), stamp, some_pose(i % 17)});
+    product = product * some_pose(i % 17);
+  }
+  CHECK_EQ(w.refusal(sets), Code::ok);
+  return product;
+}
+
+void check_pose(const World& w, const std::string& target, const std::string& source,
+                const Pose& expected, Stamp stamp = 1, double within = 1e-8) {
+  for (const Op op : {Op::at, Op::common, Op::latest, Op::latest_xact}) {
+    const Answer a = w.ask(op, target, source, stamp);
+    CHECK_EQ(a.failure.code, Code::ok);
+    CHECK_NEAR(distance(a.pose, expected), 0, within);
+    CHECK_EQ(a.stamp, stamp);
+  }
+  CHECK_EQ(w.ask(Op::common_time, target, source).stamp, stamp);
+}
+
+}  // namespace
+
+TEST(ancestors_descendants_and_cousins) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    // a - b - c, b - d - e, a - f
+    w.set("a", "b", 1, some_pose(1));
+    w.set("b", "c", 1, some_pose(2));
+    w.set("b", "d", 1, some_pose(3));
+    w.set("d", "e", 1, some_pose(4));
+    w.set("a", "f", 1, some_pose(5));
+    const std::vector<std::pair<std::string, Pose>> in_a = {
+        {"a", {}},
+        {"b", some_pose(1)},
+        {"c", some_pose(1) * some_pose(2)},
+        {"d", some_pose(1) * some_pose(3)},
+        {"e", some_pose(1) * some_pose(3) * some_pose(4)},
+        {"f", some_pose(5)}};
+    for (const auto& [target, x_a_target] : in_a)
+      for (const auto& [source, x_a_source] : in_a) {
+        const Pose expected = inverse(x_a_target) * x_a_source;
+        if (target != source || target != "a") check_pose(w, target, source, expected, 1, 1e-13);
+      }
+    CHECK_EQ(w.ask(Op::common, "c", "c").stamp, 1);
+    CHECK_EQ(w.ask(Op::common, "a", "a").stamp, 0);
+  });
+}
+
+// Both ways around every limit inside the walk: turns of 16, 48 near steps, 64 far ones.
+TEST(meeting_points_near_and_far) {
+  for_each_concurrency([](Concurrency c) {
+    for (const int left : {1, 15, 16, 17, 47, 48, 49, 63, 64, 65, 66, 150})
+      for (const int right : {0, 1, 16, 49, 64, 65, 113, 180}) {
+        World w(c);
+        grow(w, "top", "stem", 30);
+        const Pose x_left = grow(w, "stem30", "l", left);
+        const Pose x_right = right ? grow(w, "stem30", "r", right) : Pose{};
+        const std::string r = right ? nth("r", right) : "stem30";
+        check_pose(w, nth("l", left), r, inverse(x_left) * x_right);
+        check_pose(w, r, nth("l", left), inverse(x_right) * x_left);
+        std::vector<FrameId> chain;
+        CHECK_EQ(w.tree.chain(w.query(Op::at, r, nth("l", left)), chain).code, Code::ok);
+        CHECK_EQ(chain.size(), static_cast<std::size_t>(left + right + 1));
+      }
+  });
+}
+
+TEST(depth_ends_exactly_at_the_limit) {
+  for_each_concurrency([](Concurrency c) {
+    for (const std::uint32_t depth : {1u, 2u, 16u, 17u, 64u, 65u, 1000u}) {
+      World w(Options{.concurrency = c, .max_depth = depth});
+      const int n = static_cast<int>(depth);
+      grow(w, "root", "a", n + 1);
+      const Pose x_a = w.ask(Op::latest_xact, "root", nth("a", n)).pose;
+      CHECK_EQ(w.code(Op::latest_xact, "root", nth("a", n)), Code::ok);
+      CHECK_EQ(w.code(Op::at, nth("a", n), "root", 1), Code::ok);
+      for (const bool inverse : {false, true}) {
+        const std::string deep = nth("a", n + 1);
+        const Answer a = inverse ? w.at(deep, "root", 1) : w.at("root", deep, 1);
+        CHECK_EQ(a.failure.code, Code::lookup);
+        CHECK(a.failure.frame != 0);
+        CHECK_EQ(w.code(Op::latest, inverse ? deep : "root", inverse ? "root" : deep), Code::lookup);
+      }
+      // The limit holds for each side by itself.
+      const Pose x_b = grow(w, "root", "b", n);
+      check_pose(w, nth("a", n), nth("b", n), inverse(x_a) * x_b, 1, 1e-6);
+      // Far above the meeting point nothing is read.
+      CHECK_EQ(w.code(Op::latest_xact, "a1", nth("a", n + 1)), Code::ok);
+    }
+  });
+}
+
+TEST(only_links_below_the_common_ancestor_count) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    for (const Stamp t : {10, 12}) {
+      w.set("base", "l", t, at_x(1));
+      w.set("base", "r", t, at_x(-1));
+    }
+    w.set("map", "base", 5);
+    CHECK_EQ(w.at("l", "r", 11).pose.x, -2);
+    CHECK_EQ(w.ask(Op::common, "l", "r").stamp, 12);
+    CHECK_EQ(w.code(Op::at, "map", "r", 11), Code::no_data);
+    w.set("map", "base", 3, {}, true);
+    CHECK_EQ(w.at("map", "r", 11).pose.x, -1);
+  });
+}
+
+TEST(latest_common_time_may_have_no_answer) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("parent", "a", 3000, at_x(1));
+    w.set("parent", "b", 4000, at_x(5));
+    CHECK_EQ(w.ask(Op::common_time, "a", "b").stamp, 3000);
+    const Answer common = w.ask(Op::common, "a", "b");
+    CHECK_EQ(common.failure.code, Code::no_data);
+    CHECK_EQ(common.failure.frame, w.id("b"));
+    CHECK_EQ(common.failure.stamp, 3000);
+    const Answer latest = w.ask(Op::latest_xact, "a", "b");
+    CHECK_EQ(latest.pose.x, 4);
+    CHECK_EQ(latest.stamp, 3000);
+    CHECK_EQ(latest.newest, 4000);
+  });
+}
+
+TEST(latest_common_time) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    const auto lct = [&](const char* a, const char* b) { return w.ask(Op::common_time, a, b).stamp; };
+    w.set("parent", "a", 1000);
+    w.set("pp", "parent", 2000);
+    CHECK_EQ(lct("a", "pp"), 1000);
+    w.set("parent", "a", 3000);
+    CHECK_EQ(lct("a", "pp"), 2000);
+    w.set("parent", "b", 4000);
+    w.set("b", "c", 3000);
+    w.set("c", "d", 9000);
+    w.set("f", "e", 5000);
+    CHECK_EQ(lct("a", "b"), 3000);
+    CHECK_EQ(lct("a", "d"), 3000);
+    CHECK_EQ(lct("d", "a"), 3000);
+    CHECK_EQ(lct("e", "f"), 5000);
+    CHECK_EQ(lct("a", "a"), 3000);
+    CHECK_EQ(w.code(Op::common_time, "a", "e"), Code::connectivity);
+    w.set("d", "s", 77, {}, true);
+    CHECK_EQ(lct("d", "s"), kNoStamp);
+    CHECK_EQ(lct("c", "s"), 9000);
+    CHECK_EQ(w.ask(Op::common, "d", "s").stamp, 0);
+  });
+}
+
+TEST(zero_and_negative_stamps_are_ordinary) {
+  World w;
+  w.set("a", "b", 0, at_x(1));
+  w.set("a", "b", -50, at_x(-1));
+  w.set("b", "c", 100);
+  w.set("b", "c", -100);
+  CHECK_EQ(w.at("a", "b", -25).pose.x, 0);
+  CHECK_EQ(w.ask(Op::common, "a", "c").stamp, 0);
+  CHECK_EQ(w.ask(Op::common, "a", "c").pose.x, 1);
+  CHECK_EQ(w.code(Op::at, "a", "b", 1), Code::forward);
+}
+
+TEST(the_way_changes_with_time) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("p1", "c", 10, at_x(1));
+    w.set("p2", "c", 20, at_x(2));
+    for (const Stamp t : {10, 20}) {
+      w.set("w", "p1", t, at_x(static_cast<double>(t)));
+      w.set("w", "p2", t, at_x(static_cast<double>(10 * t)));
+    }
+    CHECK_EQ(w.at("w", "c", 10).pose.x, 11);
+    CHECK_EQ(w.at("w", "c", 15).pose.x, 16);
+    CHECK_EQ(w.at("w", "c", 20).pose.x, 202);
+    CHECK_EQ(w.ask(Op::common, "w", "c").pose.x, 202);
+    CHECK_EQ(w.tree.parent(w.id("c"), 15), w.id("p1"));
+    CHECK_EQ(w.tree.parent(w.id("c"), kNoStamp), w.id("p2"));
+    std::vector<FrameId> chain;
+    w.tree.chain(w.query(Op::at, "w", "c", 15), chain);
+    const std::vector<FrameId> expected = {w.id("w"), w.id("p1"), w.id("c")};
+    CHECK(chain == expected);
+    // The newest common time lies before the newest way: the old one is taken.
+    w.set("w2", "p1", 30, {}, false);
+    w.set("p3", "c", 40, at_x(3));
+    w.set("w2", "p3", 15, {}, true);
+    CHECK_EQ(w.ask(Op::common, "w2", "c").pose.x, 3);
+  });
+}
+
+TEST(the_common_time_takes_the_way_of_that_time) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("w", "p1", 1, at_x(100), true);
+    for (const Stamp t : {10, 20}) w.set("w", "p2", t, at_x(200));
+    w.set("p1", "c", 10, at_x(1));
+    w.set("p2", "c", 30, at_x(2));
+    // Newest: w - p2 - c, common time 20; at 20 c still hangs below p1.
+    const Answer a = w.ask(Op::common, "w", "c");
+    CHECK_EQ(a.stamp, 20);
+    CHECK_EQ(a.pose.x, 101);
+    CHECK_EQ(w.ask(Op::common, "c", "w").pose.x, -101);
+  });
+}
