@@ -96,6 +96,7 @@ class LockingGuard : public ReadList {
     std::sort(wanted_.begin(), wanted_.end());
     wanted_.set_size(
         static_cast<std::size_t>(std::unique(wanted_.begin(), wanted_.end()) - wanted_.begin()));
+    (void)held_.reserve(wanted_.size());  // before the first lock: a constructor that fails unlocks nothing
     for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.lock()});
   }
   ~LockingGuard() {
@@ -142,6 +143,7 @@ class SharedGuard : public ReadList {
 
   bool enter(const Frame& frame, Version& version) {
     const FrameId id = id_of(frame);
+    (void)held_.reserve(1);  // what is locked must be noted
     Backoff backoff;
     for (;;) {
       switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {

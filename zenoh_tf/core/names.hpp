@@ -10,6 +10,7 @@
 // 3. insert() fills names_[id] before it publishes the slot with release order.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <cstdlib>
@@ -57,9 +58,20 @@ class NameTable {
   [[nodiscard]] std::uint32_t size() const noexcept { return size_.load(std::memory_order_acquire); }
   [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
 
+  // Makes room for that many names of that many bytes in all: inserting them cannot fail.
+  void reserve(std::size_t names, std::size_t bytes) {
+    while ((size() + names) * 2 > tables_.back()->mask + 1) grow();
+    if (bytes > left_) {
+      const std::size_t block = std::max<std::size_t>(bytes, 4096);
+      blocks_.push_back(std::make_unique<char[]>(block));
+      free_ = blocks_.back().get();
+      left_ = block;
+    }
+  }
+
   // The name must be new, and size() below max_size().
   Id insert(std::string_view name) {
-    if ((std::size_t{size()} + 1) * 2 > tables_.back()->mask + 1) grow();
+    reserve(1, name.size());
     const Id id = size() + 1;
     names_[id] = {copy(name), static_cast<std::uint32_t>(name.size())};
     place(*tables_.back(), hash_of(name), id);
@@ -93,12 +105,7 @@ class NameTable {
     tables_.push_back(std::move(bigger));
     table_.store(tables_.back().get(), std::memory_order_release);
   }
-  const char* copy(std::string_view name) {
-    if (name.size() > left_) {
-      left_ = std::max<std::size_t>(name.size(), 4096);
-      blocks_.push_back(std::make_unique<char[]>(left_));
-      free_ = blocks_.back().get();
-    }
+  const char* copy(std::string_view name) noexcept {
     char* text = free_;
     if (!name.empty()) std::memcpy(text, name.data(), name.size());
     free_ += name.size();

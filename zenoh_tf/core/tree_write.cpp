@@ -57,6 +57,8 @@ class Commit {
 
   void run() {
     authority_ = find_authority();
+    // Version 0: the frame did not exist, and only who holds the topology can say that it still does not.
+    for (const Version version : request_.read_versions) needs_topology_ |= version == 0;
     while (!attempt()) needs_topology_ = true;
   }
 
@@ -167,12 +169,14 @@ class Commit {
       if (!needs_topology_) return false;
       check_cycles();
     }
+    const auto new_names = new_names_in_order();
+    (void)changed_.reserve(groups_.size());
     for (const Group& group : groups_)
       if (!request_.is_static)
         reserve(frame_of(group), group.end - group.begin, limits());
-    publish_names();
 
     // Nothing can fail from here on.
+    publish(new_names);
     for (const Group& group : groups_) changed_.push_back(apply(group));
     locks.release(changed_);
     return true;
@@ -248,26 +252,36 @@ class Commit {
 
     bool has_newest = !frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0;
     Stamp newest = frame.latest_stamp.load(relaxed);
-    FrameId parent = frame.parent.load(relaxed);
+    const FrameId before = frame.parent.load(relaxed);
+    FrameId parent = before;
+    // Rows come by stamp, so what a full frame has no room for comes first.
+    const bool is_full = has_newest && frame.count.load(relaxed) == tree_.options_.max_samples_per_frame;
+    const Stamp oldest = oldest_stamp(frame);
+    bool moves = false;
     for (std::uint32_t i = group.begin; i < group.end; ++i) {
       const Write& write = writes_[i];
-      const bool drop = !request_.is_static && has_newest &&
-                        too_old(write.stamp, newest, tree_.options_.cache_ns);
-      if (drop && !request_.drop_old)
+      const bool old = !request_.is_static && has_newest &&
+                       too_old(write.stamp, newest, tree_.options_.cache_ns);
+      const bool no_room = !request_.is_static && is_full && write.stamp < oldest;
+      if ((old || no_room) && !request_.drop_old)
         refuse(request_.rows[write.row], "stamp_ns",
                "the stamp " + std::to_string(write.stamp) +
-                   " is older than the newest one, " + std::to_string(newest) +
-                   ", by more than the cache time");
-      stored_[write.row] = !drop;
-      if (drop) continue;
+                   (old ? " is older than the newest one, " + std::to_string(newest) +
+                              ", by more than the cache time"
+                        : " is older than all samples of a frame that is full"));
+      stored_[write.row] = !(old || no_room);
+      if (old || no_room) continue;
       if (!has_newest || request_.is_static || write.stamp >= newest) {
         newest = write.stamp;
         parent = write.parent;
         has_newest = true;
+        // Also where a later row moves it back: while the rows are applied, one
+        // after the other, nobody else may follow the newest parents.
+        moves |= parent != before;
       }
     }
-    group.new_parent = parent == frame.parent.load(relaxed) ? 0 : parent;
-    return group.new_parent != 0;
+    group.new_parent = parent == before ? 0 : parent;
+    return moves;
   }
 
   // Would the newest parents, with all of this commit's at once, close a cycle?
@@ -330,9 +344,8 @@ class Commit {
         case Inserted::evicted:
           count(counters.evicted);
           break;
-        case Inserted::refused:
-          stored_[write.row] = 0;
-          count(counters.dropped);
+        case Inserted::refused:  // never: check_group() has seen to it
+          break;
       }
     }
     if (!changed) return false;
@@ -346,12 +359,28 @@ class Commit {
     return true;
   }
 
-  void publish_names() {
-    if (new_names_.empty()) return;
-    std::vector<std::pair<FrameId, std::string_view>> in_order;
-    for (const auto& [name, id] : new_names_) in_order.emplace_back(id, name);
+  using NewNames = std::vector<std::pair<FrameId, std::string_view>>;
+
+  [[nodiscard]] NewNames new_names_in_order() const {
+    NewNames in_order;
+    if (new_names_.empty()) return in_order;
+    std::size_t bytes = 0;
+    for (const auto& [name, id] : new_names_) {
+      in_order.emplace_back(id, name);
+      bytes += name.size();
+    }
     std::sort(in_order.begin(), in_order.end());
-    for (const auto& [id, name] : in_order) tree_.names_.insert(name);
+    tree_.names_.reserve(in_order.size(), bytes);
+    return in_order;
+  }
+
+  // A frame that exists has a version other than 0, be it but a parent.
+  void publish(const NewNames& in_order) noexcept {
+    for (const auto& [id, name] : in_order) {
+      if (!std::binary_search(children_.begin(), children_.end(), id))
+        tree_.frames_[id].version.unlock_changed(0);
+      tree_.names_.insert(name);
+    }
   }
 
   [[nodiscard]] Frame& frame_of(const Group& group) const noexcept {
@@ -392,6 +421,7 @@ void Tree::clear(bool keep_static) {
   SmallVector<FrameId, 16> all;
   SmallVector<bool, 16> changed;
   for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
+  (void)changed.reserve(all.size());  // halfway nothing may fail
   WriteLocks locks(*this, all);
   for (const FrameId id : all) {
     Frame& frame = frames_[id];

@@ -17,6 +17,9 @@ namespace ztf {
 class WriteLocks {
  public:
   WriteLocks(Tree& tree, const SmallVector<FrameId, 16>& ascending) : tree_(tree) {
+    // Before the first lock: a constructor that fails unlocks nothing.
+    (void)locked_.reserve(ascending.size());
+    (void)shared_held_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
     for (const FrameId id : ascending) {
       VersionLock& word = tree.frames_[id].version;
