@@ -37,7 +37,8 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
       high_stamp = middle_stamp;
     }
   }
-  return {Kind::ok, ring->parent(first + low), first + low};
+  // Indices count on for ever and are masked; kNewest must not be one of them.
+  return {Kind::ok, ring->parent(first + low), (first + low) & (Place::kNewest >> 1)};
 }
 
 Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
