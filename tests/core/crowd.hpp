@@ -1,0 +1,33 @@
+// Threads of a concurrent test: some until the others are done. No test judges by time.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <thread>
+#include <vector>
+
+namespace ztf {
+
+class Crowd {
+ public:
+  // body(stop) runs until stop is set.
+  void background(std::function<void(const std::atomic<bool>&)> body) {
+    backgrounds_.emplace_back([this, body = std::move(body)] { body(stop_); });
+  }
+  void foreground(std::function<void()> body) { foregrounds_.emplace_back(std::move(body)); }
+
+  // Waits for the foreground, then ends the background.
+  void join() {
+    for (std::thread& thread : foregrounds_) thread.join();
+    stop_ = true;
+    for (std::thread& thread : backgrounds_) thread.join();
+    foregrounds_.clear();
+    backgrounds_.clear();
+  }
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::vector<std::thread> foregrounds_, backgrounds_;
+};
+
+}  // namespace ztf

@@ -1,0 +1,215 @@
+// Readers against writers: what a transaction reads was true at one instant.
+#include <random>
+
+#include "crowd.hpp"
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+constexpr int kLinks = 8;
+
+// Chains f0 .. f8 whose x always sum to zero, and arms l1 .. l4, r1 .. r4 of f0 whose sums are
+// equal. Whole numbers: every sum is exact.
+std::vector<Set> zero_sum(std::mt19937& random, Stamp stamp) {
+  std::vector<Set> sets;
+  int sum = 0, left = 0;
+  for (int i = 1; i <= kLinks; ++i) {
+    const int x = i < kLinks ? static_cast<int>(random() % 2001) - 1000 : -sum;
+    sum += x;
+    sets.push_back({"f" + std::to_string(i - 1), "f" + std::to_string(i), stamp, at_x(x)});
+  }
+  for (const std::string arm : {"l", "r"}) {
+    int reached = 0;
+    for (int i = 1; i <= 4; ++i) {
+      const int x = arm == "r" && i == 4 ? left - reached : static_cast<int>(random() % 2001) - 1000;
+      reached += x;
+      sets.push_back({i == 1 ? "f0" : arm + std::to_string(i - 1), arm + std::to_string(i), stamp, at_x(x)});
+    }
+    left = reached;
+  }
+  return sets;
+}
+
+struct ZeroSums {
+  explicit ZeroSums(Concurrency c)
+      : world(Options{.concurrency = c, .max_samples_per_frame = 32}) {
+    std::mt19937 random(1);
+    for (int i = 0; i < 3; ++i) CHECK_EQ(world.refusal(zero_sum(random, ++clock)), Code::ok);
+  }
+  void write(unsigned seed, const std::atomic<bool>& stop) {
+    std::mt19937 random(seed);
+    while (!stop) {
+      // Out of order at times, by two writers; a straggler of a full frame may be refused.
+      const Code code = world.refusal(zero_sum(random, ++clock));
+      CHECK(code == Code::ok || code == Code::invalid_argument);
+      if (code == Code::ok) ++commits;
+    }
+  }
+  World world;
+  std::atomic<Stamp> clock{0};
+  std::atomic<int> commits{0};
+};
+
+}  // namespace
+
+TEST(transactions_never_see_torn_chains) {
+  for_each_concurrency([](Concurrency c) {
+    ZeroSums z(c);
+    const World& w = z.world;
+    Crowd crowd;
+    for (unsigned i = 0; i < 2; ++i)
+      crowd.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
+    for (int thread = 0; thread < 2; ++thread)
+      crowd.foreground([&, thread] {
+        int past = 0;
+        for (int i = 0; i < 400 || z.commits < 200; ++i) {
+          // Crossed: one thread looks up (a, b) where the other looks up (b, a).
+          const bool crossed = (i + thread) % 2;
+          const std::string top = crossed ? "f8" : "f0", leaf = crossed ? "f0" : "f8";
+          const std::string one = crossed ? "l4" : "r4", other = crossed ? "r4" : "l4";
+          Answer a;
+          for (const auto& [target, source] : {std::pair{top, leaf}, std::pair{one, other}}) {
+            for (const Op op : {Op::latest_xact, Op::common}) {
+              a = w.ask(op, target, source);
+              CHECK_EQ(a.failure.code, Code::ok);
+              CHECK_EQ(a.pose.x, 0);
+            }
+            // All links have the same stamps, so one at which any has a sample is exact for all.
+            const Answer then = w.at(target, source, a.stamp - static_cast<Stamp>(i % 4));
+            if (then.failure.code == Code::ok) {
+              CHECK_EQ(std::round(then.pose.x), 0);
+              past += a.stamp != then.stamp;
+            } else {
+              CHECK_EQ(then.failure.code, Code::backward);
+            }
+          }
+          const std::vector<Query> queries = {
+              w.query(Op::latest_xact, "f0", "f3"), w.query(Op::common, "f3", "f8"),
+              w.query(Op::latest_xact, "f0", "l4"), w.query(Op::latest_xact, "r4", "f0"),
+              {Op::full, w.id("f0"), w.id("f8"), kNoStamp, w.id("f5"), kNoStamp}};
+          std::vector<Answer> answers(queries.size());
+          ReadSet reads;
+          w.tree.lookup_all(queries, answers, reads);
+          CHECK_EQ(answers[0].pose.x + answers[1].pose.x, 0);
+          CHECK_EQ(answers[2].pose.x + answers[3].pose.x, 0);
+          CHECK_EQ(answers[4].pose.x, 0);
+          Answer full;
+          w.tree.lookup(queries[4], full);
+          CHECK_EQ(full.pose.x, 0);
+        }
+        CHECK(past > 0);
+      });
+    crowd.join();
+    CHECK(z.commits >= 200);
+  });
+}
+
+// The plain latest lookup promises nothing about different links: that it is seen to mix them shows
+// that the test above could see it, too.
+TEST(latest_alone_mixes_commits_and_says_so) {
+  for (const auto c : {Concurrency::optimistic, Concurrency::two_phase}) {
+    ZeroSums z(c);
+    Crowd crowd;
+    for (unsigned i = 0; i < 2; ++i)
+      crowd.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
+    crowd.foreground([&] {
+      int torn = 0;
+      for (int i = 0; i < 2'000'000 && torn == 0; ++i) {
+        const Answer a = z.world.ask(Op::latest, "f0", "f8");
+        CHECK_EQ(a.failure.code, Code::ok);
+        torn += a.pose.x != 0;
+        if (a.pose.x != 0) CHECK(a.stamp != a.newest);
+      }
+      CHECK(torn > 0);
+    });
+    crowd.join();
+  }
+}
+
+// A chain so long, and written so often, that an unlocked reading of it hardly ever holds.
+TEST(a_reader_that_never_wins_is_answered) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    constexpr int kLong = 150;
+    std::vector<Set> chain;
+    for (int i = 1; i <= kLong; ++i)
+      chain.push_back({"f" + std::to_string(i - 1), "f" + std::to_string(i), 1, at_x(0)});
+    CHECK_EQ(w.refusal(chain), Code::ok);
+    Crowd crowd;
+    std::atomic<int> commits{0};
+    for (int writer = 0; writer < 4; ++writer)
+      crowd.background([&, writer](const auto& stop) {
+        std::mt19937 random(static_cast<unsigned>(writer));
+        for (Stamp stamp = 2; !stop; ++stamp) {
+          // Two links at once, which cancel.
+          const int i = static_cast<int>(random() % (kLong - 1)), x = static_cast<int>(random() % 100);
+          const auto name = [](int n) { return "f" + std::to_string(n); };
+          // In separate halves, so that no two writers undo each other's balance.
+          const int a = i / 8 * 8 + 2 * writer, b = a + 1;
+          if (b + 1 > kLong) continue;
+          CHECK_EQ(w.refusal({{name(b), name(b + 1), stamp, at_x(-x)}, {name(a), name(a + 1), stamp, at_x(x)}}),
+                   Code::ok);
+          ++commits;
+        }
+      });
+    crowd.foreground([&] {
+      for (int i = 0; i < 150 || commits < 100; ++i) {
+        const Answer a = w.ask(Op::latest_xact, i % 2 ? "f0" : "f150", i % 2 ? "f150" : "f0");
+        CHECK_EQ(a.failure.code, Code::ok);
+        CHECK_EQ(a.pose.x, 0);
+      }
+    });
+    crowd.join();
+  });
+}
+
+// Rings that grow and are pruned under lookups at past times. x is the stamp, so that any
+// interpolation of true neighbours lies on the line.
+TEST(past_times_while_rings_grow_and_lose_their_oldest) {
+  for_each_concurrency([](Concurrency c) {
+    World w(Options{.cache_ns = 3000, .concurrency = c, .max_samples_per_frame = 512});
+    const auto put = [&](const char* parent, const char* child, Stamp t) {
+      w.set(parent, child, t, at_x(static_cast<double>(t)));
+    };
+    for (const Stamp t : {0, 1}) {
+      put("a", "b", t);
+      put("b", "c", t);
+    }
+    std::atomic<Stamp> now{1};
+    Crowd crowd;
+    for (const auto& [parent, child] : {std::pair{"a", "b"}, std::pair{"b", "c"}})
+      crowd.background([&, parent, child](const auto& stop) {
+        std::mt19937 random(*child);
+        while (!stop) {
+          const Stamp t = now += static_cast<Stamp>(random() % 40);
+          put(parent, child, t);
+          if (random() % 4 == 0) put(parent, child, t - static_cast<Stamp>(random() % 3500));
+        }
+      });
+    for (unsigned thread = 0; thread < 2; ++thread)
+      crowd.foreground([&, thread] {
+        std::mt19937 random(thread);
+        int answered = 0;
+        for (int i = 0; i < 4000 || answered < 1000; ++i) {
+          const Stamp t = now - static_cast<Stamp>(random() % 3500);
+          const Answer a = w.at("a", "c", t);
+          if (a.failure.code == Code::ok) {
+            CHECK_NEAR(a.pose.x, 2 * static_cast<double>(t), 1e-6);
+            ++answered;
+          } else {
+            CHECK(a.failure.code == Code::backward || a.failure.code == Code::forward ||
+                  a.failure.code == Code::no_data);
+            CHECK(a.failure.frame == w.id("b") || a.failure.frame == w.id("c"));
+            if (a.failure.code == Code::backward) CHECK(t < a.failure.oldest);
+            if (a.failure.code == Code::forward) CHECK(t > a.failure.newest);
+          }
+          const Answer common = w.ask(Op::common, "c", "a");
+          if (common.failure.code == Code::ok)
+            CHECK_NEAR(common.pose.x, -2 * static_cast<double>(common.stamp), 1e-6);
+        }
+      });
+    crowd.join();
+  });
+}

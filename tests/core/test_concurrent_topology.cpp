@@ -1,0 +1,168 @@
+// Frames that come, move and go under lookups: the newest parents never form a cycle.
+#include <random>
+
+#include "crowd.hpp"
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+// From every frame the newest parents lead to a root.
+void check_no_cycle(const World& w) {
+  for (FrameId id = 1; id <= w.tree.size(); ++id) {
+    FrameId frame = id;
+    for (FrameId steps = 0; frame != 0 && steps <= w.tree.size(); ++steps)
+      frame = w.tree.parent(frame, kNoStamp);
+    CHECK_EQ(frame, 0u);
+  }
+}
+
+}  // namespace
+
+TEST(random_moves_close_no_cycle) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    const std::vector<std::string> names = {"root", "a", "b", "c", "d"};
+    for (std::size_t i = 1; i < names.size(); ++i) w.set("root", names[i], 0);
+    std::atomic<Stamp> clock{0};
+    std::atomic<int> moved{0}, refused{0};
+    Crowd crowd;
+    for (unsigned thread = 0; thread < 3; ++thread)
+      crowd.background([&, thread](const auto& stop) {
+        std::mt19937 random(thread);
+        while (!stop) {
+          std::vector<Set> sets;
+          for (std::size_t n = 1 + random() % 2; n > 0; --n) {
+            const std::size_t child = 1 + random() % 4;
+            std::size_t parent = random() % 4;
+            parent += parent >= child;
+            sets.push_back({names[parent], names[child], ++clock});
+          }
+          const Code code = w.refusal(sets);
+          CHECK(code == Code::ok || code == Code::invalid_argument);
+          code == Code::ok ? ++moved : ++refused;
+        }
+      });
+    for (unsigned thread = 0; thread < 2; ++thread)
+      crowd.foreground([&, thread] {
+        std::mt19937 random(100 + thread);
+        for (int i = 0; i < 1500 || moved < 200 || refused < 50; ++i) {
+          const std::string& target = names[random() % names.size()];
+          const std::string& source = names[random() % names.size()];
+          // All hang below the root, so there is always a way; in a cycle there would be none.
+          for (const Op op : {Op::latest, Op::latest_xact, Op::common_time})
+            CHECK_EQ(w.code(op, target, source), Code::ok);
+          std::vector<FrameId> chain;
+          CHECK_EQ(w.tree.chain(w.query(Op::at, target, source), chain).code, Code::ok);
+          CHECK(!chain.empty() && chain.front() == w.id(target) && chain.back() == w.id(source));
+          const Code common = w.code(Op::common, target, source);
+          CHECK(common == Code::ok || (common >= Code::extrapolation && common <= Code::forward) ||
+                common == Code::lookup);  // at a past time there may have been a cycle
+        }
+      });
+    crowd.join();
+    check_no_cycle(w);
+  });
+}
+
+// One commit takes c from p to elsewhere and back, many times over: in between, nobody may mistake
+// elsewhere for c's place and hang p below c.
+TEST(a_move_there_and_back_hides_no_cycle) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("p", "c", 0);
+    w.set("elsewhere", "x", 0);
+    Crowd crowd;
+    crowd.background([&](const auto& stop) {
+      for (Stamp stamp = 1; !stop;) {
+        std::vector<Set> sets;
+        for (int i = 0; i < 300; ++i, ++stamp) sets.push_back({i % 2 ? "p" : "elsewhere", "c", stamp});
+        CHECK_EQ(w.refusal(sets), Code::ok);
+      }
+    });
+    crowd.foreground([&] {
+      for (int i = 1; i <= 2000; ++i)
+        CHECK_EQ(w.refusal({{"c", "p", i}}), Code::invalid_argument);
+    });
+    crowd.join();
+    check_no_cycle(w);
+  });
+}
+
+// A frame is found by name only once its link is there: names and samples come at one instant.
+TEST(new_frames_come_with_their_links) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("f0", "f1", 1, at_x(1));
+    constexpr int kFrames = 600;
+    const auto name = [](int i) { return "f" + std::to_string(i); };
+    Crowd crowd;
+    std::atomic<int> made{1};
+    crowd.foreground([&] {
+      for (int i = 2; i < kFrames; ++i) {
+        CHECK_EQ(w.refusal({{name(i / 2), name(i), 1, at_x(1)}}), Code::ok);
+        made = i;
+      }
+    });
+    for (unsigned thread = 0; thread < 2; ++thread)
+      crowd.background([&, thread](const auto& stop) {
+        std::mt19937 random(thread);
+        while (!stop) {
+          const int known = made, i = 1 + static_cast<int>(random() % static_cast<unsigned>(known + 3));
+          const Answer a = w.ask(random() % 2 ? Op::latest_xact : Op::latest, "f0", name(i));
+          if (a.failure.code == Code::ok) {
+            int depth = 0;
+            for (int frame = i; frame > 0; frame /= 2) ++depth;
+            CHECK_EQ(a.pose.x, depth);
+          } else {
+            CHECK_EQ(a.failure.code, Code::lookup);
+            CHECK(i > known);
+          }
+          CHECK_EQ(w.id("nobody" + std::to_string(i)), 0u);
+        }
+      });
+    crowd.join();
+    CHECK_EQ(w.tree.size(), static_cast<std::uint32_t>(kFrames));
+  });
+}
+
+TEST(clearing_is_one_instant) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    std::atomic<Stamp> clock{0};
+    const auto write = [&] {
+      const Stamp stamp = ++clock;
+      CHECK_EQ(w.refusal({{"a", "b", stamp, at_x(1)}, {"b", "c", stamp, at_x(-1)}}), Code::ok);
+    };
+    write();
+    w.set("c", "tool", 0, at_x(5), true);
+    Crowd crowd;
+    crowd.background([&](const auto& stop) {
+      for (int i = 0; !stop; ++i) {
+        write();
+        if (i % 3 == 0) w.tree.clear(true);
+      }
+    });
+    crowd.foreground([&] {
+      int found = 0, missing = 0;
+      for (int i = 0; i < 2000 || found < 50 || missing < 50; ++i) {
+        const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "b"), w.query(Op::common, "b", "c"),
+                                            w.query(Op::latest_xact, "c", "tool")};
+        std::vector<Answer> answers(queries.size());
+        ReadSet reads;
+        w.tree.lookup_all(queries, answers, reads);
+        CHECK_EQ(answers[0].failure.code, answers[1].failure.code);
+        CHECK_EQ(answers[2].pose.x, 5);
+        if (answers[0].failure.code == Code::ok) {
+          CHECK_EQ(answers[0].stamp, answers[1].stamp);
+          ++found;
+        } else {
+          CHECK_EQ(answers[0].failure.code, Code::connectivity);
+          ++missing;
+        }
+      }
+    });
+    crowd.join();
+  });
+}

@@ -1,0 +1,105 @@
+// The guards one by one, without luck: what each accepts, refuses and leaves behind.
+#include <memory>
+
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+struct Frames {
+  static constexpr std::size_t kFrames = 100;
+  std::unique_ptr<Frame[]> frames{new Frame[kFrames]()};
+  ReadSet reads;
+
+  Frame& operator[](std::size_t i) { return frames[i]; }
+  void change(std::size_t i) {
+    const Version before = frames[i].version.lock();
+    frames[i].version.unlock_changed(before);
+  }
+  template <class Guard>
+  bool read(Guard& guard, std::size_t i) {
+    Version version;
+    if (!guard.enter(frames[i], version)) return false;
+    const Step step{&frames[i], version, 0, 0};
+    return guard.rest(&step, 1);
+  }
+};
+
+}  // namespace
+
+TEST(a_walk_rests_on_unmoved_versions) {
+  Frames f;
+  WalkGuard guard;
+  Version version;
+  CHECK(guard.enter(f[1], version));
+  const Step step{&f[1], version, 0, 0};
+  CHECK(guard.rest(&step, 1));
+  const Version before = f[1].version.lock();
+  CHECK(!guard.rest(&step, 1));
+  f[1].version.unlock_unchanged(before);
+  CHECK(guard.rest(&step, 1));
+  f.change(1);
+  CHECK(!guard.rest(&step, 1));
+}
+
+TEST(optimism_is_checked_at_the_end) {
+  Frames f;
+  {
+    OptimisticGuard guard(f.frames.get(), f.reads);
+    CHECK(f.read(guard, 1) && f.read(guard, 2));
+    f.change(3);
+    CHECK(guard.valid());
+    f.change(1);
+    CHECK(!guard.valid());
+  }
+  OptimisticGuard guard(f.frames.get(), f.reads);
+  CHECK_EQ(f.reads.size(), 0u);  // nothing of the last attempt is left
+  CHECK(f.read(guard, 1));
+  CHECK(guard.valid());
+  CHECK_EQ(f.reads[0].version, VersionLock::kCommit);
+}
+
+TEST(locks_are_taken_once_more_are_wanted_and_all_released) {
+  Frames f;
+  f.change(7);
+  SmallVector<FrameId, 64> wanted;
+  for (const FrameId id : {9u, 7u, 9u}) wanted.push_back(id);
+  {
+    LockingGuard guard(f.frames.get(), f.reads, wanted);
+    CHECK_EQ(f[7].version.load(), VersionLock::kCommit | VersionLock::kLocked);
+    CHECK(f[9].version.load() & VersionLock::kLocked);
+    CHECK(f.read(guard, 7));
+    CHECK(guard.valid());
+    CHECK(f.read(guard, 8));  // reads on, to learn what else it needs
+    CHECK(!guard.valid());
+  }
+  for (const std::size_t i : {7, 8, 9}) CHECK(!(f[i].version.load() & VersionLock::kLocked));
+  {
+    LockingGuard guard(f.frames.get(), f.reads, wanted);
+    CHECK(f.read(guard, 7) && f.read(guard, 8) && f.read(guard, 9));
+    CHECK(guard.valid());
+    CHECK_EQ(f.reads.size(), 3u);
+    CHECK_EQ(f.reads[0].version, VersionLock::kCommit);  // as it was, not as it is locked
+  }
+  CHECK_EQ(f[7].version.load(), VersionLock::kCommit);
+}
+
+TEST(shared_locks_heed_a_starving_writer_for_a_while) {
+  Frames f;
+  {
+    SharedGuard guard(f.frames.get(), f.reads, true);
+    CHECK(f.read(guard, 1) && f.read(guard, 1));  // twice is once more
+    CHECK(!f[1].shared.try_lock());
+    f[1].shared.want();
+    CHECK(!f.read(guard, 1));
+    SharedGuard ruthless(f.frames.get(), f.reads, false);
+    CHECK(f.read(ruthless, 1));
+    CHECK(!f[1].shared.try_lock());
+  }
+  CHECK(f[1].shared.try_lock());
+  CHECK(f[1].shared.try_lock_shared(false) == SharedLock::Shared::writer);
+  f[1].shared.unlock();
+  SharedGuard guard(f.frames.get(), f.reads, true);
+  CHECK(f.read(guard, 1));  // who got the lock wants it no more
+}
