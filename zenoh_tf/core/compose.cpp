@@ -20,15 +20,15 @@ ZTF_HOT void multiply(const Pose& a, Pose& b) noexcept {
   const double ux = a.qy * b.z - a.qz * b.y;
   const double uy = a.qz * b.x - a.qx * b.z;
   const double uz = a.qx * b.y - a.qy * b.x;
-  const double x2 = a.qx + a.qx, y2 = a.qy + a.qy, z2 = a.qz + a.qz, w2 = a.qw + a.qw;
-  b.x = ((a.x + b.x) + w2 * ux) + (y2 * uz - z2 * uy);
-  b.y = ((a.y + b.y) + w2 * uy) + (z2 * ux - x2 * uz);
-  b.z = ((a.z + b.z) + w2 * uz) + (x2 * uy - y2 * ux);
+  const double vx = ux + ux, vy = uy + uy, vz = uz + uz;
+  b.x = a.x + b.x + a.qw * vx + a.qy * vz - a.qz * vy;
+  b.y = a.y + b.y + a.qw * vy + a.qz * vx - a.qx * vz;
+  b.z = a.z + b.z + a.qw * vz + a.qx * vy - a.qy * vx;
   const double qx = b.qx, qy = b.qy, qz = b.qz, qw = b.qw;
-  b.qx = (a.qw * qx + a.qx * qw) + (a.qy * qz - a.qz * qy);
-  b.qy = (a.qw * qy + a.qy * qw) + (a.qz * qx - a.qx * qz);
-  b.qz = (a.qw * qz + a.qz * qw) + (a.qx * qy - a.qy * qx);
-  b.qw = (a.qw * qw - a.qx * qx) - (a.qy * qy + a.qz * qz);
+  b.qx = a.qw * qx + a.qx * qw + a.qy * qz - a.qz * qy;
+  b.qy = a.qw * qy + a.qy * qw + a.qz * qx - a.qx * qz;
+  b.qz = a.qw * qz + a.qz * qw + a.qx * qy - a.qy * qx;
+  b.qw = a.qw * qw - a.qx * qx - a.qy * qy - a.qz * qz;
 }
 
 ZTF_HOT void compose_run(const Step* step, const Step* end, Stamp stamp, Pose& product) noexcept {

@@ -182,6 +182,7 @@ class NoGuard {
     version = 0;
     return true;
   }
+  bool rest(const Step*, std::size_t) const { return true; }
 };
 
 }  // namespace ztf

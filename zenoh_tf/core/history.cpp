@@ -3,6 +3,19 @@
 
 namespace ztf {
 
+namespace {
+
+// How far a time lies between two stamps of one history, from 0 to 1. A history
+// is shorter than the signed range, which converts faster than the unsigned.
+double share(Stamp older, Stamp time, Stamp newer) noexcept {
+  return static_cast<double>(static_cast<Stamp>(span_ns(older, time))) /
+         static_cast<double>(static_cast<Stamp>(span_ns(older, newer)));
+}
+
+constexpr std::uint32_t kSteps = 8;
+
+}  // namespace
+
 Place search(const Frame& frame, Stamp stamp) noexcept {
   using Kind = Place::Kind;
   const auto acquire = std::memory_order_acquire;
@@ -16,26 +29,38 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
   const Ring* ring = frame.ring.load(acquire);
   const std::uint32_t first = frame.first.load(acquire);
   if (!ring) return {Kind::no_data, parent, 0};  // only in a collision with a writer
-  std::uint32_t low = 0, high = count - 1;       // stamp(low) <= stamp < stamp(high)
-  Stamp low_stamp = ring->stamp(first), high_stamp = newest;
-  if (stamp < low_stamp) return {Kind::backward, parent, 0};
-  // Sensors are regular: guess by proportion, then halve, should they not be.
-  for (int guesses = 0; high - low > 1; ++guesses) {
-    std::uint32_t middle = low + (high - low) / 2;
-    if (guesses < 4) {
-      const double share = static_cast<double>(span_ns(low_stamp, stamp)) /
-                           static_cast<double>(span_ns(low_stamp, high_stamp));
-      const double guess = share * (high - low);  // may be anything in a collision
-      middle = guess >= 1.0 && guess < high - low ? low + static_cast<std::uint32_t>(guess) : low + 1;
+  const Stamp oldest = ring->stamp(first);
+  if (stamp < oldest) return {Kind::backward, parent, 0};
+
+  // Sensors are regular: guess by proportion and look around. Then by halves,
+  // should they not be. In a collision the guess may be anything.
+  std::uint32_t low = 0, high = count - 1;  // stamp(low) <= stamp < stamp(high)
+  const double guess = share(oldest, stamp, newest) * high;
+  const std::uint32_t near =
+      guess >= 1.0 && guess < high ? static_cast<std::uint32_t>(guess) : low;
+  if (ring->stamp(first + near) <= stamp) {
+    low = near;
+    for (std::uint32_t i = near + 1; i < high && i <= near + kSteps; ++i) {
+      if (ring->stamp(first + i) > stamp)
+        high = i;
+      else
+        low = i;
     }
-    const Stamp middle_stamp = ring->stamp(first + middle);
-    if (middle_stamp <= stamp) {
+  } else {
+    high = near;
+    for (std::uint32_t i = near; i-- > low && i + kSteps >= near;) {
+      if (ring->stamp(first + i) <= stamp)
+        low = i;
+      else
+        high = i;
+    }
+  }
+  while (high - low > 1) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    if (ring->stamp(first + middle) <= stamp)
       low = middle;
-      low_stamp = middle_stamp;
-    } else {
+    else
       high = middle;
-      high_stamp = middle_stamp;
-    }
   }
   // Indices count on for ever and are masked; kNewest must not be one of them.
   return {Kind::ok, ring->parent(first + low), (first + low) & (Place::kNewest >> 1)};
@@ -46,9 +71,7 @@ Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept 
   if (!ring) return {};  // only in a collision with a writer
   const Stamp older = ring->stamp(slot), newer = ring->stamp(slot + 1);
   if (older == stamp || ring->parent(slot) != ring->parent(slot + 1)) return ring->pose(slot);
-  const double ratio =
-      static_cast<double>(span_ns(older, stamp)) / static_cast<double>(span_ns(older, newer));
-  return interpolate(ring->pose(slot), ring->pose(slot + 1), ratio);
+  return interpolate(ring->pose(slot), ring->pose(slot + 1), share(older, stamp, newer));
 }
 
 }  // namespace ztf

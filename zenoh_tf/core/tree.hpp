@@ -123,7 +123,8 @@ class Tree {
   template <class Body>
   void read(ReadSet& reads, Body&& body) const;
 
-  bool latest_alone(const Query& query, Answer& answer) const;
+  bool latest_each(const Query& query, Answer& answer) const;
+  [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
   struct Freed {
     void operator()(void* memory) const noexcept;

@@ -53,6 +53,7 @@ class Reader {
     return true;
   }
 
+  // The frames from target to source.
   bool chain(const Query& q, std::vector<FrameId>& out, Answer& a) {
     out.clear();
     a = Answer{};
@@ -61,17 +62,29 @@ class Reader {
       out.push_back(q.target);
       return true;
     }
-    const auto collect = [&](auto link_of) {
-      Walk walk = walk_between(q.target, q.source, link_of);
-      if (!arrive(walk, q.stamp, a)) return false;
-      if (a.failure.code != Code::ok) return true;
-      for (std::size_t i = 0; i < walk.target_links; ++i)
-        out.push_back(id_of(walk.from_target.frame_above(i)));
-      for (std::size_t i = walk.source_links + 1; i-- > 0;)
-        out.push_back(id_of(walk.from_source.frame_above(i)));
-      return walk.rest(true);
+    const auto list = [&](const Chain& chain) {
+      const auto add = [&](const Frame* frame) { out.push_back(id_of(frame)); };
+      for (std::size_t i = 0; i < chain.target.links; ++i) add(chain.target.steps[i].frame);
+      add(chain.meeting);
+      for (std::size_t i = chain.source.links; i-- > 0;) add(chain.source.steps[i].frame);
+      return true;
     };
-    return q.stamp == kNoStamp ? collect(NewestLink{}) : collect(LinkAt{q.stamp});
+    return q.stamp == kNoStamp ? between(q.target, q.source, NewestLink{}, kNoStamp, a, list)
+                               : between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, list);
+  }
+
+  // The newest of every link, each link consistent by itself and nothing more.
+  bool latest_each(FrameId target, FrameId source, Answer& a) {
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      StampRange stamps;
+      Pose from_source, from_target;
+      if (!compose_each(chain.source, chain.meeting, stamps, from_source) ||
+          !compose_each(chain.target, chain.meeting, stamps, from_target))
+        return false;
+      a.pose = chain.target.links == 0 ? from_source : inverse(from_target) * from_source;
+      give_range(stamps, a);
+      return true;
+    });
   }
 
  private:
@@ -79,71 +92,122 @@ class Reader {
     return static_cast<FrameId>(frame - frames_);
   }
 
-  template <class LinkOf>
-  Walk<Guard, LinkOf> walk_between(FrameId target, FrameId source, LinkOf link_of) {
-    return {frames_, guard_, link_of, max_depth_, target, source};
+  // Finds the links between two frames and hands them to body(chain), or
+  // explains in `a` why there are none. Then says whether what was read rests.
+  template <class LinkOf, class Body>
+  ZTF_HOT bool between(FrameId target, FrameId source, LinkOf link_of, Stamp stamp, Answer& a,
+                       Body body) {
+    Way way(frames_ + source);
+    // Mostly the target is above the source, and near.
+    switch (walker(link_of).climb(way, 16, frames_ + target)) {
+      case Climbed::arrived: {
+        Step* const steps = way.steps.begin();
+        const std::size_t links = way.steps.size();
+        return body(Chain{{steps, links}, {nullptr, 0}, way.top}) && guard_.rest(steps, links);
+      }
+      case Climbed::restart:
+        return false;
+      case Climbed::no:
+        break;
+    }
+    return between_two_ways(way, target, link_of, stamp, a, body);
   }
 
-  // Walks, and explains where the two ways did not meet; then the walk's failure
-  // is in `a`.
-  template <class W>
-  ZTF_HOT bool arrive(W& walk, Stamp stamp, Answer& a) {
-    const Walked walked = walk.run();
-    if (walked == Walked::met) [[likely]]
-      return true;
-    if (walked == Walked::restart) return false;
-    explain(walk.from_target, walk.from_source, stamp, a);
-    return walk.rest(false);
+  template <class LinkOf, class Body>
+  [[gnu::noinline]] bool between_two_ways(Way& from_source, FrameId target, LinkOf link_of,
+                                          Stamp stamp, Answer& a, Body body) {
+    Way from_target(frames_ + target);
+    Chain chain;
+    switch (walker(link_of).meet(from_source, from_target, chain)) {
+      case Climbed::arrived:
+        return body(chain) && guard_.rest(chain.source.steps, chain.source.links) &&
+               guard_.rest(chain.target.steps, chain.target.links);
+      case Climbed::restart:
+        return false;
+      case Climbed::no:
+        break;
+    }
+    explain(from_target, from_source, stamp, a);
+    for (Way* way : {&from_source, &from_target}) {
+      if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
+      const Step top{way->top, way->top_version, 0, 0};
+      if (way->end != Way::End::too_deep && !guard_.rest(&top, 1)) return false;
+    }
+    return true;
+  }
+
+  template <class LinkOf>
+  ZTF_HOT Walker<Guard, LinkOf> walker(LinkOf link_of) {
+    return {frames_, guard_, link_of, max_depth_};
   }
 
   bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
     a.stamp = stamp;
     a.pose = Pose{};
     if (target == source) return true;
-    Walk walk = walk_between(target, source, LinkAt{stamp});
-    if (!arrive(walk, stamp, a)) return false;
-    if (a.failure.code != Code::ok) return true;
-    join(walk, stamp, a.pose);
-    return walk.rest(true);
+    return between(target, source, LinkAt{stamp}, stamp, a, [&](const Chain& chain) {
+      join(chain, stamp, a.pose);
+      return true;
+    });
   }
 
   bool common(FrameId target, FrameId source, Answer& a) {
     if (target == source) return itself(target, a);
-    Walk walk = walk_between(target, source, NewestLink{});
-    if (!arrive(walk, kNoStamp, a)) return false;
-    if (a.failure.code != Code::ok) return true;
-    const Stamp oldest = walk.range.oldest();
-    a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
-    // Mostly the links at that time are the newest ones.
-    if (oldest == walk.range.newest() || (go_back(walk.from_source, walk.source_links, a.stamp) &&
-                                         go_back(walk.from_target, walk.target_links, a.stamp)))
-      join(walk, a.stamp, a.pose);
-    else if (!at(target, source, a.stamp, a))
-      return false;
-    return walk.rest(true);
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      const StampRange stamps(chain);
+      const Stamp oldest = stamps.oldest();
+      a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
+      // Mostly the links at that time are the newest ones.
+      if (oldest == stamps.newest() || (go_back(chain.source, chain.meeting, a.stamp) &&
+                                        go_back(chain.target, chain.meeting, a.stamp))) {
+        join(chain, a.stamp, a.pose);
+        return true;
+      }
+      return at(target, source, a.stamp, a);
+    });
   }
 
   // Moves the steps of a newest way to a time; false where one of the links led
   // elsewhere then, or has no sample.
-  bool go_back(Way& way, std::size_t links, Stamp stamp) const noexcept {
-    for (std::size_t i = 0; i < links; ++i) {
-      if (way.steps[i].stamp == stamp || way.steps[i].stamp == kNoStamp) continue;
-      const Place place = place_at(*way.steps[i].frame, stamp);
-      if (place.kind != Place::Kind::ok || frames_ + place.parent != way.frame_above(i + 1))
+  bool go_back(const Side& side, const Frame* meeting, Stamp stamp) const noexcept {
+    for (std::size_t i = 0; i < side.links; ++i) {
+      Step& step = side.steps[i];
+      if (step.stamp == stamp || step.stamp == kNoStamp) continue;
+      const Place place = place_at(*step.frame, stamp);
+      if (place.kind != Place::Kind::ok ||
+          frames_ + place.parent != side.frame_above(i + 1, meeting))
         return false;
-      way.steps[i].slot = place.slot;
+      step.slot = place.slot;
     }
     return true;
   }
 
   bool latest(FrameId target, FrameId source, Answer& a) {
     if (target == source) return itself(target, a);
-    Walk walk = walk_between(target, source, NewestLink{});
-    if (!arrive(walk, kNoStamp, a)) return false;
-    if (a.failure.code != Code::ok) return true;
-    give_range(walk.range, a);
-    join(walk, kNoStamp, a.pose);
-    return walk.rest(true);
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      give_range(StampRange(chain), a);
+      join(chain, kNoStamp, a.pose);
+      return true;
+    });
+  }
+
+  bool compose_each(const Side& side, const Frame* meeting, StampRange& stamps, Pose& pose) const {
+    for (std::size_t i = 0; i < side.links; ++i) {
+      const Frame& frame = *side.steps[i].frame;
+      Version version;
+      Link link;
+      Pose newest;
+      do {
+        version = frame.version.unlocked();
+        link = NewestLink{}(frame);
+        newest = frame.latest_pose.load();
+        fault_point();
+      } while (frame.version.load() != version);
+      if (frames_ + link.parent != side.frame_above(i + 1, meeting)) return false;
+      stamps.include(link.stamp);
+      pose = newest * pose;
+    }
+    return true;
   }
 
   bool common_time(FrameId target, FrameId source, Answer& a) {
@@ -153,11 +217,10 @@ class Reader {
       if (a.stamp == 0) a.stamp = kNoStamp;
       return true;
     }
-    Walk walk = walk_between(target, source, NewestLink{});
-    if (!arrive(walk, kNoStamp, a)) return false;
-    if (a.failure.code != Code::ok) return true;
-    a.stamp = walk.range.oldest();
-    return walk.rest(true);
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      a.stamp = StampRange(chain).oldest();
+      return true;
+    });
   }
 
   bool full(const Query& q, Answer& a) {
@@ -192,16 +255,14 @@ class Reader {
     return guard_.rest(&step, 1);
   }
 
-  template <class W>
-  void join(const W& walk, Stamp stamp, Pose& pose) const noexcept {
-    const auto composed = [&](const Way& way, std::size_t links, Pose& out) {
-      compose(way.steps.begin(), links, stamp, out);
-    };
-    if (walk.source_links != 0) composed(walk.from_source, walk.source_links, pose);
-    if (walk.target_links == 0) return;
+  // X_target_source = inverse(X_meeting_target) * X_meeting_source
+  ZTF_HOT void join(const Chain& chain, Stamp stamp, Pose& pose) const noexcept {
+    const auto [source, target, meeting] = chain;
+    if (source.links != 0) compose(source.steps, source.links, stamp, pose);
+    if (target.links == 0) return;
     Pose from_target;
-    composed(walk.from_target, walk.target_links, from_target);
-    pose = walk.source_links == 0 ? inverse(from_target) : inverse(from_target) * pose;
+    compose(target.steps, target.links, stamp, from_target);
+    pose = source.links == 0 ? inverse(from_target) : inverse(from_target) * pose;
   }
 
   // Two ways that did not meet: tf2's order of blame.
@@ -275,56 +336,34 @@ void Tree::read(ReadSet& reads, Body&& body) const {
   }
 }
 
-// The newest of every link, each consistent by itself and nothing more. False
-// where that gives no answer: no path, or one that moved under the feet.
-bool Tree::latest_alone(const Query& query, Answer& a) const {
+// False where there is no path, or it moved under the feet.
+bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
   NoGuard guard;
-  Walk walk(frames_, guard, NewestLink{}, options_.max_depth, query.target, query.source);
-  if (walk.run() != Walked::met) return false;
-  StampRange range;
-  const auto compose_alone = [&](const Way& way, std::size_t links, Pose& pose) {
-    for (std::size_t i = 0; i < links; ++i) {
-      const Frame& frame = *way.steps[i].frame;
-      Version version;
-      Link link;
-      Pose newest;
-      do {
-        version = frame.version.unlocked();
-        link = NewestLink{}(frame);
-        newest = frame.latest_pose.load();
-        fault_point();
-      } while (frame.version.load() != version);
-      if (frames_ + link.parent != way.frame_above(i + 1)) return false;
-      range.include(link.stamp);
-      pose = newest * pose;
-    }
-    return true;
-  };
-  Pose from_source, from_target;
-  if (!compose_alone(walk.from_source, walk.source_links, from_source) ||
-      !compose_alone(walk.from_target, walk.target_links, from_target))
-    return false;
-  a.failure.code = Code::ok;
-  a.pose = walk.target_links == 0 ? from_source : inverse(from_target) * from_source;
-  give_range(range, a);
-  return true;
+  Reader reader(frames_, guard, options_.max_depth);
+  answer.failure.code = Code::ok;
+  return reader.latest_each(query.target, query.source, answer) &&
+         answer.failure.code == Code::ok;
 }
 
 void Tree::lookup(const Query& query, Answer& answer) const {
+  // Errors are decided on consistent data, and latest_each() has none.
+  if (query.op == Op::latest && options_.concurrency != Concurrency::giant &&
+      latest_each(query, answer))
+    return;
   // A lookup in full takes two walks, which must be checked together.
   if (options_.concurrency == Concurrency::optimistic && query.op != Op::full) [[likely]] {
-    // Errors are decided on consistent data: latest_alone() has none.
-    if (query.op == Op::latest && latest_alone(query, answer)) return;
     for (int i = 0; i < kOptimisticAttempts; ++i) {
       WalkGuard guard;
       Reader reader(frames_, guard, options_.max_depth);
       if (reader.answer(query, answer)) [[likely]]
         return;
     }
-  } else if (query.op == Op::latest && options_.concurrency == Concurrency::two_phase) {
-    if (latest_alone(query, answer)) return;
   }
+  lookup_guarded(query, answer);
+}
+
+void Tree::lookup_guarded(const Query& query, Answer& answer) const {
   ReadSet reads;
   read(reads, [&](auto& reader) { return reader.answer(query, answer); });
 }

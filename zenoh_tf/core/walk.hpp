@@ -49,7 +49,7 @@ struct Way {
   const Frame* top;
   End end = End::open;
   Place::Kind why = Place::Kind::ok;  // where broken: at the top, for this reason
-  Version top_version = 0;            // where it ended at a root, or broken
+  Version top_version;                // where it ended at a root, or broken
   SmallVector<Step, 32> steps;        // steps[i].frame: start, its parent, ...
 
   // The number of links up to a frame, or -1.
@@ -64,13 +64,44 @@ struct Way {
   }
 };
 
+// The links on one side of the frame where two ways meet.
+struct Side {
+  Step* steps;
+  std::size_t links;
+
+  [[nodiscard]] const Frame* frame_above(std::size_t i, const Frame* meeting) const noexcept {
+    return i < links ? steps[i].frame : meeting;
+  }
+};
+
+// The links between two frames.
+struct Chain {
+  Side source, target;
+  const Frame* meeting;
+};
+
 // Oldest and newest of some links' stamps; static ones are of all times and do
 // not count.
 class StampRange {
  public:
-  ZTF_HOT void include(Stamp stamp) noexcept {
+  StampRange() noexcept = default;
+  ZTF_HOT explicit StampRange(const Chain& chain) noexcept {
+    include(chain.source);
+    include(chain.target);
+  }
+  void include(Stamp stamp) noexcept {
     oldest_ = std::min(oldest_, rank(stamp));
     newest_ = std::max(newest_, stamp);
+  }
+  ZTF_HOT void include(const Side& side) noexcept {
+    if (side.links == 0) return;
+    // Links that are written together have one stamp: no search for the extremes.
+    const Stamp first = side.steps[0].stamp;
+    std::uint64_t differing = 0;
+    for (std::size_t i = 1; i < side.links; ++i)
+      differing |= static_cast<std::uint64_t>(side.steps[i].stamp ^ first);
+    include(first);
+    for (std::size_t i = 1; differing != 0 && i < side.links; ++i) include(side.steps[i].stamp);
   }
   // kNoStamp where all links are static.
   [[nodiscard]] Stamp oldest() const noexcept {
@@ -87,56 +118,30 @@ class StampRange {
   Stamp newest_ = kNoStamp;
 };
 
-enum class Walked : std::uint8_t { met, apart, restart };
+enum class Climbed : std::uint8_t { arrived, no, restart };
 
+// Finds ways under a guard.
 template <class Guard, class LinkOf>
-class Walk {
+class Walker {
  public:
-  ZTF_HOT Walk(const Frame* frames, Guard& guard, LinkOf link_of, std::uint32_t max_depth,
-               FrameId target, FrameId source) noexcept
-      : from_source(frames + source), from_target(frames + target), frames_(frames), guard_(guard),
-        link_of_(link_of), max_depth_(max_depth) {}
+  ZTF_HOT Walker(const Frame* frames, Guard& guard, LinkOf link_of, std::size_t max_depth) noexcept
+      : frames_(frames), guard_(guard), link_of_(link_of), max_depth_(max_depth) {}
 
-  Way from_source, from_target;
-  std::size_t source_links = 0, target_links = 0;  // up to the meeting point, if met
-  StampRange range;                                // of these links
-
-  ZTF_HOT Walked run() {
-    // Mostly the target is above the source, and near.
-    if (climb(from_source, 16, from_target.start)) {
-      source_links = from_source.steps.size();
-      return Walked::met;
-    }
-    return search();
-  }
-
-  // What the answer rests on: the links between the two frames if they met,
-  // else everything that was read. False: not any more.
-  ZTF_HOT bool rest(bool met) {
-    if (met)
-      return guard_.rest(from_source.steps.begin(), source_links) &&
-             guard_.rest(from_target.steps.begin(), target_links);
-    for (const Way* way : {&from_source, &from_target}) {
-      if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
-      const Step top{way->top, way->top_version, 0, 0};
-      if (way->end != Way::End::too_deep && !guard_.rest(&top, 1)) return false;
-    }
-    return true;
-  }
-
- private:
-  // Up to `turn` links; true where that reaches `goal`.
-  ZTF_HOT bool climb(Way& way, std::size_t turn, const Frame* goal) {
-    std::size_t n = way.steps.size();
-    const std::size_t until = std::min<std::size_t>(n + turn, max_depth_);
-    Step* const steps = way.steps.reserve(until - n);
+  // Up to `turn` links; `arrived` where that reaches `goal`.
+  ZTF_HOT Climbed climb(Way& way, std::size_t turn, const Frame* goal) {
+    if (way.end != Way::End::open) [[unlikely]]
+      return Climbed::no;
+    // Locals, so that the loop keeps its state in registers.
+    const std::size_t n = way.steps.size();
+    Step* const steps = way.steps.reserve(turn) + n;
+    const Step* const until = steps + std::min(turn, max_depth_ - n);
+    Step* step = steps;
     const Frame* frame = way.top;
-    while (n < until && way.end == Way::End::open) {
+    Climbed climbed = Climbed::no;
+    while (step != until) {
       Version version;
-      if (!guard_.enter(*frame, version)) [[unlikely]] {
-        restart_ = true;
-        break;
-      }
+      if (!guard_.enter(*frame, version)) [[unlikely]]
+        return Climbed::restart;
       const Link link = link_of_(*frame);
       if (link.kind != Place::Kind::ok || link.parent == 0) [[unlikely]] {
         way.why = link.kind;
@@ -144,30 +149,39 @@ class Walk {
         way.end = link.kind == Place::Kind::root ? Way::End::root : Way::End::broken;
         break;
       }
-      steps[n++] = {frame, version, link.stamp, link.slot};
-      range.include(link.stamp);
+      *step++ = {frame, version, link.stamp, link.slot};
       frame = frames_ + link.parent;
-      if (frame == goal) break;
+      if (frame == goal) {
+        climbed = Climbed::arrived;
+        break;
+      }
     }
     way.top = frame;
-    way.steps.set_size(n);
-    if (frame == goal) return true;
-    if (n == max_depth_ && way.end == Way::End::open) way.end = Way::End::too_deep;
-    return false;
+    way.steps.set_size(n + static_cast<std::size_t>(step - steps));
+    if (climbed == Climbed::no && way.steps.size() == max_depth_ && way.end == Way::End::open)
+      way.end = Way::End::too_deep;
+    return climbed;
   }
 
-  [[gnu::noinline]] Walked search() {
-    for (int i = 0; i < kNear && !restart_; ++i)
+  // Both ways by turns, until they meet. `no`: they do not.
+  Climbed meet(Way& from_source, Way& from_target, Chain& chain) {
+    const auto met = [&](const Way& way, std::size_t links, std::size_t other_links) {
+      const bool source = &way == &from_source;
+      chain = {{from_source.steps.begin(), source ? links : other_links},
+               {from_target.steps.begin(), source ? other_links : links},
+               way.frame_above(links)};
+      return Climbed::arrived;
+    };
+    for (int i = 0; i < kNear; ++i)
       for (Way* way : {&from_target, &from_source}) {
         if (way->end != Way::End::open) continue;
-        climb(*way, 1, nullptr);
-        const Way& other = way == &from_source ? from_target : from_source;
-        const std::ptrdiff_t at = other.find(way->top);
-        if (at >= 0) return meet(*way, way->steps.size(), static_cast<std::size_t>(at));
+        if (climb(*way, 1, nullptr) == Climbed::restart) return Climbed::restart;
+        const std::ptrdiff_t at = (way == &from_source ? from_target : from_source).find(way->top);
+        if (at >= 0) return met(*way, way->steps.size(), static_cast<std::size_t>(at));
       }
     for (Way* way : {&from_target, &from_source})
-      while (way->end == Way::End::open && !restart_) climb(*way, 64, nullptr);
-    if (restart_) return Walked::restart;
+      while (way->end == Way::End::open)
+        if (climb(*way, 64, nullptr) == Climbed::restart) return Climbed::restart;
 
     // Far apart, if at all: the first frame of one that is among the other's, sorted.
     struct Visit {
@@ -182,28 +196,18 @@ class Walk {
     for (std::size_t i = 0; i <= from_target.steps.size(); ++i) {
       const Frame* const frame = from_target.frame_above(i);
       const Visit* const at = std::lower_bound(visits.begin(), visits.end(), Visit{frame, 0});
-      if (at != visits.end() && at->frame == frame) return meet(from_target, i, at->links);
+      if (at != visits.end() && at->frame == frame) return met(from_target, i, at->links);
     }
-    return Walked::apart;
+    return Climbed::no;
   }
 
-  Walked meet(const Way& way, std::size_t links, std::size_t other_links) noexcept {
-    const bool source = &way == &from_source;
-    source_links = source ? links : other_links;
-    target_links = source ? other_links : links;
-    range = StampRange{};
-    for (std::size_t i = 0; i < source_links; ++i) range.include(from_source.steps[i].stamp);
-    for (std::size_t i = 0; i < target_links; ++i) range.include(from_target.steps[i].stamp);
-    return Walked::met;
-  }
-
+ private:
   static constexpr int kNear = 48;
 
-  const Frame* frames_;
+  const Frame* const frames_;
   Guard& guard_;
-  LinkOf link_of_;
+  const LinkOf link_of_;
   const std::size_t max_depth_;
-  bool restart_ = false;
 };
 
 }  // namespace ztf
