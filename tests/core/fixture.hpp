@@ -50,8 +50,8 @@ inline double distance(const Pose& a, const Pose& b) {
 
 class World {
  public:
-  explicit World(const Options& options = {}) : tree(options) {}
-  explicit World(Concurrency concurrency) : tree(Options{.concurrency = concurrency}) {}
+  explicit World(const Options& options = {}) : tree(small(options)) {}
+  explicit World(Concurrency concurrency) : World(Options{.concurrency = concurrency}) {}
 
   Tree tree;
 
@@ -122,6 +122,13 @@ class World {
     for (const ReadVersion& read : reads)
       named.emplace_back(std::string(tree.name(read.frame)), read.version);
     return named;
+  }
+
+ private:
+  // Sanitizers pay for memory that is not used, too.
+  static Options small(Options options) {
+    options.max_frames = std::min(options.max_frames, 4096u);
+    return options;
   }
 };
 
