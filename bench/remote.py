@@ -22,8 +22,10 @@ from zenoh_tf import StampedTransform, Transform, keys, wire
 from zenoh_tf_client import TransformClient, requests
 
 TREE = "main"
-#: Round trips of one repetition.
-CALLS = 300
+#: Round trips of one repetition. Short turns and many of them: a round trip waits for the
+#: processor four times, and so meets most of what else the machine does.
+CALLS = 100
+TURNS = 3 * REPETITIONS
 BULK_CALLS = 40
 #: A broadcaster's messages: transforms in each, messages in a repetition.
 BROADCAST_ROWS = 100
@@ -70,14 +72,14 @@ def _round_trips(tf: TransformClient, endpoint: str) -> Iterator[Figure]:
 def _by_turns_us(calls: list[Call]) -> list[list[float]]:
     """For each call and repetition the median round trip."""
     values: list[list[float]] = [[] for _ in calls]
-    for repetition in range(REPETITIONS + 1):
+    for turn in range(TURNS + 1):
         for call, medians in zip(calls, values, strict=True):
             spent = []
             for _ in range(CALLS):
                 start = time.perf_counter()
                 call()
                 spent.append(time.perf_counter() - start)
-            if repetition:  # the first was the warm-up
+            if turn:  # the first was the warm-up
                 medians.append(1e6 * statistics.median(spent))
     return values
 
