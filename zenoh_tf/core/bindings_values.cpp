@@ -141,8 +141,8 @@ void bind_values(nb::module_& m) {
            [](Pose* self, nb::handle translation, nb::handle rotation) {
              new (self) Pose(pose_of(translation, rotation));
            },
-           nb::arg("translation") = nb::make_tuple(0.0, 0.0, 0.0),
-           nb::arg("rotation") = nb::make_tuple(0.0, 0.0, 0.0, 1.0))
+           nb::arg("translation").none() = nb::make_tuple(0.0, 0.0, 0.0),
+           nb::arg("rotation").none() = nb::make_tuple(0.0, 0.0, 0.0, 1.0))
       .def_static("identity", [] { return Pose{}; }, "The transform that changes nothing.")
       .def_static("from_matrix", &pose_from_matrix, nb::arg("matrix"),
                   "From a (4, 4) homogeneous matrix. `InvalidArgumentException` if it is not rigid.")

@@ -1,0 +1,281 @@
+"""The embedded tree as Python sees it. The rules themselves are tested in tests/core."""
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from zenoh_tf import (
+    BackwardExtrapolationException,
+    ConnectivityException,
+    ExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LatestTransform,
+    LimitExceeded,
+    LookupException,
+    NoDataForExtrapolationException,
+    StampedTransform,
+    Transform,
+    TransformTree,
+    errors,
+)
+
+S = 1_000_000_000
+
+
+def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
+    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
+
+
+def x_of(stamped: StampedTransform) -> float:
+    return stamped.transform.pose()[0]
+
+
+@pytest.fixture(params=["optimistic", "2pl", "giant"])
+def tree(request: pytest.FixtureRequest) -> TransformTree:
+    """map -> base at 10 s and 20 s, base -> camera static, base -> arm at 12 s and 18 s."""
+    concurrency: Literal["optimistic", "2pl", "giant"] = request.param
+    tree = TransformTree(cache_time_s=10.0, concurrency=concurrency)
+    for stamp in (10, 20):
+        tree.set_transform(link("map", "base", stamp * S, float(stamp)), authority="odometry")
+    for stamp in (12, 18):
+        tree.set_transform(link("base", "arm", stamp * S, 1.0), authority="joints")
+    tree.set_transform(link("base", "camera", 0, 0.5), authority="urdf", static=True)
+    return tree
+
+
+def test_lookups(tree: TransformTree) -> None:
+    at = tree.lookup_transform("map", "camera", 15 * S)
+    assert (at.parent_frame, at.child_frame, at.stamp_ns) == ("map", "camera", 15 * S)
+    assert x_of(at) == pytest.approx(15.5)
+    assert x_of(tree.lookup_transform("camera", "map", 15 * S)) == pytest.approx(-15.5)
+    common = tree.lookup_transform("map", "arm")
+    assert common.stamp_ns == 18 * S
+    assert x_of(common) == pytest.approx(19.0)
+    assert tree.latest_common_time("map", "arm") == 18 * S
+    assert tree.latest_common_time("base", "camera") is None
+    assert tree.lookup_transform("base", "camera").stamp_ns == 0
+    full = tree.lookup_transform_full("arm", 12 * S, "arm", 18 * S, "map")
+    assert full.stamp_ns == 12 * S
+    assert x_of(full) == pytest.approx(6.0)
+    assert tree.lookup_transform("base", "base", 3).transform == Transform()
+    assert tree.lookup_transform("base", "base").stamp_ns == 20 * S
+
+
+def test_latest(tree: TransformTree) -> None:
+    for lookup in (tree.lookup_latest_transform, tree.lookup_latest_transform_xact):
+        latest = lookup("map", "arm")
+        assert isinstance(latest, LatestTransform)
+        assert (latest.stamp_ns, latest.newest_stamp_ns) == (18 * S, 20 * S)
+        assert x_of(latest) == pytest.approx(21.0)
+    several = tree.lookup_latest_transforms_xact([("map", "arm"), ("arm", "camera")])
+    assert [x_of(s) for s in several] == pytest.approx([21.0, -0.5])
+
+
+def test_errors_and_their_facts(tree: TransformTree) -> None:
+    def error(kind: type[errors.TransformException], *question: object) -> dict[str, object]:
+        assert not tree.can_transform(*question)  # type: ignore[arg-type]
+        with pytest.raises(kind) as caught:
+            tree.lookup_transform(*question)  # type: ignore[arg-type]
+        assert type(caught.value) is kind
+        return caught.value.facts
+
+    tree.set_transform(link("elsewhere", "island", 15 * S))
+    assert error(LookupException, "map", "nowhere")["frame"] == "nowhere"
+    facts = error(ConnectivityException, "map", "island", 15 * S)
+    assert facts == {"target_frame": "map", "source_frame": "island", "stamp_ns": 15 * S}
+    wanted = {"target_frame": "map", "source_frame": "arm", "frame": "arm", "parent_frame": "base"}
+    span = {"oldest_stamp_ns": 12 * S, "newest_stamp_ns": 18 * S}
+    facts = error(ForwardExtrapolationException, "map", "arm", 19 * S)
+    assert facts == {**wanted, **span, "stamp_ns": 19 * S}
+    facts = error(BackwardExtrapolationException, "map", "arm", 11 * S)
+    assert facts == {**wanted, **span, "stamp_ns": 11 * S}
+    assert error(NoDataForExtrapolationException, "elsewhere", "island", S)["stamp_ns"] == S
+    assert issubclass(NoDataForExtrapolationException, ExtrapolationException)
+    for name in ("", "/map", "/"):
+        assert error(InvalidArgumentException, name, "arm")["field"] == "target_frame"
+        assert error(InvalidArgumentException, "arm", name)["field"] == "source_frame"
+
+
+@pytest.mark.parametrize(
+    ("bad", "field"),
+    [
+        (StampedTransform("a", "a", 1, Transform()), "child_frame"),
+        (StampedTransform("a", "", 1, Transform()), "child_frame"),
+        (StampedTransform("/", "b", 1, Transform()), "parent_frame"),
+        (StampedTransform("a", "b", 1, Transform((float("nan"), 0, 0))), "translation"),
+        (StampedTransform("a", "b", 1, Transform((float("inf"), 0, 0))), "translation"),
+        (StampedTransform("a", "b", 1, Transform(rotation=(0, 0, 0, float("nan")))), "rotation"),
+        (StampedTransform("a", "b", 1, Transform(rotation=(0, 0, 0, 0))), "rotation"),
+        (StampedTransform("a", "b", 1, Transform(rotation=(0, 0, 0, 2))), "rotation"),
+        (StampedTransform("map", "b" * 256, 1, Transform()), "max_name_bytes"),
+    ],
+)
+def test_what_is_refused(tree: TransformTree, bad: StampedTransform, field: str) -> None:
+    frames = tree.frames()
+    for write in (tree.set_transform, lambda s: tree.set_transforms_xact([link("x", "y", 1), s])):
+        with pytest.raises((InvalidArgumentException, LimitExceeded)) as caught:
+            write(bad)
+        assert caught.value.field == field
+    assert tree.frames() == frames
+
+
+def test_a_transaction_is_all_or_nothing(tree: TransformTree) -> None:
+    frames = tree.frames()
+    with pytest.raises(InvalidArgumentException) as caught:
+        tree.set_transforms_xact([link("map", "new", 30 * S), link("map", "base", 1 * S)])
+    assert (caught.value.frame, caught.value.field) == ("base", "stamp_ns")
+    with pytest.raises(InvalidArgumentException, match="cycle"):
+        tree.set_transforms_xact([link("map", "new", 30 * S), link("arm", "map", 30 * S)])
+    assert tree.frames() == frames
+    assert tree.set_transform(link("map", "base", 1 * S)) is False  # single: dropped
+    assert tree.set_transform(link("map", "base", 10 * S, 5.0)) is True  # exactly as old as allowed
+    tree.set_transforms_xact([])
+
+
+def test_a_leading_slash_is_stripped_where_frames_are_set(tree: TransformTree) -> None:
+    tree.set_transform(link("/map", "/mast", S))
+    assert tree.parent("mast") == "map"
+    with pytest.raises(InvalidArgumentException, match="'/mast' is spelled 'mast'"):
+        tree.frame("/mast")
+
+
+def test_columns(tree: TransformTree) -> None:
+    stamps = np.arange(10 * S, 21 * S, S)
+    path = tree.sample("map", "camera", stamps)
+    assert (path.status == 0).all()
+    np.testing.assert_allclose(path.translations[:, 0], stamps / S + 0.5)
+    np.testing.assert_array_equal(path.stamps_ns, stamps)
+    mixed = tree.lookup_transforms(["map", "map", "nope"], ["camera", "arm", "map"], None)
+    assert mixed.status.tolist() == [0, 0, LookupException.code]
+    assert mixed.stamps_ns.tolist()[:2] == [20 * S, 18 * S]
+    np.testing.assert_array_equal(mixed.poses[2], [0, 0, 0, 0, 0, 0, 1])
+    assert len(tree.lookup_transforms([], "map", [])) == 0
+    with pytest.raises(InvalidArgumentException) as caught:
+        tree.lookup_transforms(["map", "map"], "arm", [1, 2, 3])
+    assert caught.value.field == "stamps_ns"
+    with pytest.raises(InvalidArgumentException):
+        tree.sample("map", "arm", np.array([1.5]))
+
+
+def test_introspection(tree: TransformTree) -> None:
+    assert tree.frames() == ["base", "map", "arm", "camera"]  # in order of creation
+    base = tree.frame("base")
+    assert (base.parent, base.authority, base.static) == ("map", "odometry", False)
+    assert (base.samples, base.oldest_stamp_ns, base.newest_stamp_ns) == (2, 10 * S, 20 * S)
+    assert base.rate_hz == pytest.approx(0.2)
+    assert tree.frame("map").parent is None
+    assert tree.frame("map").newest_stamp_ns is None
+    assert tree.frame("camera").static
+    assert tree.chain("arm", "camera") == ["arm", "base", "camera"]
+    assert tree.chain("arm", "map", 15 * S) == ["arm", "base", "map"]
+    assert tree.chain("map", "map") == ["map"]
+    assert tree.parent("arm") == "base"
+    assert tree.parent("map") is None
+    for ask in (tree.frame, tree.parent, lambda name: tree.chain(name, "map")):
+        with pytest.raises(LookupException):
+            ask("nowhere")
+    stats = tree.stats()
+    assert (stats["frames"], stats["static_links"], stats["samples"]) == (4, 1, 4)
+
+
+def test_clear_keeps_static_links_and_names(tree: TransformTree) -> None:
+    tree.clear()
+    assert tree.can_transform("base", "camera", 99 * S)
+    assert tree.frames() == ["base", "map", "arm", "camera"]
+    with pytest.raises(ConnectivityException):
+        tree.lookup_transform("map", "base")
+    tree.clear(keep_static=False)
+    assert not tree.can_transform("base", "camera")
+    tree.set_transform(link("map", "base", 1))  # older than what was cleared
+    assert tree.can_transform("map", "base", 1)
+
+
+def test_limits() -> None:
+    tree = TransformTree(max_frames=3, max_samples_per_frame=4)
+    tree.set_transforms_xact([link("a", "b", 1), link("b", "c", 1)])
+    with pytest.raises(LimitExceeded) as caught:
+        tree.set_transform(link("c", "d", 1))
+    assert (caught.value.field, caught.value.limit) == ("max_frames", 3)
+    for stamp in range(10):
+        tree.set_transform(link("a", "b", stamp, float(stamp)))
+    assert tree.frame("b").samples == 4
+    assert tree.frame("b").evicted == 6
+    for arguments in ({"cache_time_s": 0}, {"concurrency": "none"}, {"max_frames": 0}):
+        with pytest.raises(InvalidArgumentException):
+            TransformTree(**arguments)
+
+
+def test_a_deep_chain() -> None:
+    tree = TransformTree()
+    tree.set_transforms_xact([link(f"f{i}", f"f{i + 1}", 1, 1.0) for i in range(1001)])
+    assert x_of(tree.lookup_transform("f0", "f1000")) == 1000.0
+    assert x_of(tree.lookup_transform("f1000", "f0")) == -1000.0
+    with pytest.raises(LookupException) as caught:
+        tree.lookup_transform("f0", "f1001")
+    assert caught.value.limit == 1000
+
+
+def test_one_authority_per_frame() -> None:
+    tree = TransformTree(one_authority_per_frame=True)
+    tree.set_transform(link("map", "base", 1), authority="a")
+    with pytest.raises(InvalidArgumentException, match="published by 'a'"):
+        tree.set_transform(link("map", "base", 2), authority="b")
+    counting = TransformTree()
+    for authority in ("a", "b", "a"):
+        counting.set_transform(link("map", "base", 1), authority=authority)
+    assert counting.frame("base").authority_changes == 2
+    assert counting.frame("base").rewritten == 2
+
+
+def test_a_lookup_waits_for_the_write_that_it_needs(tree: TransformTree) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        tool = pool.submit(tree.lookup_transform, "map", "tool", 15 * S, 20.0)
+        can = pool.submit(tree.can_transform, "map", "tool", None, 20.0)
+        base = pool.submit(tree.lookup_transform, "map", "base", 25 * S, 20.0)
+        time.sleep(0.05)
+        assert not (tool.done() or can.done() or base.done())
+        tree.set_transforms_xact([link("arm", "tool", 15 * S), link("arm", "tool", 16 * S)])
+        assert tool.result().stamp_ns == 15 * S
+        assert can.result() is True
+        assert not base.done()
+        tree.set_transform(link("map", "base", 26 * S, 26.0))
+        assert x_of(base.result()) == pytest.approx(25.0)
+
+
+def test_waiting_ends(tree: TransformTree) -> None:
+    with pytest.raises(ForwardExtrapolationException, match="waited"):
+        tree.lookup_transform("map", "base", 25 * S, timeout_s=0.05)
+    assert not tree.can_transform("map", "nowhere", timeout_s=0.05)
+    start = time.monotonic()
+    with pytest.raises(BackwardExtrapolationException):  # too old for ever: fails at once
+        tree.lookup_transform("map", "base", 1 * S, timeout_s=30.0)
+    assert time.monotonic() - start < 20
+    with pytest.raises(InvalidArgumentException) as caught:
+        tree.lookup_transform("map", "base", 1, timeout_s=-1)
+    assert caught.value.field == "timeout_s"
+
+
+def test_names_are_any_text(tree: TransformTree) -> None:
+    for name in ("größe", "机器人/手", "a b\n", "x\0y", "*", "🤖"):
+        tree.set_transform(link("map", name, 15 * S, 2.0))
+        assert tree.lookup_transform("map", name).child_frame == name
+    with pytest.raises(InvalidArgumentException):
+        tree.lookup_transform("map", "\ud800")
+
+
+def test_one_name_gets_one_frame(tree: TransformTree) -> None:
+    barrier = threading.Barrier(4)
+
+    def create(worker: int) -> None:
+        barrier.wait()
+        for i in range(500):
+            tree.set_transform(link("map", f"n{i}", 15 * S + worker))
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(create, range(4)))
+    assert len(tree.frames()) == len(set(tree.frames())) == 504
