@@ -26,16 +26,16 @@ void list(std::ofstream& out, const std::vector<double>& values) {
 }  // namespace
 
 void print_head(const Sides& sides) {
-  std::printf("%-34s %7s", "M calls/s; x tf2 [lowest-highest]", "threads");
+  std::printf("%-36s %7s", "medians, millions of calls a second", "threads");
   for (const auto& side : sides) std::printf(" %10s", side->name().c_str());
   if (has_tf2(sides))
     for (std::size_t i = 0; i + 1 < sides.size(); ++i)
-      std::printf("  %20s", (sides[i]->name() + "/tf2").c_str());
+      std::printf("  %20s", (sides[i]->name() + "/tf2 [all]").c_str());
   std::printf("\n");
 }
 
 void print_line(const Sides& sides, const Figures& figures) {
-  std::printf("%-34s %7u", figures.what.name, figures.threads);
+  std::printf("%-36s %7u", figures.what.name, figures.threads);
   for (const auto& rates : figures.rates) std::printf(" %10.3f", median(rates) / 1e6);
   if (has_tf2(sides)) {
     for (std::size_t i = 0; i + 1 < sides.size(); ++i) {
