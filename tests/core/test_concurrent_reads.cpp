@@ -155,7 +155,7 @@ TEST(a_reader_that_never_wins_is_answered) {
         }
       });
     crowd.foreground([&] {
-      for (int i = 0; i < 150 || commits < 100; ++i) {
+      for (int i = 0; i < 50 || commits < 100; ++i) {
         const Answer a = w.ask(Op::latest_xact, i % 2 ? "f0" : "f150", i % 2 ? "f150" : "f0");
         CHECK_EQ(a.failure.code, Code::ok);
         CHECK_EQ(a.pose.x, 0);
