@@ -24,12 +24,13 @@ struct Vec3 {
 
 // Rotates v by the pose's rotation: v + 2 w (q x v) + 2 q x (q x v).
 ZTF_HOT Vec3 rotate(const Pose& p, double vx, double vy, double vz) noexcept {
-  const double ux = 2.0 * (p.qy * vz - p.qz * vy);
-  const double uy = 2.0 * (p.qz * vx - p.qx * vz);
-  const double uz = 2.0 * (p.qx * vy - p.qy * vx);
-  return {vx + p.qw * ux + (p.qy * uz - p.qz * uy),  //
-          vy + p.qw * uy + (p.qz * ux - p.qx * uz),  //
-          vz + p.qw * uz + (p.qx * uy - p.qy * ux)};
+  const double ux = p.qy * vz - p.qz * vy;
+  const double uy = p.qz * vx - p.qx * vz;
+  const double uz = p.qx * vy - p.qy * vx;
+  const double x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz, w2 = p.qw + p.qw;
+  return {(vx + w2 * ux) + (y2 * uz - z2 * uy),  //
+          (vy + w2 * uy) + (z2 * ux - x2 * uz),  //
+          (vz + w2 * uz) + (x2 * uy - y2 * ux)};
 }
 
 // X_ac = X_ab * X_bc
@@ -38,10 +39,10 @@ ZTF_HOT Pose operator*(const Pose& ab, const Pose& bc) noexcept {
   return {ab.x + t.x,
           ab.y + t.y,
           ab.z + t.z,
-          ab.qw * bc.qx + ab.qx * bc.qw + ab.qy * bc.qz - ab.qz * bc.qy,
-          ab.qw * bc.qy + ab.qy * bc.qw + ab.qz * bc.qx - ab.qx * bc.qz,
-          ab.qw * bc.qz + ab.qz * bc.qw + ab.qx * bc.qy - ab.qy * bc.qx,
-          ab.qw * bc.qw - ab.qx * bc.qx - ab.qy * bc.qy - ab.qz * bc.qz};
+          (ab.qw * bc.qx + ab.qx * bc.qw) + (ab.qy * bc.qz - ab.qz * bc.qy),
+          (ab.qw * bc.qy + ab.qy * bc.qw) + (ab.qz * bc.qx - ab.qx * bc.qz),
+          (ab.qw * bc.qz + ab.qz * bc.qw) + (ab.qx * bc.qy - ab.qy * bc.qx),
+          (ab.qw * bc.qw - ab.qx * bc.qx) - (ab.qy * bc.qy + ab.qz * bc.qz)};
 }
 
 // X_ba from X_ab, for a unit rotation.

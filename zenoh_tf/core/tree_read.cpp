@@ -141,6 +141,43 @@ class Reader {
     return {frames_, guard_, link_of, max_depth_};
   }
 
+  // The usual lookup of newest samples in one loop, in half the time: the target
+  // is above the source, and near. `one_stamp`: and all samples are of one stamp,
+  // which then is the latest common time. False: it is not so, nothing is said.
+  template <bool one_stamp>
+  ZTF_HOT bool ascend(FrameId target, FrameId source, Answer& a) {
+    constexpr std::size_t kNear = 16;
+    const std::size_t limit = std::min<std::size_t>(kNear, max_depth_);
+    Step steps[kNear];  // only what rest() asks for
+    std::size_t links = 0;
+    StampRange stamps;
+    Stamp stamp = kNoStamp;
+    Pose pose;
+    const Frame* const goal = frames_ + target;
+    const Frame* frame = frames_ + source;
+    do {
+      Step& step = steps[links];
+      if (links == limit || !guard_.enter(*frame, step.version)) return false;
+      const Link link = NewestLink{}(*frame);
+      if (link.parent == 0) return false;
+      if (one_stamp && link.stamp != kNoStamp) {
+        if (link.stamp != stamp && stamp != kNoStamp) return false;
+        stamp = link.stamp;
+      }
+      if (!one_stamp) stamps.include(link.stamp);
+      pose = links == 0 ? frame->latest_pose.load() : frame->latest_pose.load() * pose;
+      step.frame = frame;
+      ++links;
+      frame = frames_ + link.parent;
+    } while (frame != goal);
+    a.pose = pose;
+    if (one_stamp)
+      a.stamp = stamp == kNoStamp ? 0 : stamp;
+    else
+      give_range(stamps, a);
+    return guard_.rest(steps, links);
+  }
+
   bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
     a.stamp = stamp;
     a.pose = Pose{};
@@ -153,6 +190,7 @@ class Reader {
 
   bool common(FrameId target, FrameId source, Answer& a) {
     if (target == source) return itself(target, a);
+    if (ascend<true>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       const StampRange stamps(chain);
       const Stamp oldest = stamps.oldest();
@@ -184,6 +222,7 @@ class Reader {
 
   bool latest(FrameId target, FrameId source, Answer& a) {
     if (target == source) return itself(target, a);
+    if (ascend<false>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       give_range(StampRange(chain), a);
       join(chain, kNoStamp, a.pose);
