@@ -64,6 +64,17 @@ OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
 OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
 NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 
+# Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
+def columns_of(
+    stampeds: Sequence[StampedTransform],
+) -> tuple[
+    list[str],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.float64],
+]: ...
+
 class Tree:
     def __init__(
         self,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
-from operator import attrgetter, index
+from operator import index
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zenoh_tf import StampedTransform, wire
+from zenoh_tf import StampedTransform, _core, wire
 from zenoh_tf.errors import InvalidArgumentException
 
 #: target, source, OP_..., stamp_ns or NO_STAMP
@@ -97,26 +96,8 @@ def join(rows: Sequence[Row]) -> wire.Lookup:
     return wire.Lookup(list(names), op, target, source, stamp)
 
 
-_FIELDS = attrgetter("parent_frame", "child_frame", "stamp_ns", "transform")
-
-
 def commit(
     stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
 ) -> wire.Commit:
-    """The rows of a transaction. A sensor's hot path: each value is touched once."""
-    try:
-        parents, children, times, transforms = zip(*map(_FIELDS, stampeds), strict=True)
-    except AttributeError as error:
-        raise InvalidArgumentException(
-            "stampeds must hold StampedTransform", field="stampeds"
-        ) from error
-    except ValueError:  # nothing to unpack: no rows
-        parents = children = times = transforms = ()
-    names = _Names()
-    count = len(parents)
-    parent = names.column(parents, count)
-    child = names.column(children, count)
-    stamp = np.fromiter(times, np.int64, count)
-    numbers = chain.from_iterable([transform.pose() for transform in transforms])
-    pose = np.fromiter(numbers, np.float64, 7 * count).reshape(count, 7)
-    return wire.Commit(list(names), parent, child, stamp, pose, authority, static)
+    """The rows of a transaction."""
+    return wire.Commit(*_core.columns_of(stampeds), authority, static)

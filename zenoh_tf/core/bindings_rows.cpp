@@ -2,6 +2,9 @@
 //
 // Interpreter lock: long columns and commits release it. Names are resolved
 // before, under the lock, once each.
+#include <algorithm>
+#include <unordered_map>
+
 #include "bindings.hpp"
 
 namespace ztf {
@@ -225,6 +228,46 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
                         stamp_column(answers, &Answer::newest), pose_column(answers), failures, read);
 }
 
+// Transforms as the columns of a commit; each name once, in order of appearance.
+nb::tuple columns_of(nb::handle stampeds) {
+  const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(stampeds.ptr()));
+  if (!items.is_valid()) throw nb::python_error();
+  std::vector<const StampedTransform*> rows;
+  rows.reserve(items.size());
+  for (const nb::handle item : items) {
+    if (!nb::isinstance<StampedTransform>(item))
+      raise_invalid("stampeds must hold StampedTransform", "stampeds");
+    rows.push_back(&nb::cast<const StampedTransform&>(item));
+  }
+  const std::size_t n = rows.size();
+  nb::list names;
+  std::unordered_map<std::string_view, std::uint32_t> known;
+  const auto row_of = [&](nb::handle name) {
+    const auto [at, is_new] =
+        known.try_emplace(text_of(name, "frame"), static_cast<std::uint32_t>(known.size()));
+    if (is_new) names.append(name);
+    return at->second;
+  };
+  std::vector<std::uint32_t> parent(n), child(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    parent[i] = row_of(rows[i]->parent_frame);
+    child[i] = row_of(rows[i]->child_frame);
+  }
+  const auto copied = [n](const std::vector<std::uint32_t>& column) {
+    return make_array<std::uint32_t>({n}, [&](std::uint32_t* d) {
+      std::copy(column.begin(), column.end(), d);
+    });
+  };
+  return nb::make_tuple(
+      names, copied(parent), copied(child),
+      make_array<Stamp>({n}, [&](Stamp* d) {
+        for (const StampedTransform* row : rows) *d++ = row->stamp;
+      }),
+      make_array<double>({n, 7}, [&](double* d) {
+        for (const StampedTransform* row : rows) d = std::copy_n(&row->pose.x, 7, d);
+      }));
+}
+
 nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>& parent,
                        const Column<std::uint32_t>& child, const Column<Stamp>& stamp,
                        const PoseColumn& pose, std::string_view authority, bool is_static,
@@ -256,6 +299,7 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
 }  // namespace
 
 void bind_rows(nb::module_& m, nb::class_<Tree>& tree) {
+  m.def("columns_of", &columns_of, nb::arg("stampeds"));
   m.attr("OP_AT") = static_cast<int>(Op::at);
   m.attr("OP_COMMON") = static_cast<int>(Op::common);
   m.attr("OP_LATEST") = static_cast<int>(Op::latest);
