@@ -43,5 +43,4 @@ class TransformArray:
 
     def __getitem__(self, row: int) -> Transform:
         """One row as a ``Transform``, whatever its status."""
-        pose = self.poses[row]
-        return Transform(pose[:3], pose[3:])
+        return Transform.from_pose(self.poses[row])

@@ -223,6 +223,10 @@ def _settler_of_reads(run: list[tuple[Read[Any], Handle[Any]]]) -> _Settle:
                 handle._settle(_raise, error)
             return
         for (read, handle), row in zip(run, answer.rows(), strict=True):
-            handle._settle(read.result, row)
+            handle._sent = True
+            try:
+                handle._value = read.result(row)
+            except TransformException as error:
+                handle._error = error
 
     return settle

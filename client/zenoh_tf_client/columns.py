@@ -89,11 +89,14 @@ def join(rows: Sequence[Row]) -> wire.Lookup:
     """Any single reads as one lookup, in order."""
     names = _Names()
     count = len(rows)
-    target = np.fromiter((names[row[0]] for row in rows), np.uint32, count)
-    source = np.fromiter((names[row[1]] for row in rows), np.uint32, count)
-    op = np.fromiter((row[2] for row in rows), np.uint8, count)
-    stamp = np.fromiter((row[3] for row in rows), np.int64, count)
-    return wire.Lookup(list(names), op, target, source, stamp)
+    targets, sources, ops, times = zip(*rows, strict=True) if rows else ((), (), (), ())
+    return wire.Lookup(
+        target=names.column(targets, count),
+        source=names.column(sources, count),
+        op=np.fromiter(ops, np.uint8, count),
+        stamp=np.fromiter(times, np.int64, count),
+        names=list(names),
+    )
 
 
 def commit(

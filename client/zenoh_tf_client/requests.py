@@ -70,12 +70,16 @@ def _raise(error: TransformException) -> Any:
     raise error
 
 
+#: A reply's row as a result: (what was asked, stamp, newest stamp, pose) -> result
+Convert = Callable[[columns.Row, int, int, wire.Pose], T]
+
+
 @dataclass(slots=True)
 class Read(Request[T]):
     """A lookup of a single row, which a batch may join with its neighbours."""
 
     row: columns.Row
-    convert: Callable[[int, int, wire.Pose], T]  # stamp, newest stamp, pose
+    convert: Convert[T]
     wait_s: float = 0.0
     failed: Callable[[TransformException], T] = _raise
     kind: str = "lookup"
@@ -89,13 +93,13 @@ class Read(Request[T]):
     def parse(self, reply: wire.Message) -> T:
         one = wire.parse_one_answer(reply)
         if one is not None:
-            return self.convert(*one)
+            return self.convert(self.row, *one)
         return self.result(next(wire.parse_lookup_reply(reply, 1).rows()))
 
-    def result(self, row: wire.AnswerRow) -> T:
+    def result(self, answer: wire.AnswerRow) -> T:
         """The result in one row of a reply."""
-        error, stamp_ns, newest_ns, pose = row
-        return self.failed(error) if error else self.convert(stamp_ns, newest_ns, pose)
+        error, stamp_ns, newest_ns, pose = answer
+        return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
 
 
 def _timeout_ns(timeout_s: float) -> int:
@@ -106,19 +110,24 @@ def _timeout_ns(timeout_s: float) -> int:
     return int(timeout_s * 1e9)
 
 
-def _stamped(target: str, source: str) -> Callable[[int, int, wire.Pose], StampedTransform]:
-    def convert(stamp_ns: int, _: int, pose: wire.Pose) -> StampedTransform:
-        return StampedTransform(target, source, stamp_ns, Transform(pose[:3], pose[3:]))
-
-    return convert
+def _stamped(row: columns.Row, stamp_ns: int, _: int, pose: wire.Pose) -> StampedTransform:
+    return StampedTransform(row[0], row[1], stamp_ns, Transform.from_pose(pose))
 
 
-def _latest(target: str, source: str) -> Callable[[int, int, wire.Pose], LatestTransform]:
-    def convert(stamp_ns: int, newest_ns: int, pose: wire.Pose) -> LatestTransform:
-        transform = Transform(pose[:3], pose[3:])
-        return LatestTransform(target, source, stamp_ns, transform, newest_ns)
+def _latest(row: columns.Row, stamp_ns: int, newest_ns: int, pose: wire.Pose) -> LatestTransform:
+    return LatestTransform(row[0], row[1], stamp_ns, Transform.from_pose(pose), newest_ns)
 
-    return convert
+
+def _yes(*_: object) -> bool:
+    return True
+
+
+def _no(*_: object) -> bool:
+    return False
+
+
+def _time(_row: columns.Row, stamp_ns: int, *_: object) -> int | None:
+    return None if stamp_ns == wire.NO_STAMP else stamp_ns
 
 
 # --- reads
@@ -127,29 +136,25 @@ def _latest(target: str, source: str) -> Callable[[int, int, wire.Pose], LatestT
 def lookup_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[StampedTransform]:
-    return Read(columns.at(target, source, stamp_ns), _stamped(target, source), timeout_s)
+    return Read(columns.at(target, source, stamp_ns), _stamped, timeout_s)
 
 
 def can_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[bool]:
-    row = columns.at(target, source, stamp_ns)
-    return Read(row, lambda *_: True, timeout_s, failed=lambda _: False)
+    return Read(columns.at(target, source, stamp_ns), _yes, timeout_s, failed=_no)
 
 
 def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:
-    return Read((target, source, wire.OP_LATEST, wire.NO_STAMP), _latest(target, source))
+    return Read((target, source, wire.OP_LATEST, wire.NO_STAMP), _latest)
 
 
 def lookup_latest_transform_xact(target: str, source: str) -> Read[LatestTransform]:
-    return Read((target, source, wire.OP_LATEST_XACT, wire.NO_STAMP), _latest(target, source))
+    return Read((target, source, wire.OP_LATEST_XACT, wire.NO_STAMP), _latest)
 
 
 def latest_common_time(a: str, b: str) -> Read[int | None]:
-    def convert(stamp_ns: int, *_: object) -> int | None:
-        return None if stamp_ns == wire.NO_STAMP else stamp_ns
-
-    return Read((a, b, wire.OP_COMMON_TIME, wire.NO_STAMP), convert)
+    return Read((a, b, wire.OP_COMMON_TIME, wire.NO_STAMP), _time)
 
 
 def lookup_transform_full(

@@ -128,8 +128,6 @@ Stamp stamp_of(nb::handle stamp, const char* field) {
   return value;
 }
 
-namespace {
-
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field) {
   const nb::object items = nb::steal(PySequence_Tuple(values.ptr()));
   bool good = items.is_valid() && PyTuple_Size(items.ptr()) == n;
@@ -142,8 +140,6 @@ void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field)
     raise_invalid(std::string(field) + " must be " + std::to_string(n) + " numbers", field);
   }
 }
-
-}  // namespace
 
 Pose pose_of(nb::handle translation, nb::handle rotation) {
   Pose pose;

@@ -45,6 +45,8 @@ std::string_view text_of(nb::handle name, const char* field);
 FrameId frame_of(const Tree& tree, nb::handle name, const char* field);
 Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
 Stamp stamp_of(nb::handle stamp, const char* field);  // kNoStamp for None
+// Exactly n numbers from a sequence.
+void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field);
 Pose pose_of(nb::handle translation, nb::handle rotation);
 
 template <class T>

@@ -144,6 +144,11 @@ void bind_values(nb::module_& m) {
            nb::arg("translation").none() = nb::make_tuple(0.0, 0.0, 0.0),
            nb::arg("rotation").none() = nb::make_tuple(0.0, 0.0, 0.0, 1.0))
       .def_static("identity", [] { return Pose{}; }, "The transform that changes nothing.")
+      .def_static("from_pose", [](nb::handle pose) {
+                    Pose p;
+                    numbers_of(pose, &p.x, 7, "pose");
+                    return p;
+                  }, nb::arg("pose").none(), "From x, y, z, qx, qy, qz, qw: what `pose()` gives.")
       .def_static("from_matrix", &pose_from_matrix, nb::arg("matrix"),
                   "From a (4, 4) homogeneous matrix. `InvalidArgumentException` if it is not rigid.")
       .def_prop_ro("translation",
