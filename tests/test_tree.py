@@ -279,3 +279,15 @@ def test_one_name_gets_one_frame(tree: TransformTree) -> None:
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(create, range(4)))
     assert len(tree.frames()) == len(set(tree.frames())) == 504
+
+
+def test_a_refused_commit_registers_no_authority() -> None:
+    tree = TransformTree()
+    for i in range(5000):  # more than there is room for
+        with pytest.raises(InvalidArgumentException):
+            tree.set_transform(link("a", "a", 1), authority=f"rubbish{i}")
+        tree.set_transform(link("a", "b", 100 * S))
+        with pytest.raises(InvalidArgumentException):
+            tree.set_transforms_xact([link("a", "b", 1)], authority=f"late{i}")
+    tree.set_transform(link("a", "b", 101 * S), authority="good")
+    assert tree.frame("b").authority == "good"

@@ -170,6 +170,8 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
 
 NB_MODULE(_core, m) {
   m.doc() = "The native tree of zenoh-tf; use it through zenoh_tf.";
+  // At exit, what daemon threads or a traceback still hold is no leak to tell a user about.
+  nanobind::set_leak_warnings(false);
   ztf::bind_values(m);
   ztf::bind_tree(m);
 }

@@ -10,18 +10,6 @@ namespace ztf {
 
 namespace {
 
-// Zeroed memory that costs nothing until it is touched, aligned for Frame.
-void* zeroed(std::size_t bytes) {
-  void* memory = std::calloc(1, bytes + alignof(Frame));
-  if (!memory) throw std::bad_alloc();
-  return memory;
-}
-
-Frame* aligned(void* memory) noexcept {
-  const auto address = reinterpret_cast<std::uintptr_t>(memory);
-  return reinterpret_cast<Frame*>((address + alignof(Frame) - 1) & ~(alignof(Frame) - 1));
-}
-
 std::string quoted(std::string_view name) { return std::string("'").append(name).append("'"); }
 
 // tf2's rule: one leading slash is stripped on insert.
@@ -30,22 +18,6 @@ std::string_view stripped(std::string_view name) noexcept {
 }
 
 }  // namespace
-
-void Tree::Freed::operator()(void* memory) const noexcept { std::free(memory); }
-
-Tree::Tree(const Options& options)
-    : options_(options),
-      memory_(zeroed((std::size_t{options.max_frames} + 1) * sizeof(Frame))),
-      frames_(aligned(memory_.get())),
-      counters_memory_(static_cast<FrameCounters*>(
-          zeroed((std::size_t{options.max_frames} + 1) * sizeof(FrameCounters)))),
-      counters_(counters_memory_.get()),
-      names_(options.max_frames),
-      authorities_(options.max_authorities) {}
-
-Tree::~Tree() {
-  for (FrameId id = 1; id <= names_.size(); ++id) frames_[id].~Frame();
-}
 
 // One commit on its way: checked and put in order, locked, applied.
 class Commit {
@@ -56,7 +28,7 @@ class Commit {
   }
 
   void run() {
-    authority_ = find_authority();
+    check_authority();
     // Version 0: the frame did not exist, and only who holds the topology can say that it still does not.
     for (const Version version : request_.read_versions) needs_topology_ |= version == 0;
     while (!attempt()) needs_topology_ = true;
@@ -125,33 +97,44 @@ class Commit {
                   .stamp = row.stamp};
   }
 
-  std::uint32_t find_authority() {
-    const std::string_view name = request_.authority;
-    if (name.empty()) return 0;
-    if (const auto id = tree_.authorities_.find(name)) return id;
-    if (name.size() > tree_.options_.max_name_bytes)
+  void check_authority() const {
+    const std::size_t size = request_.authority.size();
+    if (size > tree_.options_.max_name_bytes)
       throw Refused{.code = Code::limit,
-                    .message = "the authority's name of " + std::to_string(name.size()) +
+                    .message = "the authority's name of " + std::to_string(size) +
                                " bytes exceeds the limit of " +
                                std::to_string(tree_.options_.max_name_bytes),
                     .field = "max_name_bytes",
                     .limit = tree_.options_.max_name_bytes,
-                    .value = static_cast<std::int64_t>(name.size())};
-    const std::lock_guard lock(tree_.topology_);
-    if (const auto id = tree_.authorities_.find(name)) return id;
-    if (tree_.authorities_.size() == tree_.authorities_.max_size())
-      throw Refused{.code = Code::limit,
-                    .message = "no more than " + std::to_string(tree_.authorities_.max_size()) +
-                               " authorities",
-                    .field = "max_authorities",
-                    .limit = tree_.authorities_.max_size()};
-    return tree_.authorities_.insert(name);
+                    .value = static_cast<std::int64_t>(size)};
   }
 
-  // False: the topology changes, so do it again with the topology mutex held.
+  // False where the authority is new and the topology mutex, which guards the
+  // names, is not held. A new one is registered when the commit is accepted.
+  bool resolve_authority() {
+    const NameTable& authorities = tree_.authorities_;
+    new_authority_ = false;
+    authority_ = 0;
+    if (request_.authority.empty() || writes_.size() == 0) return true;
+    authority_ = authorities.find(request_.authority);
+    if (authority_ != 0) return true;
+    if (!needs_topology_) return false;
+    if (authorities.size() == authorities.max_size())
+      throw Refused{.code = Code::limit,
+                    .message = "no more than " + std::to_string(authorities.max_size()) +
+                               " authorities",
+                    .field = "max_authorities",
+                    .limit = authorities.max_size()};
+    authority_ = authorities.size() + 1;
+    new_authority_ = true;
+    return true;
+  }
+
+  // False: the topology or the names change: again, with the topology mutex held.
   bool attempt() {
     std::unique_lock topology(tree_.topology_, std::defer_lock);
     if (needs_topology_) topology.lock();
+    if (!resolve_authority()) return false;
     new_names_.clear();
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
@@ -170,6 +153,7 @@ class Commit {
       check_cycles();
     }
     const auto new_names = new_names_in_order();
+    if (new_authority_) tree_.authorities_.reserve(1, request_.authority.size());
     (void)changed_.reserve(groups_.size());
     for (const Group& group : groups_)
       if (!request_.is_static)
@@ -376,6 +360,7 @@ class Commit {
 
   // A frame that exists has a version other than 0, be it but a parent.
   void publish(const NewNames& in_order) noexcept {
+    if (new_authority_) tree_.authorities_.insert(request_.authority);
     for (const auto& [id, name] : in_order) {
       if (!std::binary_search(children_.begin(), children_.end(), id))
         tree_.frames_[id].version.unlock_changed(0);
@@ -394,6 +379,7 @@ class Commit {
   const CommitRequest& request_;
   const std::span<std::uint8_t> stored_;
   std::uint32_t authority_ = 0;
+  bool new_authority_ = false;
   bool needs_topology_ = false;
   std::size_t conflict_ = 0;
   SmallVector<Write, 16> writes_;
@@ -411,26 +397,6 @@ void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) 
   } else {
     commit.run();
   }
-  signal_.announce();
-}
-
-void Tree::clear(bool keep_static) {
-  std::unique_lock giant(giant_, std::defer_lock);
-  if (options_.concurrency == Concurrency::giant) giant.lock();
-  const std::lock_guard topology(topology_);
-  SmallVector<FrameId, 16> all;
-  SmallVector<bool, 16> changed;
-  for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
-  (void)changed.reserve(all.size());  // halfway nothing may fail
-  WriteLocks locks(*this, all);
-  for (const FrameId id : all) {
-    Frame& frame = frames_[id];
-    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
-    const bool drop = has_data && !(keep_static && frame.is_static.load(std::memory_order_relaxed));
-    if (drop) forget(frame);
-    changed.push_back(drop);
-  }
-  locks.release(changed);
   signal_.announce();
 }
 

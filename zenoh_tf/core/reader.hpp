@@ -1,0 +1,341 @@
+// How a question is answered, whatever the concurrency control.
+//
+// Thread safety: a reader lives on its thread's stack, for one transaction.
+// Every question is answered in the same steps: find the chain of links between
+// the two frames, compute from it, and ask the guard whether what was read still
+// stands. Failures are answers like others and rest on what was read for them.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "walk.hpp"
+
+namespace ztf {
+
+inline Code code_of(Place::Kind kind) noexcept {
+  switch (kind) {
+    case Place::Kind::no_data:
+      return Code::no_data;
+    case Place::Kind::backward:
+      return Code::backward;
+    case Place::Kind::forward:
+      return Code::forward;
+    default:
+      return Code::extrapolation;
+  }
+}
+
+inline void give_range(const StampRange& range, Answer& a) noexcept {
+  a.stamp = range.oldest() == kNoStamp ? 0 : range.oldest();
+  a.newest = range.newest() == kNoStamp ? 0 : range.newest();
+}
+
+// Answers questions under one guard. Every function returns false to start over.
+template <class Guard>
+class Reader {
+ public:
+  Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth)
+      : frames_(frames), guard_(guard), max_depth_(max_depth) {}
+
+  ZTF_HOT bool answer(const Query& q, Answer& a) {
+    a.failure.code = Code::ok;
+    if (q.target == 0 || q.source == 0) [[unlikely]] {
+      a = Answer{.failure = {Code::lookup, q.target, q.source}};
+      return true;
+    }
+    switch (q.op) {
+      case Op::at:
+        return at(q.target, q.source, q.stamp, a);
+      case Op::common:
+        return common(q.target, q.source, a);
+      case Op::latest:
+      case Op::latest_xact:
+        return latest(q.target, q.source, a);
+      case Op::common_time:
+        return common_time(q.target, q.source, a);
+      case Op::full:
+        return full(q, a);
+    }
+    return true;
+  }
+
+  // The frames from target to source.
+  bool chain(const Query& q, std::vector<FrameId>& out, Answer& a) {
+    out.clear();
+    a = Answer{};
+    if (q.target == 0 || q.source == 0) return answer(q, a);
+    if (q.target == q.source) {
+      out.push_back(q.target);
+      return true;
+    }
+    const auto list = [&](const Chain& chain) {
+      const auto add = [&](const Frame* frame) { out.push_back(id_of(frame)); };
+      for (std::size_t i = 0; i < chain.target.links; ++i) add(chain.target.steps[i].frame);
+      add(chain.meeting);
+      for (std::size_t i = chain.source.links; i-- > 0;) add(chain.source.steps[i].frame);
+      return true;
+    };
+    return q.stamp == kNoStamp ? between(q.target, q.source, NewestLink{}, kNoStamp, a, list)
+                               : between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, list);
+  }
+
+  // The newest of every link, each link consistent by itself and nothing more.
+  bool latest_each(FrameId target, FrameId source, Answer& a) {
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      StampRange stamps;
+      Pose from_source, from_target;
+      if (!compose_each(chain.source, chain.meeting, stamps, from_source) ||
+          !compose_each(chain.target, chain.meeting, stamps, from_target))
+        return false;
+      a.pose = chain.target.links == 0 ? from_source : inverse(from_target) * from_source;
+      give_range(stamps, a);
+      return true;
+    });
+  }
+
+ private:
+  [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept {
+    return static_cast<FrameId>(frame - frames_);
+  }
+
+  // Finds the links between two frames and hands them to body(chain), or
+  // explains in `a` why there are none. Then says whether what was read rests.
+  template <class LinkOf, class Body>
+  ZTF_HOT bool between(FrameId target, FrameId source, LinkOf link_of, Stamp stamp, Answer& a,
+                       Body body) {
+    Way way(frames_ + source);
+    // Mostly the target is above the source, and near.
+    switch (walker(link_of).climb(way, 16, frames_ + target)) {
+      case Climbed::arrived: {
+        Step* const steps = way.steps.begin();
+        const std::size_t links = way.steps.size();
+        return body(Chain{{steps, links}, {nullptr, 0}, way.top}) && guard_.rest(steps, links);
+      }
+      case Climbed::restart:
+        return false;
+      case Climbed::no:
+        break;
+    }
+    return between_two_ways(way, target, link_of, stamp, a, body);
+  }
+
+  template <class LinkOf, class Body>
+  [[gnu::noinline]] bool between_two_ways(Way& from_source, FrameId target, LinkOf link_of,
+                                          Stamp stamp, Answer& a, Body body) {
+    Way from_target(frames_ + target);
+    Chain chain;
+    switch (walker(link_of).meet(from_source, from_target, chain)) {
+      case Climbed::arrived:
+        return body(chain) && guard_.rest(chain.source.steps, chain.source.links) &&
+               guard_.rest(chain.target.steps, chain.target.links);
+      case Climbed::restart:
+        return false;
+      case Climbed::no:
+        break;
+    }
+    explain(from_target, from_source, stamp, a);
+    for (Way* way : {&from_source, &from_target}) {
+      if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
+      const Step top{way->top, way->top_version, 0, 0};
+      if (way->end != Way::End::too_deep && !guard_.rest(&top, 1)) return false;
+    }
+    return true;
+  }
+
+  template <class LinkOf>
+  ZTF_HOT Walker<Guard, LinkOf> walker(LinkOf link_of) {
+    return {frames_, guard_, link_of, max_depth_};
+  }
+
+  // The usual lookup of newest samples in one loop, in half the time: the target
+  // is above the source, and near. `one_stamp`: and all samples are of one stamp,
+  // which then is the latest common time. False: it is not so, nothing is said.
+  template <bool one_stamp>
+  ZTF_HOT bool ascend(FrameId target, FrameId source, Answer& a) {
+    constexpr std::size_t kNear = 16;
+    const std::size_t limit = std::min<std::size_t>(kNear, max_depth_);
+    Step steps[kNear];  // only what rest() asks for
+    std::size_t links = 0;
+    StampRange stamps;
+    Stamp stamp = kNoStamp;
+    Pose pose;
+    const Frame* const goal = frames_ + target;
+    const Frame* frame = frames_ + source;
+    do {
+      Step& step = steps[links];
+      if (links == limit || !guard_.enter(*frame, step.version)) return false;
+      const Link link = NewestLink{}(*frame);
+      if (link.parent == 0) return false;
+      if (one_stamp && link.stamp != kNoStamp) {
+        if (link.stamp != stamp && stamp != kNoStamp) return false;
+        stamp = link.stamp;
+      }
+      if (!one_stamp) stamps.include(link.stamp);
+      pose = links == 0 ? frame->latest_pose.load() : frame->latest_pose.load() * pose;
+      step.frame = frame;
+      ++links;
+      frame = frames_ + link.parent;
+    } while (frame != goal);
+    a.pose = pose;
+    if (one_stamp)
+      a.stamp = stamp == kNoStamp ? 0 : stamp;
+    else
+      give_range(stamps, a);
+    return guard_.rest(steps, links);
+  }
+
+  bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+    a.stamp = stamp;
+    a.pose = Pose{};
+    if (target == source) return true;
+    return between(target, source, LinkAt{stamp}, stamp, a, [&](const Chain& chain) {
+      join(chain, stamp, a.pose);
+      return true;
+    });
+  }
+
+  bool common(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return itself(target, a);
+    if (ascend<true>(target, source, a)) return true;
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      const StampRange stamps(chain);
+      const Stamp oldest = stamps.oldest();
+      a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
+      // Mostly the links at that time are the newest ones.
+      if (oldest == stamps.newest() || (go_back(chain.source, chain.meeting, a.stamp) &&
+                                        go_back(chain.target, chain.meeting, a.stamp))) {
+        join(chain, a.stamp, a.pose);
+        return true;
+      }
+      return at(target, source, a.stamp, a);
+    });
+  }
+
+  // Moves the steps of a newest way to a time; false where one of the links led
+  // elsewhere then, or has no sample.
+  bool go_back(const Side& side, const Frame* meeting, Stamp stamp) const noexcept {
+    for (std::size_t i = 0; i < side.links; ++i) {
+      Step& step = side.steps[i];
+      if (step.stamp == stamp || step.stamp == kNoStamp) continue;
+      const Place place = place_at(*step.frame, stamp);
+      if (place.kind != Place::Kind::ok ||
+          frames_ + place.parent != side.frame_above(i + 1, meeting))
+        return false;
+      step.slot = place.slot;
+    }
+    return true;
+  }
+
+  bool latest(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return itself(target, a);
+    if (ascend<false>(target, source, a)) return true;
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      give_range(StampRange(chain), a);
+      join(chain, kNoStamp, a.pose);
+      return true;
+    });
+  }
+
+  bool compose_each(const Side& side, const Frame* meeting, StampRange& stamps, Pose& pose) const {
+    for (std::size_t i = 0; i < side.links; ++i) {
+      const Frame& frame = *side.steps[i].frame;
+      Version version;
+      Link link;
+      Pose newest;
+      do {
+        version = frame.version.unlocked();
+        link = NewestLink{}(frame);
+        newest = frame.latest_pose.load();
+        fault_point();
+      } while (frame.version.load() != version);
+      if (frames_ + link.parent != side.frame_above(i + 1, meeting)) return false;
+      stamps.include(link.stamp);
+      pose = newest * pose;
+    }
+    return true;
+  }
+
+  bool common_time(FrameId target, FrameId source, Answer& a) {
+    a.pose = Pose{};
+    if (target == source) {
+      if (!itself(target, a)) return false;
+      if (a.stamp == 0) a.stamp = kNoStamp;
+      return true;
+    }
+    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+      a.stamp = StampRange(chain).oldest();
+      return true;
+    });
+  }
+
+  bool full(const Query& q, Answer& a) {
+    if (q.fixed == 0) {
+      a = Answer{.failure = {Code::lookup, q.fixed, q.source}};
+      return true;
+    }
+    const auto leg = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
+      return stamp == kNoStamp ? common(target, source, answer) : at(target, source, stamp, answer);
+    };
+    Answer first;
+    if (!leg(q.fixed, q.source, q.source_stamp, first)) return false;
+    if (first.failure.code != Code::ok) {
+      a = first;
+      return true;
+    }
+    if (!leg(q.target, q.fixed, q.stamp, a)) return false;
+    if (a.failure.code == Code::ok) a.pose = a.pose * first.pose;
+    return true;
+  }
+
+  // A frame in itself: the identity, as of its own newest sample.
+  bool itself(FrameId id, Answer& a) {
+    const Frame& frame = frames_[id];
+    Version version;
+    if (!guard_.enter(frame, version)) return false;
+    const Link link = NewestLink{}(frame);
+    const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
+    a.stamp = a.newest = timeless ? 0 : link.stamp;
+    a.pose = Pose{};
+    const Step step{&frame, version, link.stamp, link.slot};
+    return guard_.rest(&step, 1);
+  }
+
+  // X_target_source = inverse(X_meeting_target) * X_meeting_source
+  ZTF_HOT void join(const Chain& chain, Stamp stamp, Pose& pose) const noexcept {
+    const auto [source, target, meeting] = chain;
+    if (source.links != 0) compose(source.steps, source.links, stamp, pose);
+    if (target.links == 0) return;
+    Pose from_target;
+    compose(target.steps, target.links, stamp, from_target);
+    pose = source.links == 0 ? inverse(from_target) : inverse(from_target) * pose;
+  }
+
+  // Two ways that did not meet: tf2's order of blame.
+  void explain(const Way& from_target, const Way& from_source, Stamp stamp, Answer& a) const {
+    a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
+    a.failure.stamp = stamp;
+    for (const Way* way : {&from_source, &from_target})
+      if (way->end == Way::End::too_deep) {
+        a.failure.code = Code::lookup;
+        a.failure.frame = id_of(way->top);
+        return;
+      }
+    for (const Way* way : {&from_target, &from_source})
+      if (way->end == Way::End::broken) {
+        const Frame& frame = *way->top;
+        a.failure.code = code_of(way->why);
+        a.failure.frame = id_of(way->top);
+        a.failure.parent = frame.parent.load(std::memory_order_acquire);
+        a.failure.oldest = oldest_stamp(frame);
+        a.failure.newest = frame.latest_stamp.load(std::memory_order_acquire);
+        return;
+      }
+  }
+
+  const Frame* frames_;
+  Guard& guard_;
+  const std::uint32_t max_depth_;
+};
+
+}  // namespace ztf
