@@ -172,7 +172,7 @@ def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) 
     server = start_server()
     with server.connect(timeout_s=3.0) as tf:
         tf.set_transform(LINK)
-        server.send_signal(signal.SIGSTOP)  # so that the call is under way when it dies
+        server.freeze()  # so that the call is under way when it dies
         with ThreadPoolExecutor() as pool:
             call = pool.submit(_fails_within, 3.0, tf, write)
             time.sleep(0.3)
@@ -204,7 +204,7 @@ def wait_for_frames(tf: TransformClient, frames: list[str], timeout_s: float = 1
 
 def test_a_stopped_server_runs_no_write_that_was_given_up(server: ServerProcess) -> None:
     with server.connect(timeout_s=0.5) as tf, server.connect() as patient:
-        server.send_signal(signal.SIGSTOP)
+        server.freeze()
         assert type(_fails_within(0.5, tf, True)) is OutcomeUnknown
         time.sleep(0.2)
         server.send_signal(signal.SIGCONT)
