@@ -136,8 +136,9 @@ def page() -> Iterator[str]:
     yield ""
     yield "Everything that a client could make grow has a limit. Each is a flag of"
     yield "`zenoh-tf-server`; one that refuses a request answers `LimitExceeded` with the limit's"
-    yield "name in `field`, its value in `limit` and what hit it in `value`. Clients learn the"
-    yield "values at connect and check the size of a message before they send it."
+    yield "name in `field` (with `max_` before it where the tree itself refuses), its value in"
+    yield "`limit` and what hit it in `value`. Clients learn the values at connect and check the"
+    yield "size of a message before they send it."
     yield ""
     yield "| limit | flag | default | of what | when hit |"
     yield "|---|---|---|---|---|"
@@ -147,8 +148,10 @@ def page() -> Iterator[str]:
             f"| {entry.metadata['meaning']} | {entry.metadata['when_hit']} |"
         )
     yield ""
-    yield "Tree and authority names have at most 255 bytes. The embedded `TransformTree` takes the"
-    yield "first four as `max_frames`, `max_samples_per_frame`, `max_name_bytes` and `max_depth`."
+    yield "Tree names have at most 255 bytes, authority names as many as frame names, and a tree"
+    yield "knows 4,096 authorities. A lookup that climbs deeper than `depth` is a `LookupException`,"
+    yield "as in tf2. The embedded `TransformTree` takes the first four as `max_frames`,"
+    yield "`max_samples_per_frame`, `max_name_bytes` and `max_depth`."
 
 
 if __name__ == "__main__":
