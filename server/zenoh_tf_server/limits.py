@@ -38,8 +38,8 @@ class Limits:
     )
     depth: int = _limit(
         1000,
-        "links between a frame and its root",
-        "the request is refused",
+        "links that a lookup climbs from either frame",
+        "the lookup fails",
     )
     rows: int = _limit(
         100_000,
@@ -149,8 +149,8 @@ def page() -> Iterator[str]:
         )
     yield ""
     yield "Tree names have at most 255 bytes, authority names as many as frame names, and a tree"
-    yield "knows 4,096 authorities. A lookup that climbs deeper than `depth` is a `LookupException`,"
-    yield "as in tf2. The embedded `TransformTree` takes the first four as `max_frames`,"
+    yield "knows 4,096 authorities. A lookup that climbs deeper than `depth` links fails with"
+    yield "`LookupException`, as in tf2. The embedded `TransformTree` takes the first four as `max_frames`,"
     yield "`max_samples_per_frame`, `max_name_bytes` and `max_depth`."
 
 
