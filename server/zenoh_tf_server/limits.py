@@ -150,8 +150,8 @@ def page() -> Iterator[str]:
     yield ""
     yield "Tree names have at most 255 bytes, authority names as many as frame names, and a tree"
     yield "knows 4,096 authorities. A lookup that climbs deeper than `depth` links fails with"
-    yield "`LookupException`, as in tf2. The embedded `TransformTree` takes the first four as `max_frames`,"
-    yield "`max_samples_per_frame`, `max_name_bytes` and `max_depth`."
+    yield "`LookupException`, as in tf2. The embedded `TransformTree` takes the first four as"
+    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes` and `max_depth`."
 
 
 if __name__ == "__main__":
