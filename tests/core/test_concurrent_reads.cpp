@@ -195,7 +195,9 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
       crowd.foreground([&, thread] {
         std::mt19937 random(thread);
         int answered = 0;
-        for (int i = 0; i < 3000; ++i, ++lookups) {
+        // While one writer has no processor, the two links may have no time in common: then on.
+        for (int i = 0; i < 3000 || answered < 100; ++i, ++lookups) {
+          if (i >= 3000) std::this_thread::yield();
           const Stamp t = now - static_cast<Stamp>(random() % 3500);
           const Answer a = w.at("a", "c", t);
           if (a.failure.code == Code::ok) {
@@ -212,7 +214,6 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
           if (common.failure.code == Code::ok)
             CHECK_NEAR(common.pose.x, -2 * static_cast<double>(common.stamp), 1e-6);
         }
-        CHECK(answered > 0);
       });
     crowd.join();
   });
