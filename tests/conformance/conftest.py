@@ -1,0 +1,118 @@
+"""The tree under test: embedded, or a client of a live server; the same rows for all."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any, Literal, cast
+
+import pytest
+
+from zenoh_tf import TransformTree
+from zenoh_tf_client import TransformClient
+from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.server import Server, Settings
+
+from ..conftest import free_endpoint
+from .shorthand import MODES, Tree
+
+Concurrency = Literal["optimistic", "2pl"]
+
+
+class LiveServer:
+    """The service as ``zenoh-tf-server`` runs it, with a router of its own on a loopback port.
+
+    In this process, because starting one a row has to be quick; between it and its clients is
+    Zenoh over TCP all the same.
+    """
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, concurrency: Concurrency, **settings: Any
+    ) -> None:
+        self.endpoint = free_endpoint()
+        defaults: dict[str, Any] = {
+            "tree": "main",
+            "listen": [self.endpoint],
+            "connect": [],
+            "cache_time_s": 10.0,
+            "concurrency": concurrency,
+            "one_authority_per_frame": False,
+            "workers": 2,
+            "limits": Limits(),
+        }
+        self.settings = Settings(**defaults | settings)
+        self._loop = loop
+        self._server: Server | None = None
+        self.start()
+
+    def start(self) -> None:
+        """Start with an empty tree; after `stop` at the same endpoint again."""
+        assert self._server is None
+        self._server = Server(self.settings, self._loop)
+
+    def stop(self) -> None:
+        server, self._server = self._server, None
+        if server is not None:
+            server.close()
+
+    def connect(self) -> TransformClient:
+        """One more client; whoever asks for it closes it."""
+        return TransformClient.connect(self.endpoint)
+
+
+@pytest.fixture(params=MODES)
+def mode(request: pytest.FixtureRequest) -> str:
+    """How the tree is reached; a row about the network asks for `REMOTE`."""
+    return str(request.param)
+
+
+@pytest.fixture(scope="session")
+def loop() -> Iterator[asyncio.AbstractEventLoop]:
+    """The event loop of the servers, on a thread of its own."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    yield loop
+    loop.call_soon_threadsafe(loop.stop)
+    thread.join()
+    loop.close()
+
+
+StartLive = Callable[..., LiveServer]
+MakeTree = Callable[..., Tree]
+
+
+@pytest.fixture
+def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
+    """``start_live(**settings)``: an empty server in the mode's concurrency control."""
+    with ExitStack() as servers:
+
+        def start(**settings: Any) -> LiveServer:
+            server = LiveServer(loop, cast(Concurrency, mode.partition("-")[2]), **settings)
+            servers.callback(server.stop)
+            return server
+
+        yield start
+
+
+@pytest.fixture
+def make_tf(mode: str, start_live: StartLive) -> Iterator[MakeTree]:
+    """``make_tf(cache_time_s=10.0, ...)``: an empty tree. Options: those that `TransformTree`
+    and the server's `Settings` have in common."""
+    reach, _, concurrency = mode.partition("-")
+    with ExitStack() as clients:
+
+        def make(**options: Any) -> Tree:
+            if reach == "embedded":
+                return TransformTree(concurrency=cast(Concurrency, concurrency), **options)
+            return clients.enter_context(start_live(**options).connect())
+
+        yield make
+
+
+@pytest.fixture
+def tf(make_tf: MakeTree) -> Tree:
+    """An empty tree that keeps ten seconds, as tf2's buffer does."""
+    return make_tf()

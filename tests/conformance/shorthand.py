@@ -1,0 +1,105 @@
+"""Short words for the rows: seconds for stamps, numbers for poses, comparisons with a tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf_client import TransformClient
+
+#: What a row runs against: both have the same methods.
+Tree = TransformTree | TransformClient
+
+#: How the tree is reached, and its concurrency control.
+MODES = ("embedded-optimistic", "embedded-2pl", "remote-optimistic", "remote-2pl")
+#: For rows about the network: ``@pytest.mark.parametrize("mode", REMOTE, indirect=True)``.
+REMOTE = tuple(mode for mode in MODES if mode.startswith("remote"))
+
+ORIGIN = (0.0, 0.0, 0.0)
+NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
+
+
+def ns(seconds: float) -> int:
+    """A time in nanoseconds."""
+    return round(seconds * 1e9)
+
+
+def yaw(angle: float) -> tuple[float, float, float, float]:
+    """The rotation by `angle` (radians) about z, as (x, y, z, w)."""
+    return (0.0, 0.0, math.sin(angle / 2), math.cos(angle / 2))
+
+
+def stamped(
+    parent: str,
+    child: str,
+    seconds: float,
+    xyz: Sequence[float] = ORIGIN,
+    q: Sequence[float] = NO_ROTATION,
+) -> StampedTransform:
+    """`child` stands at `xyz`, `q` in `parent` at `seconds`."""
+    return StampedTransform(parent, child, ns(seconds), Transform(xyz, q))
+
+
+def put(
+    tf: Tree,
+    parent: str,
+    child: str,
+    seconds: float,
+    xyz: Sequence[float] = ORIGIN,
+    q: Sequence[float] = NO_ROTATION,
+    *,
+    static: bool = False,
+    authority: str = "",
+) -> bool:
+    """Set it; False where it was dropped as too old."""
+    return tf.set_transform(stamped(parent, child, seconds, xyz, q), authority, static)
+
+
+def put_ns(
+    tf: Tree,
+    parent: str,
+    child: str,
+    stamp_ns: int,
+    xyz: Sequence[float] = ORIGIN,
+    q: Sequence[float] = NO_ROTATION,
+) -> bool:
+    """As `put`, for rows whose times are nanoseconds."""
+    return tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(xyz, q)))
+
+
+def look(tf: Tree, target: str, source: str, seconds: float | None = None) -> StampedTransform:
+    """The pose of `source` in `target` at `seconds`, or at their latest common time."""
+    return tf.lookup_transform(target, source, None if seconds is None else ns(seconds))
+
+
+def can(tf: Tree, target: str, source: str, seconds: float | None = None) -> bool:
+    """Whether `look` would answer."""
+    return tf.can_transform(target, source, None if seconds is None else ns(seconds))
+
+
+def x_of(answer: StampedTransform) -> float:
+    """The x coordinate of an answer, for rows along one axis."""
+    return answer.transform.pose()[0]
+
+
+def rotation_error(a: Sequence[float], b: Sequence[float]) -> float:
+    """The largest difference between two quaternions' parts; q and -q are one rotation."""
+    p, q = np.asarray(a), np.asarray(b)
+    return float(min(np.abs(p - q).max(), np.abs(p + q).max()))
+
+
+def assert_pose(
+    answer: StampedTransform | Transform,
+    xyz: Sequence[float],
+    q: Sequence[float] = NO_ROTATION,
+    tolerance: float = 1e-6,
+) -> None:
+    """The pose is `xyz`, `q`, each coordinate within `tolerance`, up to the quaternion's sign."""
+    transform = answer.transform if isinstance(answer, StampedTransform) else answer
+    pose = transform.pose()
+    apart = np.abs(np.subtract(pose[:3], xyz)).max()
+    assert apart <= tolerance, f"translation {pose[:3]}, not {tuple(xyz)}"
+    assert rotation_error(pose[3:], q) <= tolerance, f"rotation {pose[3:]}, not {tuple(q)}"
