@@ -6,12 +6,16 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 
 #: What a row runs against: both have the same methods.
 Tree = TransformTree | TransformClient
+
+#: x, y, z or a quaternion's x, y, z, w.
+Numbers = Sequence[float] | NDArray[np.float64]
 
 #: How the tree is reached, and its concurrency control.
 MODES = ("embedded-optimistic", "embedded-2pl", "remote-optimistic", "remote-2pl")
@@ -36,8 +40,8 @@ def stamped(
     parent: str,
     child: str,
     seconds: float,
-    xyz: Sequence[float] = ORIGIN,
-    q: Sequence[float] = NO_ROTATION,
+    xyz: Numbers = ORIGIN,
+    q: Numbers = NO_ROTATION,
 ) -> StampedTransform:
     """`child` stands at `xyz`, `q` in `parent` at `seconds`."""
     return StampedTransform(parent, child, ns(seconds), Transform(xyz, q))
@@ -48,8 +52,8 @@ def put(
     parent: str,
     child: str,
     seconds: float,
-    xyz: Sequence[float] = ORIGIN,
-    q: Sequence[float] = NO_ROTATION,
+    xyz: Numbers = ORIGIN,
+    q: Numbers = NO_ROTATION,
     *,
     static: bool = False,
     authority: str = "",
@@ -63,8 +67,8 @@ def put_ns(
     parent: str,
     child: str,
     stamp_ns: int,
-    xyz: Sequence[float] = ORIGIN,
-    q: Sequence[float] = NO_ROTATION,
+    xyz: Numbers = ORIGIN,
+    q: Numbers = NO_ROTATION,
 ) -> bool:
     """As `put`, for rows whose times are nanoseconds."""
     return tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(xyz, q)))
@@ -85,7 +89,7 @@ def x_of(answer: StampedTransform) -> float:
     return answer.transform.pose()[0]
 
 
-def rotation_error(a: Sequence[float], b: Sequence[float]) -> float:
+def rotation_error(a: Numbers, b: Numbers) -> float:
     """The largest difference between two quaternions' parts; q and -q are one rotation."""
     p, q = np.asarray(a), np.asarray(b)
     return float(min(np.abs(p - q).max(), np.abs(p + q).max()))
@@ -93,8 +97,8 @@ def rotation_error(a: Sequence[float], b: Sequence[float]) -> float:
 
 def assert_pose(
     answer: StampedTransform | Transform,
-    xyz: Sequence[float],
-    q: Sequence[float] = NO_ROTATION,
+    xyz: Numbers,
+    q: Numbers = NO_ROTATION,
     tolerance: float = 1e-6,
 ) -> None:
     """The pose is `xyz`, `q`, each coordinate within `tolerance`, up to the quaternion's sign."""
