@@ -27,6 +27,7 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.frame_info import FrameInfo
 from zenoh_tf.tree import TransformTree
+from zenoh_tf.velocity import Velocity
 
 __all__ = [
     "BackwardExtrapolationException",
@@ -51,5 +52,6 @@ __all__ = [
     "TransformArray",
     "TransformException",
     "TransformTree",
+    "Velocity",
     "errors",
 ]

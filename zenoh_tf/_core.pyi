@@ -116,6 +116,16 @@ class Tree:
         self, pairs: Sequence[tuple[str, str]]
     ) -> list[LatestTransform]: ...
     def latest_common_time(self, a: str, b: str) -> int | None: ...
+    def velocity_record(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        stamp_ns: int | None,
+        averaging_interval_ns: int,
+        reference_frame: str | None,  # None: the observation frame
+        reference_point: Sequence[float] | NDArray[np.float64],
+        reference_point_frame: str | None,  # None: the tracking frame
+    ) -> dict[str, Any]: ...
     def read_rows(
         self,
         names: Sequence[str],

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from zenoh_tf import _core
 from zenoh_tf.array import TransformArray
 from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,6 +70,45 @@ class TransformTree(_core.Tree):
     ) -> TransformArray:
         """One pair of frames at many times; see ``lookup_transforms``."""
         return self.lookup_transforms(target, source, stamps_ns)
+
+    def lookup_velocity(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        stamp_ns: int | None = None,
+        averaging_interval_s: float = 0.1,
+        *,
+        reference_frame: str | None = None,
+        reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
+        reference_point_frame: str | None = None,
+    ) -> Velocity:
+        """How the tracking frame moves in the observation frame; ``Velocity`` says what that is.
+
+        Everything is read at one instant. The errors are those of the lookups that it takes, each
+        naming its two frames: of the tracking frame at both ends of the window and at the time
+        itself, and of the two reference frames at the time.
+
+        Args:
+            tracking_frame: The frame whose motion is asked for.
+            observation_frame: The frame that counts as standing still.
+            stamp_ns: The middle of the window; ``None``: the latest common time of the two.
+            averaging_interval_s: The length of the window, from 1e-9 to 1e9 seconds.
+            reference_frame: In whose axes the answer is; ``None``: the observation frame's.
+            reference_point: (3,) metres; the body's point there has the linear velocity.
+            reference_point_frame: Where the reference point is given; ``None``: in the tracking
+                frame, so that the default is the velocity of its origin.
+        """
+        return Velocity.from_record(
+            self.velocity_record(
+                tracking_frame,
+                observation_frame,
+                stamp_ns,
+                interval_ns(averaging_interval_s),
+                reference_frame,
+                reference_point,
+                reference_point_frame,
+            )
+        )
 
     def frame(self, name: str) -> FrameInfo:
         """What is known about a frame and its link; ``LookupException`` if it does not exist."""

@@ -17,7 +17,14 @@ from typing import Any, Generic, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
-from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, TransformArray, wire
+from zenoh_tf import (
+    FrameInfo,
+    LatestTransform,
+    StampedTransform,
+    TransformArray,
+    Velocity,
+    wire,
+)
 from zenoh_tf.errors import TransformException
 
 from . import columns, requests
@@ -148,6 +155,29 @@ class Batch:
 
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
         return self._record(requests.latest_common_time(a, b))
+
+    def lookup_velocity(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        stamp_ns: int | None = None,
+        averaging_interval_s: float = 0.1,
+        *,
+        reference_frame: str | None = None,
+        reference_point: ArrayLike = (0.0, 0.0, 0.0),
+        reference_point_frame: str | None = None,
+    ) -> Handle[Velocity]:
+        return self._record(
+            requests.lookup_velocity(
+                tracking_frame,
+                observation_frame,
+                stamp_ns,
+                averaging_interval_s,
+                reference_frame=reference_frame,
+                reference_point=reference_point,
+                reference_point_frame=reference_point_frame,
+            )
+        )
 
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False

@@ -14,12 +14,21 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, Transform, TransformArray, wire
+from zenoh_tf import (
+    FrameInfo,
+    LatestTransform,
+    StampedTransform,
+    Transform,
+    TransformArray,
+    Velocity,
+    wire,
+)
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ProtocolError,
     TransformException,
 )
+from zenoh_tf.velocity import interval_ns
 
 from . import columns
 
@@ -205,6 +214,42 @@ def lookup_transforms(
 
 def sample(target: str, source: str, stamps_ns: ArrayLike) -> Request[TransformArray]:
     return lookup_transforms(target, source, stamps_ns)
+
+
+def lookup_velocity(
+    tracking_frame: str,
+    observation_frame: str,
+    stamp_ns: int | None = None,
+    averaging_interval_s: float = 0.1,
+    *,
+    reference_frame: str | None = None,
+    reference_point: ArrayLike = (0.0, 0.0, 0.0),
+    reference_point_frame: str | None = None,
+) -> Request[Velocity]:
+    try:
+        (x, y, z) = np.asarray(reference_point, np.float64).tolist()
+    except (TypeError, ValueError) as error:
+        message = "reference_point must be 3 numbers"
+        raise InvalidArgumentException(message, field="reference_point") from error
+    body = wire.call_body(
+        "velocity",
+        tracking_frame=tracking_frame,
+        observation_frame=observation_frame,
+        stamp_ns=None if stamp_ns is None else columns.at("", "", stamp_ns)[3],
+        averaging_interval_ns=interval_ns(averaging_interval_s),
+        reference_frame=reference_frame,
+        reference_point=wire.raw(np.array([x, y, z]), wire.F64),
+        reference_point_frame=reference_point_frame,
+    )
+
+    def parse(reply: wire.Message) -> Velocity:
+        record = wire.parse_value(reply, dict)
+        try:
+            return Velocity.from_record(record)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ProtocolError(f"a velocity's record: {error!r}", field="value") from error
+
+    return Call("info", body, parse)
 
 
 # --- writes

@@ -1,4 +1,4 @@
-"""What the tree holds: the `info` requests."""
+"""What the tree holds, and how it moves: the `info` requests."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ def answer(service: Service, message: wire.Message) -> Any:
     if what == "chain":
         target, source = wire.text(message, "target"), wire.text(message, "source")
         return tree.chain(target, source, _stamp(message))
+    if what == "velocity":
+        return _velocity(service, message)
     if what == "stats":
         return {
             **tree.stats(),
@@ -32,6 +34,18 @@ def answer(service: Service, message: wire.Message) -> Any:
             **service.puts.as_dict(),
         }
     raise InvalidArgumentException(f"no information {what!r}", field="what")
+
+
+def _velocity(service: Service, message: wire.Message) -> dict[str, Any]:
+    return service.tree.velocity_record(
+        wire.text(message, "tracking_frame"),
+        wire.text(message, "observation_frame"),
+        _stamp(message),
+        wire.integer(message, "averaging_interval_ns", low=1),
+        wire.text(message, "reference_frame") if "reference_frame" in message else None,
+        wire.column(message, "reference_point", wire.F64, 3),
+        wire.text(message, "reference_point_frame") if "reference_point_frame" in message else None,
+    )
 
 
 def _stamp(message: wire.Message) -> int | None:

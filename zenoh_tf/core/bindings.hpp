@@ -72,5 +72,6 @@ void bind_values(nb::module_& m);
 void bind_tree(nb::module_& m);
 void bind_rows(nb::module_& m, nb::class_<Tree>& tree);
 void bind_introspection(nb::class_<Tree>& tree);
+void bind_velocity(nb::class_<Tree>& tree);
 
 }  // namespace ztf

@@ -247,6 +247,7 @@ void bind_tree(nb::module_& m) {
       .def("wait_commit", &wait_commit, nb::arg("seen_epoch"), nb::arg("timeout_s"));
   bind_rows(m, tree);
   bind_introspection(tree);
+  bind_velocity(tree);
 }
 
 }  // namespace ztf

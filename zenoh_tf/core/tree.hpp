@@ -23,6 +23,7 @@
 #include "guards.hpp"
 #include "history.hpp"
 #include "names.hpp"
+#include "velocity.hpp"
 
 namespace ztf {
 
@@ -98,6 +99,9 @@ class Tree {
 
   // All rows or none; throws Refused. stored[i] tells which rows were not too old.
   void commit(const CommitRequest& request, std::span<std::uint8_t> stored);
+
+  // All that the answer rests on is read in one transaction.
+  void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
 
   // The frames from target to source over their common ancestor.
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;

@@ -1,54 +1,7 @@
 // Reads: how a question is answered under each concurrency control.
-#include "reader.hpp"
-#include "tree.hpp"
+#include "tree_read.hpp"
 
 namespace ztf {
-
-namespace {
-
-constexpr int kOptimisticAttempts = 64;
-constexpr int kHeedWantedAttempts = 8;
-
-}  // namespace
-
-// Runs body(reader) until what it read was the tree's state at one instant.
-template <class Body>
-void Tree::read(ReadSet& reads, Body&& body) const {
-  const auto attempt = [&](auto& guard) {
-    Reader reader(frames_, guard, options_.max_depth);
-    return body(reader) && guard.valid();
-  };
-  switch (options_.concurrency) {
-    case Concurrency::optimistic: {
-      for (int i = 0; i < kOptimisticAttempts; ++i) {
-        OptimisticGuard guard(frames_, reads);
-        if (attempt(guard)) return;
-      }
-      SmallVector<FrameId, 64> wanted;
-      for (const ReadVersion& read : reads) wanted.push_back(read.frame);
-      for (;;) {
-        LockingGuard guard(frames_, reads, wanted);
-        if (attempt(guard)) return;
-      }
-    }
-    case Concurrency::two_phase: {
-      Backoff backoff;
-      for (int i = 0;; ++i) {
-        {
-          SharedGuard guard(frames_, reads, i < kHeedWantedAttempts);
-          if (attempt(guard)) return;
-        }
-        backoff.wait();
-      }
-    }
-    case Concurrency::giant: {
-      const std::lock_guard lock(giant_);
-      GiantGuard guard(frames_, reads);
-      attempt(guard);
-      return;
-    }
-  }
-}
 
 // False where there is no path, or it moved under the feet.
 bool Tree::latest_each(const Query& query, Answer& answer) const {

@@ -15,7 +15,19 @@ from .commit import (
     parse_write,
 )
 from .faults import as_transform_exception, error_reply, fault, parse_fault, raise_error
-from .fields import MAX_MESSAGE_BYTES, VERSION, Message, flag, integer, pack, text, unpack
+from .fields import (
+    F64,
+    MAX_MESSAGE_BYTES,
+    VERSION,
+    Message,
+    column,
+    flag,
+    integer,
+    pack,
+    raw,
+    text,
+    unpack,
+)
 from .lookup import (
     NO_STAMP,
     OP_AT,
@@ -40,6 +52,7 @@ from .lookup import (
 )
 
 __all__ = [
+    "F64",
     "MAX_MESSAGE_BYTES",
     "NO_STAMP",
     "OP_AT",
@@ -59,6 +72,7 @@ __all__ = [
     "as_transform_exception",
     "batch_body",
     "call_body",
+    "column",
     "commit_body",
     "commit_reply",
     "error_reply",
@@ -83,6 +97,7 @@ __all__ = [
     "parse_value",
     "parse_write",
     "raise_error",
+    "raw",
     "text",
     "unpack",
 ]

@@ -1,0 +1,53 @@
+// Velocities against writers: one of the tree's states, never a mixture of two.
+#include <random>
+
+#include "crowd.hpp"
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+// All of the history of two links is rewritten by each commit, with other places but the same
+// motion: from 0 to 100 ns `leaf` moves by 3 in `root`, by 1 in `mid`, whole numbers all.
+std::vector<Set> same_motion(std::mt19937& random) {
+  const int a = static_cast<int>(random() % 2001) - 1000, b = static_cast<int>(random() % 2001);
+  return {{"root", "mid", 0, at_x(a)},
+          {"root", "mid", 100, at_x(a + 2)},
+          {"mid", "leaf", 0, at_x(b)},
+          {"mid", "leaf", 100, at_x(b + 1)}};
+}
+
+}  // namespace
+
+TEST(a_velocity_is_of_one_state) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    std::mt19937 random(1);
+    CHECK_EQ(w.refusal(same_motion(random)), Code::ok);
+    std::atomic<int> commits{0};
+    Crowd crowd;
+    for (unsigned i = 0; i < 2; ++i)
+      crowd.background([&, i](const auto& stop) {
+        std::mt19937 own(i + 2);
+        for (; !stop; ++commits) CHECK_EQ(w.refusal(same_motion(own)), Code::ok);
+      });
+    for (int thread = 0; thread < 2; ++thread)
+      crowd.foreground([&, thread] {
+        for (int i = 0; i < 400 || commits < 200; ++i) {
+          const auto root = w.id("root"), leaf = w.id("leaf");
+          const bool crossed = (i + thread) % 2;
+          VelocityAnswer a;
+          w.tree.lookup_velocity({crossed ? root : leaf, crossed ? leaf : root, w.id("mid"),
+                                  w.id("mid"), kNoStamp, 100, {0, 0, 0}},
+                                 a);
+          CHECK_EQ(a.failure.code, Code::ok);
+          CHECK_EQ(a.stamp, 100);
+          CHECK_EQ(a.start, 0);
+          CHECK_NEAR(a.twist.linear.x * 100e-9, crossed ? -3 : 3, 1e-9);
+        }
+      });
+    crowd.join();
+    CHECK(commits >= 200);
+  });
+}
