@@ -217,6 +217,10 @@ def test_E10_latest_can_fail(tf: Tree) -> None:
     for newest in (tf.lookup_latest_transform("a", "b"), tf.lookup_latest_transform_xact("a", "b")):
         assert_pose(newest, (2, 0, 0))
         assert (newest.stamp_ns, newest.newest_stamp_ns) == (3000, 4000)
+    put_ns(tf, "parent", "b", 2000, (1, 0, 0))
+    common = look(tf, "a", "b")
+    assert_pose(common, (1, 0, 0))
+    assert common.stamp_ns == 3000
 
 
 def test_E11_stamp_precision(tf: Tree) -> None:
