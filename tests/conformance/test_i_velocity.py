@@ -27,8 +27,8 @@ def assert_twist(
     angular: ArrayLike = ORIGIN,
     tolerance: float = 1e-6,
 ) -> None:
-    np.testing.assert_allclose(velocity.linear, linear, rtol=0, atol=tolerance)
-    np.testing.assert_allclose(velocity.angular, angular, rtol=0, atol=tolerance)
+    assert np.abs(velocity.linear - np.asarray(linear)).max() <= tolerance, velocity
+    assert np.abs(velocity.angular - np.asarray(angular)).max() <= tolerance, velocity
 
 
 def legs(directions: Sequence[tuple[int, int]]) -> list[tuple[float, NDArray[np.float64]]]:
