@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 import signal
 import socket
@@ -118,27 +119,66 @@ def test_set_refuses_what_is_no_rotation(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+def test_velocity(run: Run) -> None:
+    """Half a turn to the left and two metres ahead in a second."""
+    asked = ("velocity", "base", "map", "--at", "1.5", "--interval", "0.5")
+    answer = document(run(*asked, "--json"))
+    assert (answer["tracking"], answer["observation"]) == ("base", "map")
+    assert answer["reference"] == "map"
+    assert (answer["stamp_ns"], answer["end_ns"]) == (1_500_000_000, 1_750_000_000)
+    assert answer["linear"] == pytest.approx([2, 0, 0])
+    assert answer["angular"] == pytest.approx([0, 0, math.pi])
+    # Base has turned by a quarter then: ahead of map is to its right.
+    answer = document(run(*asked, "--reference", "base", "--json"))
+    assert answer["linear"] == pytest.approx([0, -2, 0])
+
+    lines = succeeds(run(*asked)).splitlines()
+    assert lines[0] == "base as seen from map, in the axes of map"
+    assert lines[2].split() == ["averaged", "over", "500", "ms"]
+    assert lines[3].split() == ["linear", "x", "2.000000", "y", "0.000000", "z", "0.000000", "m/s"]
+    assert lines[5].endswith("z 180.00  deg/s")
+
+
+@pytest.mark.usefixtures("chain")
+def test_velocity_over_no_time(run: Run) -> None:
+    assert "averaging_interval_s" in refusal(run("velocity", "base", "map", "--interval", "0"))
+
+
+@pytest.mark.usefixtures("chain")
 def test_frames_draws_the_tree(run: Run) -> None:
     succeeds(run("set", "base", "arm", "0", "0", "0", "--stamp", "2.5", "--authority", "motors"))
-    lines = succeeds(run("frames")).splitlines()
-    assert "2.500000000 s" in lines[0]  # recorded time: no clock to count ages from
-    assert [line[:14].rstrip() for line in lines[1:]] == [
-        "map",
-        "└─ base",
-        "   ├─ arm",
-        "   └─ camera",
+    _, *lines = succeeds(run("frames")).splitlines()
+    assert [line.split() for line in lines] == [
+        ["map"],
+        # Recorded time: there is no clock to count a delay from.
+        ["└─", "base", "2.0", "2.000", "1.000", "2", "wheels"],
+        ["├─", "arm", "2.500", "0.000", "1", "motors"],
+        ["└─", "camera", "static", "1", "wheels"],
     ]
-    base, arm, camera = lines[2:]
-    assert "500 ms" in base and "2.0 Hz" in base and base.endswith("wheels")
-    assert arm.endswith("motors")
-    assert "static" in camera and "Hz" not in camera
 
 
-def test_frames_counts_ages_by_the_clock(run: Run) -> None:
+def test_frames_counts_delays_by_the_clock(run: Run) -> None:
     succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "now-100s"))
-    (root, base) = succeeds(run("frames")).splitlines()
-    assert root == "map"
-    assert "10" in base.split(" s ")[0]
+    header, _, base = succeeds(run("frames")).splitlines()
+    assert "delay [s]" in header
+    assert 100 <= float(base.split()[2]) < 160
+
+
+@pytest.mark.usefixtures("chain")
+def test_frames_as_a_graph(run: Run) -> None:
+    graph = succeeds(run("frames", "--dot"))
+    assert graph.startswith("digraph ")
+    assert graph.count(" -> ") == 2
+    assert 'label="wheels\\nrate 2.0 Hz\\n' in graph
+    chart = succeeds(run("frames", "--mermaid"))
+    assert chart.startswith("flowchart ")
+    assert '-->|"wheels<br/>rate 2.0 Hz<br/>' in chart
+    assert '-.->|"wheels<br/>static"|' in chart
+
+
+def test_frames_as_a_graph_of_an_empty_tree(run: Run) -> None:
+    assert "no frames" in succeeds(run("frames", "--dot"))
+    assert "no frames" in succeeds(run("frames", "--mermaid"))
 
 
 @pytest.mark.usefixtures("chain")
@@ -154,8 +194,38 @@ def test_frames_json(run: Run) -> None:
 
 
 def test_frames_of_an_empty_tree(run: Run) -> None:
-    assert "empty" in succeeds(run("frames"))
+    assert succeeds(run("frames")) == "no frames\n"
     assert document(run("frames", "--json"))["frames"] == []
+
+
+@pytest.mark.usefixtures("chain")
+def test_frame(run: Run) -> None:
+    succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "2s", "--authority", "hand"))
+    record = document(run("frame", "base", "--json"))
+    assert (record["name"], record["parent"], record["authority"]) == ("base", "map", "hand")
+    assert (record["rewritten"], record["authority_changes"]) == (1, 1)
+    assert record["rate_hz"] == 2.0
+
+    name, *lines = succeeds(run("frame", "base")).splitlines()
+    assert name == "base"
+    facts = {label: rest for label, *rest in map(str.split, lines)}
+    assert facts["parent"] == ["map"]
+    assert facts["authority"] == ["hand"]
+    assert facts["rate"] == ["2.0", "Hz"]
+    assert facts["newest"] == ["2.000000000", "s"]
+    assert facts["oldest"] == ["1.000000000", "s"]
+    assert facts["samples"] == ["2"]
+    assert (facts["rewritten"], facts["conflicts"]) == (["1"], ["1"])
+
+
+@pytest.mark.usefixtures("chain")
+def test_frame_that_is_static_and_frame_without_a_link(run: Run) -> None:
+    assert "static       holds at all times" in succeeds(run("frame", "camera"))
+    assert "parent       none" in succeeds(run("frame", "map"))
+
+
+def test_frame_that_is_unknown(run: Run) -> None:
+    assert "nowhere" in refusal(run("frame", "nowhere"))
 
 
 @pytest.mark.usefixtures("chain")
@@ -177,6 +247,8 @@ def test_clear_keeps_static_links(run: Run) -> None:
     assert "cleared" in succeeds(run("clear"))
     refusal(run("lookup", "map", "base"))
     document(run("lookup", "base", "camera", "--json"))
+    assert document(run("clear", "--all", "--json")) == {"cleared": True, "kept_static": False}
+    refusal(run("lookup", "base", "camera"))
 
 
 @pytest.mark.usefixtures("chain")
@@ -219,6 +291,10 @@ def test_no_such_tree(run: Run) -> None:
         ["set", "map", "base", "1", "2"],
         ["set", "map", "base", "1", "2", "x"],
         ["--timeout", "-1", "frames"],
+        ["frames", "--dot", "--mermaid"],
+        ["frames", "--dot", "--json"],
+        ["--json", "frames", "--mermaid"],
+        ["frame"],
         ["replay", "file", "--rate", "-1"],
     ],
 )
@@ -235,8 +311,9 @@ def test_version(zenoh_tf: Run) -> None:
 
 def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
-    for command in ("lookup", "latest", "set", "frames", "replay", "stats", "clear"):
-        assert f"    {command} " in text
+    commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
+    assert {"lookup", "latest", "velocity", "set", "frames", "frame", "stats"} <= {*commands}
+    for command in commands:
         assert "--connect" in succeeds(zenoh_tf(command, "--help"))
 
 

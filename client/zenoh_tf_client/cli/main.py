@@ -20,7 +20,8 @@ from zenoh_tf import (
     ForwardExtrapolationException,
     TransformException,
 )
-from zenoh_tf_client.cli import output, query, replay, stamps, view, write
+from zenoh_tf.export import printable
+from zenoh_tf_client.cli import query, replay, stamps, view, write
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str) -> int:
-    print("zenoh-tf: " + output.printable(" ".join(message.split())), file=sys.stderr)
+    print("zenoh-tf: " + printable(" ".join(message.split())), file=sys.stderr)
     return 1
 
 

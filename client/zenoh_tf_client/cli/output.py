@@ -1,17 +1,30 @@
-"""What commands print: JSON documents, poses and colours."""
+"""What commands print: JSON documents, facts in rows, poses and colours."""
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import os
 import sys
 import time
 from collections.abc import Sequence
-from typing import IO
 
-from zenoh_tf import LatestTransform, StampedTransform
+from zenoh_tf import LatestTransform, StampedTransform, Velocity
+from zenoh_tf.export import printable
 from zenoh_tf_client.cli import stamps
+
+#: Terminal colours: bold, faint, green, yellow, cyan; other parts have none.
+_COLOURS = {
+    "frame": "1",
+    "branch": "2",
+    "header": "2",
+    "authority": "2",
+    "fresh": "32",
+    "late": "33",
+    "counted": "33",
+    "static": "36",
+}
 
 
 def print_json(document: object) -> None:
@@ -19,43 +32,40 @@ def print_json(document: object) -> None:
     print(json.dumps(document, ensure_ascii=False, allow_nan=False))
 
 
-def printable(text: str) -> str:
-    """``text`` with control characters escaped: frames are named by strangers, and a terminal
-    obeys what it is sent."""
-    return "".join(
-        char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
+def paint(part: str, text: str) -> str:
+    """``text`` in the terminal colour of a part; in none where stdout is no terminal or the
+    environment has ``NO_COLOR``."""
+    colour = _COLOURS.get(part)
+    return f"\x1b[{colour}m{text}\x1b[0m" if colour and text and _coloured() else text
+
+
+@functools.cache
+def _coloured() -> bool:
+    environment = os.environ
+    plain = environment.get("NO_COLOR") or environment.get("TERM") == "dumb"
+    return sys.stdout.isatty() and not plain
+
+
+def row(label: str, value: str) -> str:
+    """A fact, as one of several below each other."""
+    return f"  {label:<12} {value}".rstrip()
+
+
+def when(stamp_ns: int) -> str:
+    """A stamp in seconds, and how long ago it was where the clock can tell."""
+    text = f"{stamps.seconds(stamp_ns)} s"
+    if stamps.is_clock_time(stamp_ns):
+        text += f"  ({stamps.age(time.time_ns() - stamp_ns)} ago)"
+    return text
+
+
+def numbers(labels: Sequence[str], values: Sequence[float], digits: int = 6) -> str:
+    """Numbers in a row, each behind its label."""
+    return "  ".join(
+        # + 0.0 turns a rounded -0 into 0.
+        f"{label} {round(value, digits) + 0.0:{digits + 4}.{digits}f}"
+        for label, value in zip(labels, values, strict=True)
     )
-
-
-class Palette:
-    """Wraps text in terminal colours, or leaves it alone.
-
-    Colours need a terminal on ``stream`` and no ``NO_COLOR`` in the environment.
-    """
-
-    def __init__(self, stream: IO[str] | None = None) -> None:
-        stream = sys.stdout if stream is None else stream
-        self._on = (
-            stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-        )
-
-    def _wrap(self, code: str, text: str) -> str:
-        return f"\x1b[{code}m{text}\x1b[0m" if self._on and text else text
-
-    def strong(self, text: str) -> str:
-        return self._wrap("1", text)
-
-    def faint(self, text: str) -> str:
-        return self._wrap("2", text)
-
-    def good(self, text: str) -> str:
-        return self._wrap("32", text)
-
-    def warn(self, text: str) -> str:
-        return self._wrap("33", text)
-
-    def accent(self, text: str) -> str:
-        return self._wrap("36", text)
 
 
 def answer_document(answer: StampedTransform) -> dict[str, object]:
@@ -74,21 +84,58 @@ def answer_document(answer: StampedTransform) -> dict[str, object]:
 
 def answer_text(answer: StampedTransform) -> str:
     """A lookup's answer for reading."""
-    colour = Palette()
     source, target = printable(answer.child_frame), printable(answer.parent_frame)
-    lines = [f"{colour.strong(source)} in {colour.strong(target)}"]
+    lines = [f"{paint('frame', source)} in {paint('frame', target)}"]
     if isinstance(answer, LatestTransform):
-        lines.append(_row("newest link", _when(answer.newest_stamp_ns)))
-        lines.append(_row("oldest link", _when(answer.stamp_ns)))
+        lines.append(row("newest link", when(answer.newest_stamp_ns)))
+        lines.append(row("oldest link", when(answer.stamp_ns)))
     else:
-        lines.append(_row("time", _when(answer.stamp_ns)))
+        lines.append(row("time", when(answer.stamp_ns)))
     rotation = answer.transform.rotation.tolist()
     degrees = [math.degrees(angle) for angle in roll_pitch_yaw(rotation)]
     translation = answer.transform.translation.tolist()
-    lines.append(_row("translation", _numbers("xyz", translation) + "  m"))
-    lines.append(_row("rotation", _numbers("xyzw", rotation)))
-    lines.append(_row("", _numbers(("roll", "pitch", "yaw"), degrees, digits=2) + "  deg"))
+    lines.append(row("translation", numbers("xyz", translation) + "  m"))
+    lines.append(row("rotation", numbers("xyzw", rotation)))
+    lines.append(row("", numbers(("roll", "pitch", "yaw"), degrees, digits=2) + "  deg"))
     return "\n".join(lines)
+
+
+def velocity_document(velocity: Velocity) -> dict[str, object]:
+    """A velocity as JSON values: metres and radians per second, nanoseconds."""
+    return {
+        "tracking": velocity.tracking_frame,
+        "observation": velocity.observation_frame,
+        "reference": velocity.reference_frame,
+        "stamp_ns": velocity.stamp_ns,
+        "start_ns": velocity.start_ns,
+        "end_ns": velocity.end_ns,
+        "linear": velocity.linear.tolist(),
+        "angular": velocity.angular.tolist(),
+    }
+
+
+def velocity_text(velocity: Velocity) -> str:
+    """A velocity for reading."""
+    tracking, observation, reference = (
+        paint("frame", printable(name))
+        for name in (
+            velocity.tracking_frame,
+            velocity.observation_frame,
+            velocity.reference_frame,
+        )
+    )
+    angular = velocity.angular.tolist()
+    degrees = [math.degrees(rate) for rate in angular]
+    return "\n".join(
+        [
+            f"{tracking} as seen from {observation}, in the axes of {reference}",
+            row("time", when(velocity.stamp_ns)),
+            row("averaged", f"over {stamps.age(velocity.end_ns - velocity.start_ns)}"),
+            row("linear", numbers("xyz", velocity.linear.tolist()) + "  m/s"),
+            row("angular", numbers("xyz", angular) + "  rad/s"),
+            row("", numbers("xyz", degrees, digits=2) + "  deg/s"),
+        ]
+    )
 
 
 def roll_pitch_yaw(rotation: Sequence[float]) -> tuple[float, float, float]:
@@ -98,22 +145,3 @@ def roll_pitch_yaw(rotation: Sequence[float]) -> tuple[float, float, float]:
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return roll, pitch, yaw
-
-
-def _row(label: str, value: str) -> str:
-    return f"  {label:<12} {value}"
-
-
-def _numbers(labels: Sequence[str], values: Sequence[float], digits: int = 6) -> str:
-    return "  ".join(
-        # + 0.0 turns a rounded -0 into 0.
-        f"{label} {round(value, digits) + 0.0:{digits + 4}.{digits}f}"
-        for label, value in zip(labels, values, strict=True)
-    )
-
-
-def _when(stamp_ns: int) -> str:
-    text = f"{stamps.seconds(stamp_ns)} s"
-    if stamps.is_clock_time(stamp_ns):
-        text += f"  ({stamps.age(time.time_ns() - stamp_ns)} ago)"
-    return text

@@ -1,4 +1,4 @@
-"""``zenoh-tf lookup`` and ``zenoh-tf latest``: where one frame is in another."""
+"""``zenoh-tf lookup``, ``latest`` and ``velocity``: one frame as seen from another."""
 
 from __future__ import annotations
 
@@ -18,12 +18,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "time that every link between them can serve.",
     )
     _add_frames(lookup)
-    lookup.add_argument(
-        "--at",
-        metavar="STAMP",
-        type=stamps.parse,
-        help="nanoseconds; seconds as 1700000000.5 or 12s; now; or now-0.5s",
-    )
+    _add_at(lookup)
     lookup.set_defaults(run=_lookup)
 
     latest = commands.add_parser(
@@ -42,10 +37,44 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     latest.set_defaults(run=_latest)
 
+    velocity = commands.add_parser(
+        "velocity",
+        parents=[common],
+        help="how fast TRACKING moves as seen from OBSERVATION",
+        description="Print the velocity of TRACKING as seen from OBSERVATION, averaged over an "
+        "interval around a time; without --at, at the newest time that every link between them "
+        "can serve.",
+    )
+    velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
+    velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
+    _add_at(velocity)
+    velocity.add_argument(
+        "--interval",
+        metavar="S",
+        type=float,
+        default=0.1,
+        help="seconds to average over (default 0.1)",
+    )
+    velocity.add_argument(
+        "--reference",
+        metavar="FRAME",
+        help="whose axes the velocity is given in (default OBSERVATION)",
+    )
+    velocity.set_defaults(run=_velocity)
+
 
 def _add_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
     parser.add_argument("source", metavar="SOURCE", help="the frame whose pose is asked for")
+
+
+def _add_at(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--at",
+        metavar="STAMP",
+        type=stamps.parse,
+        help="nanoseconds; seconds as 1700000000.5 or 12s; now; or now-0.5s",
+    )
 
 
 def _lookup(args: argparse.Namespace) -> int:
@@ -68,4 +97,20 @@ def _latest(args: argparse.Namespace) -> int:
         output.print_json(output.answer_document(answer))
     else:
         print(output.answer_text(answer))
+    return 0
+
+
+def _velocity(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        velocity = tf.lookup_velocity(
+            args.tracking,
+            args.observation,
+            args.at,
+            args.interval,
+            reference_frame=args.reference,
+        )
+    if args.json:
+        output.print_json(output.velocity_document(velocity))
+    else:
+        print(output.velocity_text(velocity))
     return 0

@@ -7,11 +7,10 @@ import re
 import time
 from decimal import Decimal
 
+from zenoh_tf.export import CLOCK_RANGE_NS
+
 _FORMS = "nanoseconds (1700000000500000000), seconds (1700000000.5 or 12s), now, or now-0.5s"
 _STAMP = re.compile(r"(?P<now>now)?(?P<number>[+-]?(\d+\.?\d*|\.\d+))?(?P<unit>s|ns)?")
-
-#: A stamp farther than this from the clock is taken for simulated or recorded time.
-CLOCK_RANGE_NS = 24 * 3600 * 10**9
 
 
 def parse(text: str) -> int:

@@ -1,14 +1,13 @@
-"""``zenoh-tf frames`` and ``zenoh-tf stats``: what a server holds."""
+"""``zenoh-tf frames``, ``frame`` and ``stats``: what a server holds."""
 
 from __future__ import annotations
 
 import argparse
-import time
 from dataclasses import asdict
 
-from zenoh_tf import FrameInfo
+from zenoh_tf import FrameInfo, LookupException, export
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli import drawing, output, stamps
+from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.types import Commands
 
@@ -17,10 +16,28 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     frames = commands.add_parser(
         "frames",
         parents=[common],
-        help="draw the tree, with age and rate of each link",
-        description="Draw the tree of frames, with the age, rate and authority of each link.",
+        help="draw the tree, with the figures of each link",
+        description="Draw the tree of frames, with the authority, rate, delay, buffer and counters "
+        "of each link.",
     )
-    frames.set_defaults(run=_frames)
+    forms = frames.add_mutually_exclusive_group()
+    for flag, function, what in (
+        ("--dot", export.dot, "a Graphviz digraph"),
+        ("--mermaid", export.mermaid, "a Mermaid flowchart"),
+    ):
+        forms.add_argument(
+            flag, dest="form", action="store_const", const=function, help=f"print {what}"
+        )
+    frames.set_defaults(run=_frames, usage_error=frames.error)
+
+    frame = commands.add_parser(
+        "frame",
+        parents=[common],
+        help="everything known about one frame",
+        description="Print everything that is known about a frame and its link to its parent.",
+    )
+    frame.add_argument("name", metavar="NAME")
+    frame.set_defaults(run=_frame)
 
     stats = commands.add_parser(
         "stats", parents=[common], help="the server's counters", description="Print the counters."
@@ -29,29 +46,63 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _frames(args: argparse.Namespace) -> int:
+    # --json may also stand before the command, where argparse cannot exclude it.
+    if args.json and args.form:
+        args.usage_error("--json is not for --dot and --mermaid, which are documents of their own")
     with connect(args) as tf:
         frames = _frame_infos(tf)
     if args.json:
-        records = [asdict(frame) | {"rate_hz": frame.rate_hz} for frame in frames]
-        output.print_json({"tree": args.tree, "frames": records})
-        return 0
-    if not frames:
-        print(f"tree {args.tree!r} is empty")
-        return 0
-    moving = [
-        frame.newest_stamp_ns
-        for frame in frames
-        if frame.newest_stamp_ns is not None and not frame.static
-    ]
-    now_ns = time.time_ns()
-    colour = output.Palette()
-    if moving and not stamps.is_clock_time(max(moving)):
-        # Recorded or simulated time: against the clock every link would be years old.
-        now_ns = max(moving)
-        print(colour.faint(f"ages count from the tree's newest stamp, {stamps.seconds(now_ns)} s"))
-    for line in drawing.draw(frames, now_ns, colour):
-        print(line)
+        output.print_json({"tree": args.tree, "frames": [_document(frame) for frame in frames]})
+    elif args.form:
+        print(args.form(frames))
+    else:
+        print(export.text(frames, paint=output.paint))
     return 0
+
+
+def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
+    """What the server knows of each frame."""
+    with tf.batch() as batch:
+        handles = [batch.frame(name) for name in sorted(tf.frames())]
+    # One that was removed since the names were asked for is not in the tree.
+    return [
+        handle.result() for handle in handles if not isinstance(handle.exception(), LookupException)
+    ]
+
+
+def _document(frame: FrameInfo) -> dict[str, object]:
+    return asdict(frame) | {"rate_hz": frame.rate_hz}
+
+
+def _frame(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        frame = tf.frame(args.name)
+    if args.json:
+        output.print_json(_document(frame))
+        return 0
+    print(output.paint("frame", export.printable(frame.name)))
+    for label, value in _facts(frame).items():
+        print(output.row(label, value))
+    return 0
+
+
+def _facts(frame: FrameInfo) -> dict[str, str]:
+    """What to say of a frame, by its label."""
+    facts = {"parent": "none" if frame.parent is None else export.printable(frame.parent)}
+    if frame.parent is not None:
+        facts["authority"] = export.printable(frame.authority)
+    if frame.static:
+        facts["static"] = "holds at all times"
+    elif frame.oldest_stamp_ns is not None and frame.newest_stamp_ns is not None:
+        facts["rate"] = "-" if frame.rate_hz is None else f"{frame.rate_hz:.1f} Hz"
+        facts["newest"] = output.when(frame.newest_stamp_ns)
+        facts["oldest"] = output.when(frame.oldest_stamp_ns)
+        facts["samples"] = f"{frame.samples:,}"
+    for counter in ("rewritten", "dropped", "evicted", "reparented", "switched"):
+        facts[counter] = f"{getattr(frame, counter):,}"
+    facts["conflicts"] = f"{frame.authority_changes:,}"
+    facts["version"] = f"{frame.version:,}"
+    return facts
 
 
 def _stats(args: argparse.Namespace) -> int:
@@ -64,11 +115,3 @@ def _stats(args: argparse.Namespace) -> int:
     for name, value in sorted(counters.items()):
         print(f"{name:<{width}}  {value:>14,}")
     return 0
-
-
-def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
-    """What the server knows of each frame."""
-    names = sorted(tf.frames())
-    with tf.batch() as batch:
-        handles = [batch.frame(name) for name in names]
-    return [handle.result() for handle in handles]

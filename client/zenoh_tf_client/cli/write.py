@@ -6,6 +6,7 @@ import argparse
 import time
 
 from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.export import printable
 from zenoh_tf_client.cli import output, stamps
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
@@ -43,7 +44,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "clear",
         parents=[common],
         help="forget what was published; static links stay",
-        description="Forget every sample. Static links stay.",
+        description="Forget every sample. Static links stay, unless told otherwise.",
+    )
+    clear.add_argument(
+        "--all", dest="keep_static", action="store_false", help="forget static links as well"
     )
     clear.set_defaults(run=_clear)
 
@@ -75,15 +79,16 @@ def _set(args: argparse.Namespace) -> int:
         )
     else:
         kind = "static" if args.static else f"at {stamps.seconds(stamp_ns)} s"
-        print(f"{output.printable(args.parent)} -> {output.printable(args.child)} stored, {kind}")
+        print(f"{printable(args.parent)} -> {printable(args.child)} stored, {kind}")
     return 0
 
 
 def _clear(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        tf.clear()
+        tf.clear(args.keep_static)
     if args.json:
-        output.print_json({"cleared": True})
+        output.print_json({"cleared": True, "kept_static": args.keep_static})
     else:
-        print(f"tree {args.tree!r} cleared; static links stay")
+        rest = "; static links stay" if args.keep_static else ""
+        print(f"tree {args.tree!r} cleared{rest}")
     return 0

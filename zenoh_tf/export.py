@@ -1,0 +1,256 @@
+"""The whole tree for reading: text, Graphviz DOT and Mermaid, from a list of ``FrameInfo``.
+
+    print(export.text([tree.frame(name) for name in tree.frames()]))
+
+All three say the same of every link: its authority; the rate; the newest stamp and its delay; the
+buffer, which is the time from the oldest to the newest sample; the number of samples; and what
+was counted, where it is not zero (``FrameInfo`` says what each counter means; times that another
+authority took the link over are ``conflicts`` here). A static link holds at all times, so it is
+said to be static and has neither rate nor times.
+
+The delay is ``now_ns`` (default: this machine's clock) minus the newest stamp, negative if that
+lies ahead. Where the two are more than a day apart, the stamps are of another clock, a
+simulator's or a recording's, and no delay is given.
+
+Control characters in names are shown as escapes such as ``\\n``. A parent that is not in the list
+is drawn without figures; an empty list says that there are no frames.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from zenoh_tf.frame_info import FrameInfo
+
+#: A stamp farther than this from the clock is of another clock.
+CLOCK_RANGE_NS = 24 * 3600 * 10**9
+
+#: A delay from here on is drawn in the colour of warnings.
+_LATE_NS = 2 * 10**9
+
+_EMPTY = "no frames"
+
+#: Counters of a link, as they are called here.
+_COUNTERS = {
+    "rewritten": "rewritten",
+    "dropped": "dropped",
+    "evicted": "evicted",
+    "authority_changes": "conflicts",
+    "reparented": "reparented",
+    "switched": "switched",
+}
+
+_COLUMNS = ("rate [Hz]", "delay [s]", "newest [s]", "buffer [s]", "samples", "authority", "counted")
+
+# Mermaid reads quotes, comments, Markdown, icons, formulae and its own entities inside a label. So
+# only words stand there as they are, and what joins them.
+_NOT_PLAIN = re.compile(r"(?<!\w)[ _./-]|[ _./-](?!\w)|[^\w ./-]")
+
+
+def text(
+    frames: Iterable[FrameInfo],
+    now_ns: int | None = None,
+    *,
+    paint: Callable[[str, str], str] = lambda part, text: text,
+) -> str:
+    """A line for each frame, children under their parent, and columns for the figures.
+
+    Args:
+        paint: Called with the name of a part (``header``, ``branch``, ``frame``, ``static``,
+            ``fresh`` or ``late`` figures, ``authority``, ``counted``) and its text; returns what
+            stands in its place, as wide on the screen.
+    """
+    now_ns = _now_ns(now_ns)
+    walk = [*_walk(frames)]
+    if not walk:
+        return _EMPTY
+    table = [_COLUMNS, *(_cells(link, now_ns) for _, link in walk)]
+    widths = [max(map(_width, column)) for column in zip(*table, strict=True)]
+    margin = max(_width(branch + printable(link.name)) for branch, link in walk)
+
+    def figures(cells: Sequence[str]) -> tuple[str, str, str]:
+        """The numbers, to the right, then the authority and what was counted, to the left."""
+        pads = [" " * (width - _width(cell)) for width, cell in zip(widths, cells, strict=True)]
+        *numbers, authority, counted = cells
+        return (
+            "".join(f"  {pad}{cell}" for pad, cell in zip(pads, numbers, strict=False)),
+            f"  {authority}",
+            f"{pads[-2]}  {counted}" if counted else "",
+        )
+
+    lines = [paint("header", " " * margin + "".join(figures(_COLUMNS)))]
+    for (branch, link), cells in zip(walk, table[1:], strict=True):
+        name = printable(link.name)
+        line = paint("branch", branch) + paint("frame", name)
+        if link.parent is not None:
+            numbers, authority, counted = figures(cells)
+            line += " " * (margin - _width(branch + name)) + paint(_part(link, now_ns), numbers)
+            line += paint("authority", authority) + paint("counted", counted)
+        lines.append(line.rstrip())
+    return "\n".join(lines)
+
+
+def dot(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
+    """A Graphviz digraph; an edge points from parent to child, a static one is dashed."""
+    lines = [
+        "digraph frames {",
+        '    node [shape=box, style=rounded, fontname="Helvetica"];',
+        '    edge [fontname="Helvetica", fontsize=10];',
+    ]
+    nodes, edges = _graph(frames)
+    for number, name in enumerate(nodes):
+        lines.append(f"    n{number} [label={_dot_label([name])}];")
+    now_ns = _now_ns(now_ns)
+    for parent, child, link in edges:
+        style = ", style=dashed" if link.static else ""
+        label = _dot_label(_sentences(link, now_ns))
+        lines.append(f"    n{parent} -> n{child} [label={label}{style}];")
+    if not nodes:
+        lines.append(f"    empty [label={_dot_label([_EMPTY])}, shape=plaintext];")
+    return "\n".join([*lines, "}"])
+
+
+def mermaid(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
+    """A Mermaid flowchart; an edge points from parent to child, a static one is dotted."""
+    lines = ["flowchart TD"]
+    nodes, edges = _graph(frames)
+    for number, name in enumerate(nodes):
+        lines.append(f"    n{number}({_mermaid_label([name])})")
+    now_ns = _now_ns(now_ns)
+    for parent, child, link in edges:
+        arrow = "-.->" if link.static else "-->"
+        label = _mermaid_label(_sentences(link, now_ns))
+        lines.append(f"    n{parent} {arrow}|{label}| n{child}")
+    if not nodes:
+        lines.append(f"    empty({_mermaid_label([_EMPTY])})")
+    return "\n".join(lines)
+
+
+def printable(text: str) -> str:
+    """``text`` with control characters escaped: frames are named by strangers, and a terminal
+    obeys what it is sent."""
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
+    )
+
+
+def _walk(frames: Iterable[FrameInfo]) -> Iterator[tuple[str, FrameInfo]]:
+    """Every frame once, parents first, names in order, with the branches drawn before it."""
+    by_name = {link.name: link for link in sorted(frames, key=lambda link: link.name)}
+    children: dict[str | None, list[FrameInfo]] = {}
+    for link in by_name.values():
+        children.setdefault(link.parent, []).append(link)
+    roots = [link for link in by_name.values() if link.parent not in by_name]
+    # What no root leads to is a loop: the list was gathered while the tree changed.
+    for start in [*roots, *by_name.values()]:
+        # Not recursive: a chain of a thousand links is a legal tree.
+        todo = [("", "", start)]
+        while todo:
+            prefix, branch, link = todo.pop()
+            if by_name.pop(link.name, None) is None:
+                continue
+            yield prefix + branch, link
+            under = prefix + {"": "", "├─ ": "│  ", "└─ ": "   "}[branch]
+            last = "└─ "
+            for child in reversed(children.get(link.name, [])):
+                todo.append((under, last, child))
+                last = "├─ "
+
+
+def _graph(frames: Iterable[FrameInfo]) -> tuple[list[str], list[tuple[int, int, FrameInfo]]]:
+    """The names, and the links as (row of the parent's name, row of the child's name, link)."""
+    links = [link for _, link in _walk(frames)]
+    rows: dict[str, int] = {}
+    for link in links:
+        for name in (link.parent, link.name):
+            if name is not None:
+                rows.setdefault(name, len(rows))
+    edges = [
+        (rows[link.parent], rows[link.name], link) for link in links if link.parent is not None
+    ]
+    return [*rows], edges
+
+
+def _cells(link: FrameInfo, now_ns: int) -> tuple[str, ...]:
+    """What stands in the columns of a link; nothing for a root."""
+    if link.parent is None:
+        return ("",) * len(_COLUMNS)
+    tail = (str(link.samples), printable(link.authority), ", ".join(_counted(link)))
+    if link.static or link.newest_stamp_ns is None or link.oldest_stamp_ns is None:
+        return ("static" if link.static else "", "", "", "", *tail)
+    return (
+        "" if link.rate_hz is None else f"{link.rate_hz:.1f}",
+        _seconds(_delay_ns(link, now_ns)),
+        _seconds(link.newest_stamp_ns),
+        _seconds(link.newest_stamp_ns - link.oldest_stamp_ns),
+        *tail,
+    )
+
+
+def _sentences(link: FrameInfo, now_ns: int) -> list[str]:
+    """The same as lines of a label."""
+    rate, delay, newest, buffer, samples, authority, _ = _cells(link, now_ns)
+    if link.static:
+        figures = ["static"]
+    else:
+        figures = [
+            f"rate {rate} Hz" if rate else "",
+            f"delay {delay} s" if delay else "",
+            f"newest {newest} s" if newest else "",
+            f"buffer {buffer} s" if buffer else "",
+            f"samples {samples}",
+        ]
+    return [line for line in [authority, *figures, *_counted(link)] if line]
+
+
+def _part(link: FrameInfo, now_ns: int) -> str:
+    if link.static:
+        return "static"
+    delay_ns = _delay_ns(link, now_ns)
+    return "fresh" if delay_ns is None or delay_ns < _LATE_NS else "late"
+
+
+def _counted(link: FrameInfo) -> list[str]:
+    counts = ((getattr(link, field), name) for field, name in _COUNTERS.items())
+    return [f"{name} {count}" for count, name in counts if count]
+
+
+def _delay_ns(link: FrameInfo, now_ns: int) -> int | None:
+    if link.newest_stamp_ns is None or abs(now_ns - link.newest_stamp_ns) > CLOCK_RANGE_NS:
+        return None
+    return now_ns - link.newest_stamp_ns
+
+
+def _seconds(time_ns: int | None) -> str:
+    # Cut to milliseconds before the division: a double has no room for nanoseconds since 1970.
+    return "" if time_ns is None else f"{time_ns // 10**6 / 1e3:.3f}"
+
+
+def _now_ns(now_ns: int | None) -> int:
+    return time.time_ns() if now_ns is None else now_ns
+
+
+def _width(text: str) -> int:
+    """Columns that a terminal needs."""
+    return sum(
+        0 if unicodedata.combining(char) else 1 + (unicodedata.east_asian_width(char) in "WF")
+        for char in text
+    )
+
+
+def _dot_label(lines: Iterable[str]) -> str:
+    # Graphviz also reads HTML's entities in a label.
+    escapes = str.maketrans({"\\": "\\\\", '"': '\\"', "&": "&amp;"})
+    return '"' + "\\n".join(printable(line).translate(escapes) for line in lines) + '"'
+
+
+def _mermaid_label(lines: Iterable[str]) -> str:
+    # Mermaid's own entities are numbers in base ten, without the ampersand of HTML's.
+    return '"' + "<br/>".join(_NOT_PLAIN.sub(_entity, printable(line)) for line in lines) + '"'
+
+
+def _entity(match: re.Match[str]) -> str:
+    return f"#{ord(match[0])};"
