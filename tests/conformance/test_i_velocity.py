@@ -104,7 +104,8 @@ def test_I03_window_longer_than_the_sampling(tf: Tree) -> None:
 
 
 def test_I04_velocity_at_the_latest_time(tf: Tree) -> None:
-    """At the latest time the window is moved back to end there, but not before time zero."""
+    """At the latest time the window is moved back to end there. It begins at time zero at the
+    earliest; a later window that begins before the history has no answer, as in tf2."""
     for t in range(5):
         put(tf, "PARENT", "THISFRAME", t, (3 * t, 0, 0))
     velocity = tf.lookup_velocity("THISFRAME", "PARENT", None, 4.001)
@@ -113,10 +114,6 @@ def test_I04_velocity_at_the_latest_time(tf: Tree) -> None:
     shorter = tf.lookup_velocity("THISFRAME", "PARENT", None, 1.5)
     assert_twist(shorter, (3, 0, 0))
     assert (shorter.start_ns, shorter.end_ns) == (ns(2.5), ns(4))
-
-
-def test_I04_window_before_the_history(tf: Tree) -> None:
-    """Later than that, a window that begins before the oldest sample has no answer, as in tf2."""
     for t in range(5):
         put(tf, "PARENT", "THISFRAME", T + t, (3 * t, 0, 0))
     with pytest.raises(BackwardExtrapolationException) as caught:
