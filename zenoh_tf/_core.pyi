@@ -66,6 +66,17 @@ OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
 OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
 NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 
+#: The answers of `Tree.read_rows`.
+Rows = tuple[
+    NDArray[np.uint8],  # status: 0 or errors.BY_CODE
+    # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
+    NDArray[np.int64],
+    NDArray[np.int64],  # newest_stamp_ns (latest forms only)
+    NDArray[np.float64],  # (n, 7) poses; identity where status != 0
+    list[tuple[int, Any]],  # (row, TransformException), for every row with a status
+    tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
+]
+
 # Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
 def columns_of(
     stampeds: Sequence[StampedTransform],
@@ -138,15 +149,7 @@ class Tree:
         *,
         atomic: bool = False,  # every row in one snapshot; OP_LATEST is then as OP_LATEST_XACT
         versions: bool = False,  # also return what was read, for a transaction
-    ) -> tuple[
-        NDArray[np.uint8],  # status: 0 or errors.BY_CODE
-        # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
-        NDArray[np.int64],
-        NDArray[np.int64],  # newest_stamp_ns (latest forms only)
-        NDArray[np.float64],  # (n, 7) poses; identity where status != 0
-        list[tuple[int, Any]],  # (row, TransformException), for every row with a status
-        tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
-    ]: ...
+    ) -> Rows: ...
     def commit_rows(
         self,
         names: Sequence[str],
@@ -173,5 +176,33 @@ class Tree:
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]: ...
     def clear(self, keep_static: bool = True) -> None: ...
     def stats(self) -> dict[str, int]: ...
-    def commit_epoch(self) -> int: ...
-    def wait_commit(self, seen_epoch: int, timeout_s: float) -> int: ...
+
+class WaitQueue:
+    """Where woken rows of `WaitingRows` come together, to be served by one thread."""
+
+    def take(self) -> list[int] | None:
+        """Sleeps until rows are woken and asks them again. The tokens of those `WaitingRows`
+        that are over now, each once; None after `close`."""
+    def close(self) -> None: ...
+
+class WaitingRows:
+    """Lookups that wait, each row for itself, without a thread."""
+
+    def start(self) -> bool:
+        """Asks for the first time. True: all are over already; no token will come."""
+    def cancel(self) -> None: ...
+    def result(self, waited_s: float) -> Rows:
+        """As `Tree.read_rows`; rows that still wait get what they would get now."""
+
+def waiting_rows(
+    tree: Tree,
+    queue: WaitQueue,
+    token: int,
+    names: Sequence[str],
+    op: NDArray[np.uint8],
+    target: NDArray[np.uint32],
+    source: NDArray[np.uint32],
+    stamp_ns: NDArray[np.int64],
+    fixed: NDArray[np.uint32] | None = None,
+    source_stamp_ns: NDArray[np.int64] | None = None,
+) -> WaitingRows: ...

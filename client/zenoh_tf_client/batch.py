@@ -6,7 +6,9 @@
     camera.result(), stored.result()
 
 The operations run one after another, each as its own transaction; other clients' may
-come between. An operation that fails leaves the others as they are.
+come between. An operation that fails leaves the others as they are. Lookups with a
+`timeout_s` wait all at once and hold up nothing but the answer, which comes when the last
+of them is done; where the batch also writes they fail with InvalidArgumentException.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ from .requests import Read, Request
 T = TypeVar("T")
 A = TypeVar("A")
 
-#: Sends a batch's operations: (operations, whether any writes) -> the reply.
-Send = Callable[[list[tuple[str, wire.Message]], bool], wire.Message]
+#: Sends a batch's operations: (operations, whether any writes, longest wait) -> the reply.
+Send = Callable[[list[tuple[str, wire.Message]], bool, float], wire.Message]
 
 
 class Handle(Generic[T]):
@@ -96,7 +98,9 @@ class Batch:
         operations, settlers = _join(recorded)
         try:
             writes = any(request.writes for request, _ in recorded)
-            replies = wire.parse_batch_reply(self._send(operations, writes), len(operations))
+            wait_s = max(request.wait_s for request, _ in recorded)
+            reply = self._send(operations, writes, wait_s)
+            replies = wire.parse_batch_reply(reply, len(operations))
         except TransformException as error:
             for _, handle in recorded:
                 handle._settle(_raise, error)
@@ -110,9 +114,9 @@ class Batch:
         return handle
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[StampedTransform]:
-        return self._record(requests.lookup_transform(target, source, stamp_ns))
+        return self._record(requests.lookup_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_transform_full(
         self,
@@ -121,15 +125,18 @@ class Batch:
         source: str,
         source_stamp_ns: int | None,
         fixed_frame: str,
+        timeout_s: float = 0.0,
     ) -> Handle[StampedTransform]:
         return self._record(
             requests.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame
+                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
             )
         )
 
-    def can_transform(self, target: str, source: str, stamp_ns: int | None = None) -> Handle[bool]:
-        return self._record(requests.can_transform(target, source, stamp_ns))
+    def can_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> Handle[bool]:
+        return self._record(requests.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> Handle[LatestTransform]:
         return self._record(requests.lookup_latest_transform(target, source))
@@ -215,22 +222,24 @@ _Settle = Callable[[wire.Message], None]
 def _join(
     recorded: list[tuple[Request[Any], Handle[Any]]],
 ) -> tuple[list[tuple[str, wire.Message]], list[_Settle]]:
-    """The operations to send, single reads beside each other joined into one, and for each
-    what to do with its reply."""
+    """The operations to send, single reads beside each other joined into one if they wait
+    equally long, and for each what to do with its reply."""
     operations: list[tuple[str, wire.Message]] = []
     settlers: list[_Settle] = []
     run: list[tuple[Read[Any], Handle[Any]]] = []
 
     def end_run() -> None:
         if run:
-            operations.append(
-                ("lookup", wire.lookup_body(columns.join([read.row for read, _ in run])))
-            )
+            lookup = columns.join([read.row for read, _ in run])
+            lookup.timeout_ns = requests.timeout_ns(run[0][0].wait_s)
+            operations.append(("lookup", wire.lookup_body(lookup)))
             settlers.append(_settler_of_reads(run.copy()))
             run.clear()
 
     for request, handle in recorded:
         if isinstance(request, Read):
+            if run and run[0][0].wait_s != request.wait_s:
+                end_run()
             run.append((request, handle))
         else:
             end_run()

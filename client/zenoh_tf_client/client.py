@@ -222,7 +222,10 @@ class TransformClient:
             return request.parse(self._connection.write(request.kind, request.body()))
         return request.parse(self._connection.read(request.kind, request.body(), request.wait_s))
 
-    def _send_batch(self, operations: list[tuple[str, wire.Message]], writes: bool) -> wire.Message:
+    def _send_batch(
+        self, operations: list[tuple[str, wire.Message]], writes: bool, wait_s: float
+    ) -> wire.Message:
         body = wire.batch_body(operations)
-        send = self._connection.write if writes else self._connection.read
-        return send("batch", body)
+        if writes:
+            return self._connection.write("batch", body)
+        return self._connection.read("batch", body, wait_s)

@@ -96,7 +96,7 @@ class Read(Request[T]):
     def body(self) -> wire.Message:
         body = wire.one_read(*self.row)
         if self.wait_s:
-            body["timeout_ns"] = _timeout_ns(self.wait_s)
+            body["timeout_ns"] = timeout_ns(self.wait_s)
         return body
 
     def parse(self, reply: wire.Message) -> T:
@@ -111,7 +111,8 @@ class Read(Request[T]):
         return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
 
 
-def _timeout_ns(timeout_s: float) -> int:
+def timeout_ns(timeout_s: float) -> int:
+    """The field of a message, checked."""
     if not 0 <= timeout_s <= MAX_WAIT_S:
         raise InvalidArgumentException(
             f"timeout_s must be from 0 to {MAX_WAIT_S:g}, not {timeout_s!r}", field="timeout_s"
@@ -178,7 +179,7 @@ def lookup_transform_full(
     lookup.names.append(fixed_frame)
     lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
     lookup.source_stamp = columns.stamps(source_stamp_ns, 1)
-    lookup.timeout_ns = _timeout_ns(timeout_s)
+    lookup.timeout_ns = timeout_ns(timeout_s)
     read = lookup_transform(target, source)  # whose answer looks the same
     return Call("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
 

@@ -29,7 +29,6 @@ def answer(service: Service, message: wire.Message) -> Any:
     if what == "stats":
         return {
             **tree.stats(),
-            "waiters": len(service.waiters),
             "outcomes": len(service.outcomes),
             **service.puts.as_dict(),
         }

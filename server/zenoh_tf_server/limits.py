@@ -59,7 +59,7 @@ class Limits:
     )
     waiters: int = _limit(
         10_000,
-        "lookups waiting for a transform (`timeout_s`)",
+        "lookups waiting for a transform (`timeout_s`), counted by row",
         "the lookup is refused",
     )
     outcomes: int = _limit(

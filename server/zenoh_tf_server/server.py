@@ -55,9 +55,7 @@ class Server:
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
             presence.refuse_if_taken(session, settings.tree)
-            service = Service(
-                tree, settings.tree, self.instance, settings.cache_time_s, limits, loop
-            )
+            service = Service(tree, settings.tree, self.instance, limits, loop)
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, limits)
             stack.callback(ingest.close)

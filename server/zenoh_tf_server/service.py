@@ -11,14 +11,11 @@ import logging
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
-    ConnectivityException,
-    ExtrapolationException,
     InvalidArgumentException,
-    LookupException,
     ServerRestarted,
     TimeoutException,
     TransformException,
@@ -30,6 +27,9 @@ from .limits import Limits
 from .outcomes import Answer, Outcomes
 from .waiters import Waiters
 
+if TYPE_CHECKING:
+    from zenoh_tf._core import Rows
+
 log = logging.getLogger("zenoh_tf.server")
 
 
@@ -39,11 +39,9 @@ class Service:
         tree: TransformTree,
         name: str,
         instance: str,
-        cache_time_s: float,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
     ) -> None:
-        self._cache_ns = int(cache_time_s * 1e9)
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -73,7 +71,7 @@ class Service:
         return wire.pack(wire.error_reply(self.instance, self._typed(error)))
 
     def close(self) -> None:
-        self.waiters.close(self.error)
+        self.waiters.close()
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -96,9 +94,21 @@ class Service:
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)
         if lookup.timeout_ns:
-            self.waiters.ask(lambda: self._attempt(lookup), lookup.timeout_ns * 1e-9, answer)
+
+            def settle(found: list[Rows]) -> None:
+                answer(self._seal(wire.lookup_reply(lookup, *found[0])), False)
+
+            self._wait([lookup], settle, answer)
         else:
-            answer(self._seal(self._read(lookup)[0]), False)
+            answer(self._seal(self._read(lookup)), False)
+
+    def _wait(
+        self,
+        lookups: list[wire.Lookup],
+        settle: Callable[[list[Rows]], None],
+        answer: Answer,
+    ) -> None:
+        self.waiters.ask(lookups, settle, lambda error: answer(self.error(error), True))
 
     def _read_one(self, target: str, source: str, op: int, stamp_ns: int) -> wire.Message | None:
         """The reply's fields to a plain single read; None for any other or a failed one."""
@@ -121,23 +131,9 @@ class Service:
             return None
         return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose())
 
-    def _attempt(self, lookup: wire.Lookup) -> tuple[bytes, bool]:
-        """The reply as it is now, and whether waiting could better it."""
-        reply, errors = self._read(lookup)
-        worth_waiting = bool(errors) and all(map(self._may_come, errors))
-        return self._seal(reply), worth_waiting
-
-    def _may_come(self, error: TransformException) -> bool:
-        """Whether a later commit can cure the error: what is older than the cache cannot
-        come any more."""
-        if isinstance(error, ExtrapolationException):
-            stamp_ns, newest_ns = error.stamp_ns, error.newest_stamp_ns
-            return stamp_ns is None or newest_ns is None or stamp_ns >= newest_ns - self._cache_ns
-        return isinstance(error, (LookupException, ConnectivityException))
-
-    def _read(self, lookup: wire.Lookup) -> tuple[wire.Message, list[TransformException]]:
-        """The reply's fields, and the errors of the rows that failed."""
-        status, stamp, newest, pose, errors, reads = self.tree.read_rows(
+    def _read(self, lookup: wire.Lookup) -> wire.Message:
+        """The reply's fields."""
+        rows = self.tree.read_rows(
             lookup.names,
             lookup.op,
             lookup.target,
@@ -148,8 +144,7 @@ class Service:
             atomic=lookup.atomic,
             versions=lookup.versions,
         )
-        reply = wire.lookup_reply(lookup, status, stamp, newest, pose, errors, reads)
-        return reply, [error for _, error in errors]
+        return wire.lookup_reply(lookup, *rows)
 
     # --- writes
 
@@ -222,11 +217,26 @@ class Service:
         operations = wire.parse_batch(message)
         self.limits.check("rows", len(operations))
         if any(kind == "commit" for kind, _ in operations):
-            self._write(message, answer, lambda _: self._run_batch(operations))
-        else:
-            answer(self._seal(self._run_batch(operations)), False)
+            self._write(message, answer, lambda _: self._run_batch(operations, None))
+            return
+        waiting: dict[int, wire.Lookup] = {}
+        reply = self._run_batch(operations, waiting)
 
-    def _run_batch(self, operations: list[tuple[str, wire.Message]]) -> wire.Message:
+        def settle(found: list[Rows]) -> None:
+            for (index, lookup), rows in zip(waiting.items(), found, strict=True):
+                reply["replies"][index] = wire.lookup_reply(lookup, *rows)
+            answer(self._seal(reply), False)
+
+        if waiting:
+            self._wait(list(waiting.values()), settle, answer)
+        else:
+            answer(self._seal(reply), False)
+
+    def _run_batch(
+        self, operations: list[tuple[str, wire.Message]], waiting: dict[int, wire.Lookup] | None
+    ) -> wire.Message:
+        """Run one after another. Lookups that wait go into `waiting`, by index; None: where
+        a batch writes they are refused, since its outcome is one."""
         rows = 0
         replies: list[wire.Message] = []
         for kind, body in operations:
@@ -235,11 +245,15 @@ class Service:
                     lookup = wire.parse_lookup(body)
                     rows += lookup.rows
                     self.limits.check("rows", rows)
-                    if lookup.timeout_ns:
+                    if not lookup.timeout_ns:
+                        replies.append(self._read(lookup))
+                    elif waiting is not None:
+                        waiting[len(replies)] = lookup
+                        replies.append({})
+                    else:
                         raise InvalidArgumentException(
-                            "a lookup in a batch cannot wait", field="timeout_ns"
+                            "a lookup in a batch that writes cannot wait", field="timeout_ns"
                         )
-                    replies.append(self._read(lookup)[0])
                 elif kind == "commit":
                     commit = wire.parse_commit(body)
                     rows += commit.rows

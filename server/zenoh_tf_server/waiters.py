@@ -1,39 +1,74 @@
-"""Lookups that wait for a transform hold no worker: they are parked until a commit.
+"""Lookups that wait for a transform hold no worker and no thread.
 
-Why no commit is missed: the asker notes the commit epoch, looks up, parks, and looks at
-the epoch once more; the watching thread waits for any epoch but the one it last served.
-A commit before the second look makes the asker try again, one after it wakes the thread.
+The native tree parks them on the frames that they wait for, and the commit that may help
+wakes them. One thread here asks again for whoever was woken and answers who is done;
+deadlines run on the asyncio loop. Waiting costs nothing until one of the two happens.
 
-Thread safety: `ask` from any thread. Deadlines run on the asyncio loop, commits on one
-thread, which waits for them only while someone waits: writers pay nothing otherwise.
+Thread safety: all of it.
 """
 
 from __future__ import annotations
 
 import asyncio
+import itertools
+import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from zenoh_tf import TransformTree
-from zenoh_tf.errors import ServerUnavailable, TransformException
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import WaitingRows, WaitQueue, waiting_rows
+from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 
 from .limits import Limits
-from .outcomes import Answer
 
-#: Tries the lookup: (reply bytes, True if a later commit might still make it succeed).
-Attempt = Callable[[], tuple[bytes, bool]]
+if TYPE_CHECKING:
+    from zenoh_tf._core import Rows
 
-#: How often the watching thread looks whether it shall end.
-_STOP_CHECK_S = 0.2
+log = logging.getLogger("zenoh_tf.server")
+
+_JOIN_TIMEOUT_S = 1.0
+
+
+class _Request:
+    """Lookups of one request, answered together: settled or failed once."""
+
+    def __init__(
+        self,
+        count: int,
+        settle: Callable[[list[Rows]], None],
+        fail: Callable[[TransformException], None],
+    ) -> None:
+        self._results: list[Rows | None] = [None] * count
+        self._left = count
+        self._settle = settle
+        self._fail = fail
+        self._lock = threading.Lock()
+
+    def settle(self, index: int, rows: Rows) -> None:
+        with self._lock:
+            self._results[index] = rows
+            self._left -= 1
+            last = self._left == 0
+        if last:
+            self._settle([result for result in self._results if result is not None])
+
+    def fail(self, error: TransformException) -> None:
+        with self._lock:
+            first, self._left = self._left > 0, -1
+        if first:
+            self._fail(error)
 
 
 @dataclass(slots=True, eq=False)
-class _Parked:
-    attempt: Attempt
-    answer: Answer
-    reply: bytes  # what the deadline answers: the latest attempt's errors
+class _Waiting:
+    rows: WaitingRows
+    lookup: wire.Lookup
+    index: int  # in its request
+    request: _Request
+    since_s: float
     timer: asyncio.TimerHandle | None = None
 
 
@@ -44,90 +79,99 @@ class Waiters:
         self._tree = tree
         self._limits = limits
         self._loop = loop
+        self._queue = WaitQueue()
+        self._tokens = itertools.count()
         self._lock = threading.Lock()
-        self._someone = threading.Condition(self._lock)
-        self._parked: set[_Parked] = set()
+        self._waiting: dict[int, _Waiting] = {}  # whoever takes one out settles it
+        self._rows = 0  # of all of them
         self._stopping = False
-        self._thread = threading.Thread(target=self._watch, name="waiters", daemon=True)
+        self._thread = threading.Thread(target=self._serve, name="waiters", daemon=True)
         self._thread.start()
 
-    def __len__(self) -> int:
-        return len(self._parked)
-
-    def ask(self, attempt: Attempt, timeout_s: float, answer: Answer) -> None:
-        """Answer now if possible, else as soon as a commit allows, else at the deadline."""
-        deadline_s = time.monotonic() + timeout_s
-        while True:
-            epoch = self._tree.commit_epoch()
-            reply, worth_waiting = attempt()
-            left_s = deadline_s - time.monotonic()
-            if not worth_waiting or left_s <= 0:
-                answer(reply, False)
-                return
-            parked = _Parked(attempt, answer, reply)
-            self._park(parked)
-            if self._tree.commit_epoch() == epoch:
-                self._loop.call_soon_threadsafe(self._start_timer, parked, left_s)
-                return
-            if not self._take(parked):  # the watching thread was quicker and answered
-                return
-
-    def close(self, error_reply: Callable[[TransformException], bytes]) -> None:
-        """Answer whoever still waits with ServerUnavailable; end the thread."""
-        with self._lock:
-            self._stopping = True
-            parked, self._parked = self._parked, set()
-            self._someone.notify_all()
-        for waiter in parked:
-            waiter.answer(error_reply(ServerUnavailable("the server is stopping")), True)
-        self._thread.join(timeout=2 * _STOP_CHECK_S)
-
-    def _park(self, parked: _Parked) -> None:
+    def ask(
+        self,
+        lookups: Sequence[wire.Lookup],
+        settle: Callable[[list[Rows]], None],
+        fail: Callable[[TransformException], None],
+    ) -> None:
+        """Settle, from any thread, with what every lookup found: each as soon as all of its
+        rows have an answer or can have none, at its deadline at the latest. Each row is a
+        transaction of its own. Fails where the server stops first."""
+        request = _Request(len(lookups), settle, fail)
+        now_s = time.monotonic()
+        started = {}
+        for index, lookup in enumerate(lookups):
+            token = next(self._tokens)
+            rows = self._rows_of(lookup, token)
+            started[token] = _Waiting(rows, lookup, index, request, now_s)
         with self._lock:
             if self._stopping:
                 raise ServerUnavailable("the server is stopping")
-            self._limits.check("waiters", len(self._parked) + 1)
-            self._parked.add(parked)
-            self._someone.notify()
+            count = self._rows + sum(lookup.rows for lookup in lookups)
+            self._limits.check("waiters", count)
+            self._rows = count
+            self._waiting |= started
+        for token, waiting in started.items():
+            if waiting.rows.start():
+                self._finish(token)
+            else:
+                timeout_s = waiting.lookup.timeout_ns * 1e-9
+                self._loop.call_soon_threadsafe(self._start_timer, token, timeout_s)
 
-    def _take(self, parked: _Parked) -> bool:
-        """True for exactly one caller, which then answers."""
+    def close(self) -> None:
+        """Fail whoever still waits with ServerUnavailable; end the thread."""
         with self._lock:
-            if parked not in self._parked:
-                return False
-            self._parked.remove(parked)
-        self._loop.call_soon_threadsafe(self._cancel_timer, parked)
-        return True
+            self._stopping = True
+            tokens = list(self._waiting)
+        self._queue.close()
+        for token in tokens:
+            if waiting := self._take(token):
+                waiting.request.fail(ServerUnavailable("the server is stopping"))
+        self._thread.join(_JOIN_TIMEOUT_S)
 
-    def _start_timer(self, parked: _Parked, left_s: float) -> None:
-        if parked in self._parked:
-            parked.timer = self._loop.call_later(left_s, self._expire, parked)
+    def _rows_of(self, lookup: wire.Lookup, token: int) -> WaitingRows:
+        if lookup.atomic or lookup.versions:
+            raise InvalidArgumentException(
+                "a lookup in one snapshot cannot wait", field="timeout_ns"
+            )
+        return waiting_rows(
+            self._tree,
+            self._queue,
+            token,
+            lookup.names,
+            lookup.op,
+            lookup.target,
+            lookup.source,
+            lookup.stamp,
+            lookup.fixed,
+            lookup.source_stamp,
+        )
 
-    @staticmethod
-    def _cancel_timer(parked: _Parked) -> None:
-        if parked.timer is not None:
-            parked.timer.cancel()
+    def _serve(self) -> None:
+        while (tokens := self._queue.take()) is not None:
+            for token in tokens:
+                self._finish(token)
 
-    def _expire(self, parked: _Parked) -> None:
-        if self._take(parked):
-            parked.answer(parked.reply, False)
-
-    def _watch(self) -> None:
-        seen = self._tree.commit_epoch()
-        while True:
-            with self._lock:
-                self._someone.wait_for(lambda: self._parked or self._stopping)
-                if self._stopping:
-                    return
-            epoch = self._tree.wait_commit(seen, _STOP_CHECK_S)
-            if epoch != seen:
-                seen = epoch
-                self._retry()
-
-    def _retry(self) -> None:
+    def _take(self, token: int) -> _Waiting | None:
+        """To exactly one caller, which then settles it."""
         with self._lock:
-            parked = list(self._parked)
-        for waiter in parked:
-            waiter.reply, worth_waiting = waiter.attempt()
-            if not worth_waiting and self._take(waiter):
-                waiter.answer(waiter.reply, False)
+            waiting = self._waiting.pop(token, None)
+            if waiting is None:
+                return None
+            self._rows -= waiting.lookup.rows
+        waiting.rows.cancel()
+        if waiting.timer is not None:
+            self._loop.call_soon_threadsafe(waiting.timer.cancel)
+        return waiting
+
+    def _finish(self, token: int) -> None:
+        if waiting := self._take(token):
+            try:
+                rows = waiting.rows.result(time.monotonic() - waiting.since_s)
+                waiting.request.settle(waiting.index, rows)
+            except Exception:  # one lookup must never end the thread
+                log.exception("while answering a lookup that has waited")
+
+    def _start_timer(self, token: int, timeout_s: float) -> None:
+        if waiting := self._waiting.get(token):
+            waiting.timer = self._loop.call_later(timeout_s, self._finish, token)

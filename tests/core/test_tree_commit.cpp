@@ -19,7 +19,7 @@ std::string state(const World& w) {
 void check_refused(World& w, Code code, const std::string& field, const std::vector<Set>& sets,
                    const SetOptions& options = {}) {
   const std::string before = state(w);
-  const std::uint64_t epoch = w.tree.signal().epoch();
+  const std::uint64_t epoch = w.tree.commits();
   const auto refused = w.commit(sets, options);
   CHECK(refused.has_value());
   if (refused) {
@@ -27,7 +27,7 @@ void check_refused(World& w, Code code, const std::string& field, const std::vec
     CHECK_EQ(refused->field, field);
   }
   CHECK_EQ(state(w), before);
-  CHECK_EQ(w.tree.signal().epoch(), epoch);
+  CHECK_EQ(w.tree.commits(), epoch);
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 // The Python module, and what its files share.
 #include "bindings.hpp"
 
+#include <cstdio>
+
 namespace ztf {
 
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts) {
@@ -73,6 +75,12 @@ nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb:
                quoted(source_name) + " in " + quoted(target_name);
   }
   return make_error(f.code, message + note, facts);
+}
+
+std::string waited(double timeout_s) {
+  char text[64];
+  std::snprintf(text, sizeof text, " (waited for %.9g s)", timeout_s);
+  return text;
 }
 
 void raise(const nb::object& error) {
@@ -174,4 +182,5 @@ NB_MODULE(_core, m) {
   nanobind::set_leak_warnings(false);
   ztf::bind_values(m);
   ztf::bind_tree(m);
+  ztf::bind_waiting(m);
 }

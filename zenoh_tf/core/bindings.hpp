@@ -36,6 +36,8 @@ nb::object make_error(Code code, const std::string& message, const nb::dict& fac
 nb::object make_error(const Refused& refused);
 nb::object make_error(const Tree& tree, const Failure& failure, nb::handle target, nb::handle source,
                       const std::string& note = "");
+// What is added to the message of a lookup that has waited in vain.
+std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
 
@@ -70,7 +72,9 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
 
 void bind_values(nb::module_& m);
 void bind_tree(nb::module_& m);
-void bind_rows(nb::module_& m, nb::class_<Tree>& tree);
+void bind_read(nb::module_& m, nb::class_<Tree>& tree);
+void bind_commit(nb::module_& m, nb::class_<Tree>& tree);
+void bind_waiting(nb::module_& m);
 void bind_introspection(nb::class_<Tree>& tree);
 void bind_velocity(nb::class_<Tree>& tree);
 

@@ -81,7 +81,8 @@ nb::dict stats(const Tree& tree) {
   out["frames"] = tree.size();
   out["static_links"] = statics;
   out["samples"] = samples;
-  out["commits"] = tree.signal().epoch();
+  out["commits"] = tree.commits();
+  out["waiters"] = tree.room().size();
   out["rewritten"] = rewritten;
   out["dropped"] = dropped;
   out["evicted"] = evicted;

@@ -13,55 +13,66 @@ namespace ztf {
 
 namespace {
 
-using Clock = CommitSignal::Clock;
+struct Asked : Answer {
+  std::string note;  // for the message of its failure
+};
 
-Clock::time_point deadline_of(double timeout_s) {
-  if (!(timeout_s >= 0)) raise_invalid("timeout_s must not be negative", "timeout_s");
-  return Clock::now() + std::chrono::nanoseconds(static_cast<std::int64_t>(std::min(timeout_s, 1e9) * 1e9));
+// Signals are heard by Python's main thread only, and only while it holds the
+// interpreter lock: that thread wakes up to look.
+bool is_main_thread() {
+  const nb::module_ threading = nb::module_::import_("threading");
+  return threading.attr("current_thread")().is(threading.attr("main_thread")());
 }
 
-// Waits, so that Ctrl-C is heard.
-void wait(const Tree& tree, std::uint64_t seen, Clock::time_point deadline) {
-  const auto slice = std::min(deadline, Clock::now() + std::chrono::milliseconds(100));
-  {
-    nb::gil_scoped_release release;
-    tree.signal().wait(seen, slice);
+// Sleeps until there is an answer, none can come, or the time is over.
+[[gnu::noinline]] Asked wait(const Tree& tree, const Query& query, nb::handle target,
+                             nb::handle source, nb::handle fixed, double timeout_s) {
+  using Clock = Sleeper::Clock;
+  const auto time = std::chrono::duration<double>(std::min(timeout_s, 1e9));
+  const Clock::time_point deadline =
+      Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
+  const auto slice = is_main_thread() ? Clock::duration(std::chrono::milliseconds(100))
+                                      : Clock::duration::max();
+  Sleeper sleeper(tree.room(), query, text_of(target, "target_frame"),
+                  text_of(source, "source_frame"),
+                  fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
+  for (Clock::time_point now = Clock::now();; now = Clock::now()) {
+    bool over;
+    {
+      nb::gil_scoped_release release;
+      over = sleeper.wait(deadline - now < slice ? deadline : now + slice);
+    }
+    if (PyErr_CheckSignals() != 0) throw nb::python_error();
+    if (over) return {sleeper.answer(), {}};
+    if (Clock::now() >= deadline) break;
   }
-  if (PyErr_CheckSignals() != 0) throw nb::python_error();
+  Asked asked{{}, waited(timeout_s)};
+  tree.lookup(sleeper.query(), asked);  // as of the deadline
+  return asked;
 }
 
-// Asks until there is an answer, none can come, or the time is over.
-template <class MakeQuery>
-Answer ask(const Tree& tree, MakeQuery&& make_query, double timeout_s) {
-  Answer answer;
+// `fixed`: None where the query is not in full.
+Asked ask(const Tree& tree, const Query& query, nb::handle target, nb::handle source,
+          nb::handle fixed, double timeout_s) {
   if (timeout_s == 0.0) [[likely]] {
-    tree.lookup(make_query(), answer);
-    return answer;
+    Asked asked;
+    tree.lookup(query, asked);
+    return asked;
   }
-  const Clock::time_point deadline = deadline_of(timeout_s);
-  for (;;) {
-    const std::uint64_t seen = tree.signal().epoch();
-    tree.lookup(make_query(), answer);
-    if (answer.failure.code == Code::ok || !tree.may_come(answer.failure)) return answer;
-    if (Clock::now() >= deadline) return answer;
-    wait(tree, seen, deadline);
-  }
+  if (!(timeout_s >= 0)) raise_invalid("timeout_s must not be negative", "timeout_s");
+  return wait(tree, query, target, source, fixed, timeout_s);
 }
 
-std::string waited(double timeout_s) {
-  return timeout_s > 0 ? " (waited up to " + std::to_string(timeout_s) + " s)" : "";
-}
-
-StampedTransform stamped_answer(const Tree& tree, const Answer& a, nb::handle target,
-                                nb::handle source, double timeout_s) {
+StampedTransform stamped_answer(const Tree& tree, const Asked& a, nb::handle target,
+                                nb::handle source) {
   if (a.failure.code != Code::ok) [[unlikely]]
-    raise(make_error(tree, a.failure, target, source, waited(timeout_s)));
+    raise(make_error(tree, a.failure, target, source, a.note));
   return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
 }
 
 LatestTransform latest_answer(const Tree& tree, const Answer& a, nb::handle target,
                               nb::handle source) {
-  return {stamped_answer(tree, a, target, source, 0.0), a.newest};
+  return {stamped_answer(tree, {a, {}}, target, source), a.newest};
 }
 
 Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
@@ -73,28 +84,25 @@ Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handl
 
 StampedTransform lookup(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
                         double timeout_s) {
-  const Answer a = ask(tree, [&] { return query_at(tree, target, source, stamp); }, timeout_s);
-  return stamped_answer(tree, a, target, source, timeout_s);
+  const Query query = query_at(tree, target, source, stamp);
+  return stamped_answer(tree, ask(tree, query, target, source, nb::none(), timeout_s), target,
+                        source);
 }
 
 StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle target_stamp,
                              nb::handle source, nb::handle source_stamp, nb::handle fixed,
                              double timeout_s) {
-  const auto make_query = [&] {
-    Query query = query_of(tree, Op::full, target, source);
-    query.stamp = stamp_of(target_stamp, "target_stamp_ns");
-    query.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
-    query.fixed = frame_of(tree, fixed, "fixed_frame");
-    return query;
-  };
-  const Answer a = ask(tree, make_query, timeout_s);
+  Query query = query_of(tree, Op::full, target, source);
+  query.stamp = stamp_of(target_stamp, "target_stamp_ns");
+  query.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
+  query.fixed = frame_of(tree, fixed, "fixed_frame");
+  const Asked a = ask(tree, query, target, source, fixed, timeout_s);
   if (a.failure.code != Code::ok) {
     // The leg that failed: source in fixed, or fixed in target.
     const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
-    raise(make_error(tree, a.failure, first ? fixed : target, first ? source : fixed,
-                     waited(timeout_s)));
+    raise(make_error(tree, a.failure, first ? fixed : target, first ? source : fixed, a.note));
   }
-  return stamped_answer(tree, a, target, source, timeout_s);
+  return stamped_answer(tree, a, target, source);
 }
 
 bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
@@ -103,8 +111,8 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
     const std::string_view text = text_of(name, "frame");
     if (text.empty() || text[0] == '/') return false;
   }
-  const Answer a = ask(tree, [&] { return query_at(tree, target, source, stamp); }, timeout_s);
-  return a.failure.code == Code::ok;
+  const Query query = query_at(tree, target, source, stamp);
+  return ask(tree, query, target, source, nb::none(), timeout_s).failure.code == Code::ok;
 }
 
 template <Op op>
@@ -207,12 +215,6 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency, st
   new (self) Tree(options);
 }
 
-std::uint64_t wait_commit(const Tree& tree, std::uint64_t seen, double timeout_s) {
-  const Clock::time_point deadline = deadline_of(timeout_s);
-  while (tree.signal().epoch() == seen && Clock::now() < deadline) wait(tree, seen, deadline);
-  return tree.signal().epoch();
-}
-
 }  // namespace
 
 void bind_tree(nb::module_& m) {
@@ -242,10 +244,9 @@ void bind_tree(nb::module_& m) {
       .def("lookup_latest_transforms_xact", &latest_all, nb::arg("pairs"))
       .def("latest_common_time", &latest_common_time, nb::arg("a"), nb::arg("b"))
       .def("clear", &Tree::clear, nb::arg("keep_static") = true,
-           nb::call_guard<nb::gil_scoped_release>())
-      .def("commit_epoch", [](const Tree& tree) { return tree.signal().epoch(); })
-      .def("wait_commit", &wait_commit, nb::arg("seen_epoch"), nb::arg("timeout_s"));
-  bind_rows(m, tree);
+           nb::call_guard<nb::gil_scoped_release>());
+  bind_read(m, tree);
+  bind_commit(m, tree);
   bind_introspection(tree);
   bind_velocity(tree);
 }

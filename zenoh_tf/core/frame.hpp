@@ -123,6 +123,7 @@ struct alignas(128) Frame {
   std::atomic<bool> is_static;
   std::atomic<bool> is_parent;  // has ever been one; written under the topology mutex
   std::atomic<std::uint32_t> authority;
+  std::atomic<std::uint32_t> waiters;  // lookups that wait for a commit on it (waiting.hpp)
 
   alignas(64) std::atomic<Stamp> latest_stamp;
   SharedPose latest_pose;

@@ -40,10 +40,8 @@ class Reader {
 
   ZTF_HOT bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;
-    if (q.target == 0 || q.source == 0) [[unlikely]] {
-      a = Answer{.failure = {Code::lookup, q.target, q.source}};
-      return true;
-    }
+    if (q.target == 0 || q.source == 0) [[unlikely]]
+      if (q.op != Op::full) return unknown(q.target, q.source, a);
     switch (q.op) {
       case Op::at:
         return at(q.target, q.source, q.stamp, a);
@@ -97,6 +95,11 @@ class Reader {
  private:
   [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept {
     return static_cast<FrameId>(frame - frames_);
+  }
+
+  static bool unknown(FrameId target, FrameId source, Answer& a) {
+    a = Answer{.failure = {Code::lookup, target, source}};
+    return true;
   }
 
   // Finds the links between two frames and hands them to body(chain), or
@@ -270,10 +273,8 @@ class Reader {
   }
 
   bool full(const Query& q, Answer& a) {
-    if (q.fixed == 0) {
-      a = Answer{.failure = {Code::lookup, q.fixed, q.source}};
-      return true;
-    }
+    if (q.fixed == 0 || q.source == 0) return unknown(q.fixed, q.source, a);
+    if (q.target == 0) return unknown(q.target, q.fixed, a);
     const auto leg = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
       return stamp == kNoStamp ? common(target, source, answer) : at(target, source, stamp, answer);
     };

@@ -57,7 +57,10 @@ void Tree::clear(bool keep_static) {
     changed.push_back(drop);
   }
   locks.release(changed);
-  signal_.announce();
+  count_.add();
+  for (std::size_t i = 0; room_.size() != 0 && i < all.size(); ++i)
+    if (changed[i] && frames_[all[i]].waiters.load(std::memory_order_seq_cst) != 0)
+      room_.changed(all[i], WaitingRoom::Change::other);
 }
 
 }  // namespace ztf

@@ -19,11 +19,12 @@
 #include <vector>
 
 #include "answer.hpp"
-#include "commit_signal.hpp"
+#include "commit_count.hpp"
 #include "guards.hpp"
 #include "history.hpp"
 #include "names.hpp"
 #include "velocity.hpp"
+#include "waiting.hpp"
 
 namespace ztf {
 
@@ -118,7 +119,15 @@ class Tree {
 
   // Whether an answer that failed so could come with a later commit.
   [[nodiscard]] bool may_come(const Failure& failure) const noexcept;
-  CommitSignal& signal() const noexcept { return signal_; }
+  // The oldest stamp that is not too old for a frame with this newest one.
+  [[nodiscard]] Stamp oldest_possible(Stamp newest) const noexcept;
+  WaitingRoom& room() const noexcept { return room_; }
+  void mark_waited(FrameId frame, bool more) const noexcept {
+    frames_[frame].waiters.fetch_add(more ? 1u : ~0u, std::memory_order_seq_cst);
+  }
+
+  [[nodiscard]] std::uint64_t commits() const noexcept { return count_.sum(); }
+  [[nodiscard]] Version version(FrameId frame) const noexcept { return frames_[frame].version.load(); }
 
  private:
   friend class Commit;
@@ -143,7 +152,8 @@ class Tree {
   NameTable authorities_;
   mutable std::mutex giant_;
   std::mutex topology_;
-  mutable CommitSignal signal_;
+  CommitCount count_;
+  mutable WaitingRoom room_{*this};
 };
 
 }  // namespace ztf

@@ -56,8 +56,10 @@ FrameId Tree::parent(FrameId id, Stamp stamp) const {
   const Frame& frame = frames_[id];
   for (;;) {
     const Version version = frame.version.unlocked();
-    const FrameId parent = stamp == kNoStamp ? frame.parent.load(std::memory_order_acquire)
-                                             : place_at(frame, stamp).parent;
+    const Place place = stamp == kNoStamp
+                            ? Place{Place::Kind::ok, frame.parent.load(std::memory_order_acquire), 0}
+                            : place_at(frame, stamp);
+    const FrameId parent = place.kind == Place::Kind::ok ? place.parent : 0;
     if (frame.version.load() == version) return parent;
   }
 }
@@ -76,6 +78,12 @@ FrameInfo Tree::info(FrameId id) const {
     info.newest = frame.latest_stamp.load(acquire);
     if (frame.version.load() == info.version) return info;
   }
+}
+
+Stamp Tree::oldest_possible(Stamp newest) const noexcept {
+  return span_ns(kNoStamp + 1, newest) <= options_.cache_ns
+             ? kNoStamp + 1
+             : newest - static_cast<Stamp>(options_.cache_ns);
 }
 
 bool Tree::may_come(const Failure& failure) const noexcept {

@@ -34,6 +34,17 @@ class Commit {
     while (!attempt()) needs_topology_ = true;
   }
 
+  // Once it is counted.
+  void wake_waiters() const {
+    WaitingRoom& room = tree_.room_;
+    if (room.size() == 0) [[likely]]
+      return;
+    for (std::size_t i = 0; i < groups_.size(); ++i)
+      if (changed_[i] && tree_.frames_[children_[i]].waiters.load(std::memory_order_seq_cst) != 0)
+        room.changed(children_[i], groups_[i].change);
+    for (const auto& [name, id] : new_names_) room.named(name);
+  }
+
  private:
   struct Write {
     FrameId child, parent;
@@ -44,6 +55,7 @@ class Commit {
   struct Group {  // the writes of one child: writes_[begin, end)
     std::uint32_t begin, end;
     FrameId new_parent;  // of the newest link after this commit; 0: as before
+    WaitingRoom::Change change = WaitingRoom::Change::appended;
   };
 
   // What can be said about a row alone. Normalises its rotation.
@@ -161,7 +173,7 @@ class Commit {
 
     // Nothing can fail from here on.
     publish(new_names);
-    for (const Group& group : groups_) changed_.push_back(apply(group));
+    for (Group& group : groups_) changed_.push_back(apply(group));
     locks.release(changed_);
     return true;
   }
@@ -298,7 +310,7 @@ class Commit {
     return tree_.frames_[id].parent.load(std::memory_order_relaxed);
   }
 
-  bool apply(const Group& group) {
+  bool apply(Group& group) {
     Frame& frame = frame_of(group);
     FrameCounters& counters = tree_.counters_[writes_[group.begin].child];
     const auto relaxed = std::memory_order_relaxed;
@@ -315,6 +327,9 @@ class Commit {
       if (had_data && !changed && frame.is_static.load(relaxed) != request_.is_static)
         count(counters.switched);
       changed = true;
+      if (frame.is_static.load(relaxed) || frame.parent.load(relaxed) != write.parent ||
+          frame.latest_stamp.load(relaxed) >= write.stamp || request_.is_static)
+        group.change = WaitingRoom::Change::other;
       if (request_.is_static) {
         set_static(frame, write.stamp, write.parent, write.pose);
         continue;
@@ -397,7 +412,8 @@ void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) 
   } else {
     commit.run();
   }
-  signal_.announce();
+  count_.add();
+  commit.wake_waiters();
 }
 
 }  // namespace ztf

@@ -1,0 +1,140 @@
+// Waiting for commits: no wake-up is missed. Deadlines are so far away that a missed one hangs.
+#include "crowd.hpp"
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+constexpr std::chrono::hours kNever(1);
+
+void wait_for(World& w, Op op, std::string_view target, std::string_view source,
+              Stamp stamp = kNoStamp) {
+  Sleeper sleeper(w.tree.room(), {op, 0, 0, stamp}, target, source);
+  CHECK(sleeper.wait(Sleeper::Clock::now() + kNever));
+  CHECK(sleeper.answer().failure.code == Code::ok);
+}
+
+}  // namespace
+
+TEST(ping_pong) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("map", "ping", 0);
+    w.set("map", "pong", 0);
+    constexpr Stamp kRounds = 2'000;
+    Crowd crowd;
+    crowd.foreground([&] {
+      for (Stamp round = 1; round <= kRounds; ++round) {
+        w.set("map", "ping", round);
+        wait_for(w, Op::at, "map", "pong", round);
+      }
+    });
+    crowd.foreground([&] {
+      for (Stamp round = 1; round <= kRounds; ++round) {
+        wait_for(w, Op::at, "map", "ping", round);
+        w.set("map", "pong", round);
+      }
+    });
+    crowd.join();
+    CHECK_EQ(w.tree.room().size(), 0u);
+  });
+}
+
+TEST(many_waiters_see_every_commit_that_matters) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 0);
+    w.set("b", "c", 0);
+    constexpr int kRounds = 500, kWaiters = 3;
+    std::atomic<int> seen_by[kWaiters] = {};
+    Crowd crowd;
+    for (int waiter = 0; waiter < kWaiters; ++waiter)
+      crowd.foreground([&, waiter] {
+        for (int round = 1; round <= kRounds; ++round) {
+          wait_for(w, Op::at, "a", "c", round);
+          seen_by[waiter] = round;
+        }
+      });
+    crowd.foreground([&] {
+      for (int round = 1; round <= kRounds; ++round) {
+        w.set("a", "b", round);
+        w.set("b", "c", round);
+        // Every other time only once all have gone on to wait, or are about to.
+        if (round % 2)
+          for (const auto& seen : seen_by)
+            while (seen < round) std::this_thread::yield();
+      }
+    });
+    crowd.join();
+    for (const auto& seen : seen_by) CHECK_EQ(seen.load(), kRounds);
+    CHECK_EQ(w.tree.room().size(), 0u);
+  });
+}
+
+TEST(names_and_links_that_appear_wake) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    constexpr int kRounds = 300;
+    const auto name = [](const char* kind, int round) { return kind + std::to_string(round); };
+    Crowd crowd;
+    for (int waiter = 0; waiter < 2; ++waiter)
+      crowd.foreground([&] {
+        for (int round = 0; round < kRounds; ++round) {
+          const std::string root = name("root", round), leaf = name("leaf", round);
+          wait_for(w, Op::common, root, leaf);
+        }
+      });
+    crowd.foreground([&] {
+      for (int round = 0; round < kRounds; ++round) {
+        w.set(name("middle", round), name("leaf", round), 1);
+        w.set(name("root", round), name("middle", round), 1);
+      }
+    });
+    crowd.join();
+    CHECK_EQ(w.tree.room().size(), 0u);
+  });
+}
+
+TEST(waiters_come_and_go_while_others_write) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    for (int i = 0; i < 4; ++i) w.set("map", "f" + std::to_string(i), 0);
+    std::atomic<Stamp> now{0};
+    Crowd crowd;
+    for (int writer = 0; writer < 2; ++writer)
+      crowd.background([&, writer](const std::atomic<bool>& stop) {
+        while (!stop) {
+          const Stamp stamp = now.fetch_add(1) + 1;
+          w.set("map", "f" + std::to_string(writer), stamp);
+          w.set("map", "f" + std::to_string(writer + 2), stamp);
+        }
+      });
+    for (int waiter = 0; waiter < 2; ++waiter)
+      crowd.foreground([&, waiter] {
+        const std::string target = "f" + std::to_string(waiter), source = "f3";
+        for (int i = 0; i < 2'000; ++i) {
+          const Stamp stamp = now + 3;
+          Sleeper sleeper(w.tree.room(), {Op::at, 0, 0, stamp}, target, source);
+          if (i % 2) {
+            (void)sleeper.wait(Sleeper::Clock::now());  // gives up at once
+          } else {
+            CHECK(sleeper.wait(Sleeper::Clock::now() + kNever));
+          }
+        }
+      });
+    crowd.join();
+    CHECK_EQ(w.tree.room().size(), 0u);
+  });
+}
+
+TEST(a_wait_ends_at_its_deadline) {
+  World w;
+  w.set("a", "b", 0);
+  Sleeper sleeper(w.tree.room(), {Op::at, 0, 0, 5}, "a", "b");
+  const auto deadline = Sleeper::Clock::now() + std::chrono::milliseconds(5);
+  CHECK(!sleeper.wait(deadline));
+  CHECK(Sleeper::Clock::now() >= deadline);
+  w.set("a", "b", 5);
+  CHECK(sleeper.wait(Sleeper::Clock::now() + kNever));
+}

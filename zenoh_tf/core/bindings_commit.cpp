@@ -1,0 +1,91 @@
+// Many transforms at once, in columns: numpy arrays in and out.
+//
+// Interpreter lock: commits release it.
+#include <algorithm>
+#include <unordered_map>
+
+#include "bindings_rows.hpp"
+
+namespace ztf {
+
+namespace {
+
+// Transforms as the columns of a commit; each name once, in order of appearance.
+nb::tuple columns_of(nb::handle stampeds) {
+  const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(stampeds.ptr()));
+  if (!items.is_valid()) throw nb::python_error();
+  std::vector<const StampedTransform*> rows;
+  rows.reserve(items.size());
+  for (const nb::handle item : items) {
+    if (!nb::isinstance<StampedTransform>(item))
+      raise_invalid("stampeds must hold StampedTransform", "stampeds");
+    rows.push_back(&nb::cast<const StampedTransform&>(item));
+  }
+  const std::size_t n = rows.size();
+  nb::list names;
+  std::unordered_map<std::string_view, std::uint32_t> known;
+  const auto row_of = [&](nb::handle name) {
+    const auto [at, is_new] =
+        known.try_emplace(text_of(name, "frame"), static_cast<std::uint32_t>(known.size()));
+    if (is_new) names.append(name);
+    return at->second;
+  };
+  std::vector<std::uint32_t> parent(n), child(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    parent[i] = row_of(rows[i]->parent_frame);
+    child[i] = row_of(rows[i]->child_frame);
+  }
+  const auto copied = [n](const std::vector<std::uint32_t>& column) {
+    return make_array<std::uint32_t>({n}, [&](std::uint32_t* d) {
+      std::copy(column.begin(), column.end(), d);
+    });
+  };
+  return nb::make_tuple(
+      names, copied(parent), copied(child),
+      make_array<Stamp>({n}, [&](Stamp* d) {
+        for (const StampedTransform* row : rows) *d++ = row->stamp;
+      }),
+      make_array<double>({n, 7}, [&](double* d) {
+        for (const StampedTransform* row : rows) d = std::copy_n(&row->pose.x, 7, d);
+      }));
+}
+
+nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>& parent,
+                       const Column<std::uint32_t>& child, const Column<Stamp>& stamp,
+                       const PoseColumn& pose, std::string_view authority, bool is_static,
+                       bool drop_old, nb::handle read_names,
+                       std::optional<Column<Version>> read_versions) {
+  std::vector<std::string_view> texts, read_texts;
+  const std::vector<nb::object> held = names_of(names, texts, "names");
+  const std::vector<nb::object> read_held = names_of(read_names, read_texts, "read_names");
+  const std::size_t n = parent.shape(0);
+  fit(child, n, "child");
+  fit(stamp, n, "stamp_ns");
+  if (pose.shape(0) != n) raise_invalid("pose has not as many rows as parent", "pose");
+  if ((read_versions ? read_versions->shape(0) : 0) != read_texts.size())
+    raise_invalid("read_versions has not as many rows as read_names", "read_versions");
+  std::vector<Row> rows(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    rows[i] = {checked(parent(i), texts.size(), "parent"), checked(child(i), texts.size(), "child"),
+               stamp(i), {pose(i, 0), pose(i, 1), pose(i, 2), pose(i, 3), pose(i, 4), pose(i, 5),
+                          pose(i, 6)}};
+  }
+  std::vector<std::uint8_t> stored(n);
+  CommitRequest request{.names = texts, .rows = rows, .authority = authority,
+                        .is_static = is_static, .drop_old = drop_old, .read_names = read_texts};
+  if (read_versions) request.read_versions = {read_versions->data(), read_texts.size()};
+  commit(tree, request, stored, true);
+  return make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { std::copy(stored.begin(), stored.end(), d); });
+}
+
+}  // namespace
+
+void bind_commit(nb::module_& m, nb::class_<Tree>& tree) {
+  m.def("columns_of", &columns_of, nb::arg("stampeds"));
+  tree.def("commit_rows", &commit_rows, nb::arg("names"), nb::arg("parent"), nb::arg("child"),
+           nb::arg("stamp_ns"), nb::arg("pose"), nb::kw_only(), nb::arg("authority") = "",
+           nb::arg("static") = false, nb::arg("drop_old") = false,
+           nb::arg("read_names") = nb::make_tuple(), nb::arg("read_versions").none() = nb::none());
+}
+
+}  // namespace ztf
