@@ -1,0 +1,116 @@
+"""Random histories: the tree against the oracle, answer by answer.
+
+``HISTORIES`` in the environment asks for more than the hundred or so of a usual run
+(``make histories``: 10,000), ``HISTORY_SEED`` for one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable
+from typing import Literal
+
+import pytest
+
+from zenoh_tf import TransformTree
+
+from .calls import Fault, ask, same
+from .histories import CACHE_NS, History, history
+from .open_differences import OPEN
+from .oracle import Oracle
+
+SEEDS = range(int(os.environ.get("HISTORIES", "150")))
+if "HISTORY_SEED" in os.environ:
+    SEEDS = range(int(os.environ["HISTORY_SEED"]), int(os.environ["HISTORY_SEED"]) + 1)
+
+Concurrency = Literal["optimistic", "2pl", "giant"]
+
+#: What must have happened for an agreement to mean something.
+EVENTS = {
+    "stored",
+    "static",
+    "dropped",
+    "rewritten",
+    "out of order",
+    "pruned",
+    "switched",
+    "reparented",
+    "interpolated",
+    "older parent stands",
+    "past loop",
+    "too deep",
+    "refused: too old in a transaction",
+    "refused: cycle",
+    "refused: empty name",
+    "refused: own parent",
+    "refused: not finite",
+    "refused: not a rotation",
+    "set_transforms_xact: done",
+    "clear: done",
+    "lookup_transform: LookupException",
+    "lookup_transform: ConnectivityException",
+    "lookup_transform: InvalidArgumentException",
+    "lookup_transform: NoDataForExtrapolationException",
+    "lookup_transform: BackwardExtrapolationException",
+    "lookup_transform: ForwardExtrapolationException",
+    "lookup_transform: done",
+    "lookup_transform_full: done",
+    "lookup_latest_transform: done",
+    "lookup_latest_transform_xact: done",
+    "lookup_latest_transforms_xact: done",
+    "latest_common_time: done",
+    "sample: done",
+    "can_transform: done",
+    "chain: done",
+    "parent: done",
+    "frame: done",
+    "frames: done",
+}
+
+
+def compare(told: History, concurrency: Concurrency, events: Counter[str]) -> str | None:
+    """The first difference, or None."""
+    oracle = Oracle(CACHE_NS, told.max_depth)
+    tree = TransformTree(CACHE_NS / 1e9, concurrency, max_depth=told.max_depth)
+    for number, (write, questions) in enumerate(told.steps):
+        for call in [write, *questions]:
+            right, given = ask(oracle, call), ask(tree, call)
+            events[f"{call.method}: {right.kind if isinstance(right, Fault) else 'done'}"] += 1
+            if same(right, given):
+                continue
+            if not any(is_open(oracle, call, right, given) for is_open in OPEN):
+                return f"after write {number}, {call}\n  oracle {right}\n  tree   {given}"
+    events.update(oracle.events)
+    return None
+
+
+def shortened(told: History, concurrency: Concurrency) -> History:
+    """Fewer writes that show a difference too: the prefix, then without each that can go."""
+    steps = told.steps
+    while compare(told._replace(steps=steps[:-1]), concurrency, Counter()):
+        steps = steps[:-1]
+    for i in range(len(steps) - 2, -1, -1):
+        fewer = [*steps[:i], *steps[i + 1 :]]
+        if compare(told._replace(steps=fewer), concurrency, Counter()):
+            steps = fewer
+    return told._replace(steps=steps)
+
+
+def check(histories: Iterable[History], concurrency: Concurrency) -> Counter[str]:
+    events: Counter[str] = Counter()
+    for told in histories:
+        if compare(told, concurrency, events):
+            short = shortened(told, concurrency)
+            pytest.fail(f"{short}\n{compare(short, concurrency, Counter())}", pytrace=False)
+    return events
+
+
+@pytest.mark.timeout(60 + len(SEEDS) * 0.2)
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_every_answer_is_the_oracles(concurrency: Concurrency) -> None:
+    events = check(map(history, SEEDS), concurrency)
+    for event in sorted(events):
+        print(f"{events[event]:9} {event}")
+    if len(SEEDS) > 1:
+        assert sorted(EVENTS - events.keys()) == []
