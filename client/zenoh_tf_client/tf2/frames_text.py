@@ -1,0 +1,54 @@
+"""What the tree holds, in the two texts that tf2's buffer gives."""
+
+from __future__ import annotations
+
+import json
+
+from zenoh_tf import FrameInfo
+from zenoh_tf.errors import LookupException
+from zenoh_tf_client.client import TransformClient
+
+#: tf2 counts a shorter history as this long, so a single sample has a rate of 10 kHz.
+_SHORTEST_NS = 100_000
+
+
+def as_yaml(client: TransformClient) -> str:
+    """One map per frame that has a parent, with tf2's keys and figures; seconds and hertz."""
+    return "".join(_yaml(link) for link in _links(client)) or "[]"
+
+
+def as_string(client: TransformClient) -> str:
+    return "".join(
+        f"Frame {link.name} exists with parent {link.parent}.\n" for link in _links(client)
+    )
+
+
+def _links(client: TransformClient) -> list[FrameInfo]:
+    with client.batch() as batch:
+        handles = [batch.frame(name) for name in client.frames()]
+    infos = []
+    for handle in handles:
+        error = handle.exception()
+        if error is None:
+            infos.append(handle.result())
+        elif not isinstance(error, LookupException):  # removed since its name was listed
+            raise error
+    return [info for info in infos if info.parent is not None]
+
+
+def _yaml(link: FrameInfo) -> str:
+    if link.static:
+        oldest_ns = newest_ns = 0  # good for all times, which tf2 writes as 0
+    else:
+        oldest_ns, newest_ns = link.oldest_stamp_ns or 0, link.newest_stamp_ns or 0
+    span_ns = newest_ns - oldest_ns
+    # JSON's strings are YAML's, whatever stands in a name.
+    return (
+        f"{json.dumps(link.name)}:\n"
+        f"  parent: {json.dumps(link.parent)}\n"
+        f"  broadcaster: {json.dumps(link.authority)}\n"
+        f"  rate: {link.samples * 1e9 / max(span_ns, _SHORTEST_NS):.3f}\n"
+        f"  most_recent_transform: {newest_ns / 1e9:.6f}\n"
+        f"  oldest_transform: {oldest_ns / 1e9:.6f}\n"
+        f"  buffer_length: {span_ns / 1e9:.3f}\n"
+    )

@@ -1,0 +1,137 @@
+"""Messages as plain classes with the fields of ROS's, and the ways between them and the SDK.
+
+What comes in may be any object with these attributes, ROS's own messages first of all; what
+goes out is a `TransformStamped` of this module. `fill` copies one into a message of ROS's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, TypeVar
+
+import zenoh_tf
+from zenoh_tf import StampedTransform
+
+M = TypeVar("M")
+
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(slots=True)
+class Time:
+    """A time as in builtin_interfaces: whole seconds, and the nanoseconds beyond them.
+    Time() asks for the latest common time."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+    @property
+    def nanoseconds(self) -> int:
+        """All of it, as rclpy's times have it."""
+        return self.sec * _NS_PER_S + self.nanosec
+
+
+@dataclass(slots=True)
+class Duration:
+    """A duration as in builtin_interfaces."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+
+@dataclass(slots=True)
+class Header:
+    """When, and in which frame."""
+
+    stamp: Time = field(default_factory=Time)
+    frame_id: str = ""
+
+
+@dataclass(slots=True)
+class Vector3:
+    """Metres."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+@dataclass(slots=True)
+class Quaternion:
+    """A unit quaternion."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+
+@dataclass(slots=True)
+class Transform:
+    translation: Vector3 = field(default_factory=Vector3)
+    rotation: Quaternion = field(default_factory=Quaternion)
+
+
+@dataclass(slots=True)
+class TransformStamped:
+    """The pose of `child_frame_id` in `header.frame_id` at `header.stamp`."""
+
+    header: Header = field(default_factory=Header)
+    child_frame_id: str = ""
+    transform: Transform = field(default_factory=Transform)
+
+
+def fill(message: M, values: Any) -> M:
+    """Copy `values`, of a class above, into `message`, of any class with the same attributes,
+    and return it: ``fill(geometry_msgs.msg.TransformStamped(), result)``."""
+    if isinstance(values, Time | Duration) and hasattr(message, "nsecs"):  # ROS 1
+        message.secs, message.nsecs = values.sec, values.nanosec  # type: ignore[attr-defined]
+        return message
+    for each in fields(values):
+        value = getattr(values, each.name)
+        if is_dataclass(value):
+            fill(getattr(message, each.name), value)
+        else:
+            setattr(message, each.name, value)
+    return message
+
+
+def nanoseconds(time: Any) -> int:
+    """A time or a duration in nanoseconds: rclpy's, builtin_interfaces', ROS 1's or one of
+    this module. Raises TypeError for anything else."""
+    for whole, rest in (("sec", "nanosec"), ("secs", "nsecs")):
+        if hasattr(time, rest):
+            return int(getattr(time, whole)) * _NS_PER_S + int(getattr(time, rest))
+    if hasattr(time, "nanoseconds"):
+        return int(time.nanoseconds)
+    raise TypeError(f"neither a time nor a duration: {time!r}")
+
+
+def time_of(stamp_ns: int) -> Time:
+    return Time(*divmod(stamp_ns, _NS_PER_S))
+
+
+def transform_of(message: Any) -> zenoh_tf.Transform:
+    """The transform in a TransformStamped."""
+    shift, turn = message.transform.translation, message.transform.rotation
+    return zenoh_tf.Transform((shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w))
+
+
+def stamped_of(message: Any) -> StampedTransform:
+    """A TransformStamped as the SDK has it."""
+    return StampedTransform(
+        message.header.frame_id,
+        message.child_frame_id,
+        nanoseconds(message.header.stamp),
+        transform_of(message),
+    )
+
+
+def message_of(stamped: StampedTransform) -> TransformStamped:
+    """What a lookup gave, as a message."""
+    x, y, z, qx, qy, qz, qw = stamped.transform.pose()
+    return TransformStamped(
+        Header(time_of(stamped.stamp_ns), stamped.parent_frame),
+        stamped.child_frame,
+        Transform(Vector3(x, y, z), Quaternion(qx, qy, qz, qw)),
+    )

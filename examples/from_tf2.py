@@ -1,0 +1,33 @@
+"""A script as one writes it for tf2_ros: what is imported differs, and that a server is named."""
+
+import argparse
+import time
+
+from zenoh_tf_client.tf2 import (
+    Buffer,
+    Duration,
+    Time,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+    connect,
+)
+
+parser = argparse.ArgumentParser()
+parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
+connect(parser.parse_args().connect)  # or ZENOH_TF_ENDPOINT in the environment
+
+tf_buffer = Buffer()
+tf_listener = TransformListener(tf_buffer)
+tf_broadcaster = TransformBroadcaster()
+
+t = TransformStamped()
+t.header.stamp = Time(*divmod(time.time_ns(), 10**9))
+t.header.frame_id = "map"
+t.child_frame_id = "base_link"
+t.transform.translation.x = 2.0
+t.transform.rotation.w = 1.0
+tf_broadcaster.sendTransform(t)
+
+t = tf_buffer.lookup_transform("map", "base_link", t.header.stamp, timeout=Duration(sec=5))
+print("base_link at", t.transform.translation)

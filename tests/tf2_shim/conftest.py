@@ -1,0 +1,39 @@
+"""The shim on a server of its own, and ROS's modules as plain classes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from zenoh_tf_client import tf2
+from zenoh_tf_client.client import TransformClient
+
+from ..conftest import ServerProcess, free_endpoint
+
+#: Modules with ROS's names and plain classes, for the scripts of these tests.
+FAKE_ROS = Path(__file__).with_name("fake_ros")
+sys.path.append(str(FAKE_ROS))
+
+
+@pytest.fixture(scope="module")
+def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    """A server for all tests of a file."""
+    log = tmp_path_factory.mktemp("server") / "log"
+    server = ServerProcess(log, free_endpoint(), "main", ())
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def shim(
+    shared_server: ServerProcess, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[TransformClient]:
+    """The process's connection leads to `shared_server`, which holds nothing but names."""
+    monkeypatch.setenv("ZENOH_TF_ENDPOINT", shared_server.endpoint)
+    client = tf2.connect()
+    client.clear(keep_static=False)
+    yield client
+    tf2.close()

@@ -1,0 +1,21 @@
+"""rclpy.time"""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time as TimeMessage  # type: ignore[import-not-found]
+
+
+class Time:
+    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
+        self._nanoseconds = int(seconds * 1e9) + nanoseconds
+
+    @property
+    def nanoseconds(self) -> int:
+        return self._nanoseconds
+
+    def to_msg(self) -> TimeMessage:
+        return TimeMessage(*divmod(self._nanoseconds, 10**9))
+
+    @classmethod
+    def from_msg(cls, message: TimeMessage) -> Time:
+        return cls(nanoseconds=message.sec * 10**9 + message.nanosec)
