@@ -114,7 +114,11 @@ def dot(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
 
 
 def mermaid(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
-    """A Mermaid flowchart; an edge points from parent to child, a static one is dotted."""
+    """A Mermaid flowchart; an edge points from parent to child, a static one is dotted.
+
+    Mermaid's defaults refuse charts of more than 500 edges or 50,000 characters, which is a tree of
+    some 300 frames; Graphviz takes more.
+    """
     lines = ["flowchart TD"]
     nodes, edges = _graph(frames)
     for number, name in enumerate(nodes):
