@@ -2,11 +2,15 @@
 
 Few frames, stamps on a coarse grid around a clock that moves on, and a cache of ten grid steps: so
 that stamps repeat, come late and come too late, frames change parents and kinds, and loops close.
+
+``HISTORIES`` in the environment asks for more of them than the hundred or so of a usual run
+(``make histories``: 10,000), ``HISTORY_SEED`` for one.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import random
 from typing import NamedTuple, TypeVar
 
@@ -20,6 +24,10 @@ FRAMES = ("map", "base", "arm", "tool", "camera", "object")
 GRID_NS = 100_000_000
 CACHE_NS = 10 * GRID_NS
 SHALLOW, DEEP = 3, 20  # links that a lookup climbs: a limit that is hit, and one that loops hit
+
+SEEDS = range(int(os.environ.get("HISTORIES", "150")))
+if "HISTORY_SEED" in os.environ:
+    SEEDS = range(int(os.environ["HISTORY_SEED"]), int(os.environ["HISTORY_SEED"]) + 1)
 
 Step = tuple[Call, list[Call]]  # a write, and what is asked after it
 

@@ -66,6 +66,10 @@ def _ways_at_common_time(o: Oracle, call: Call) -> list[Way]:
     return [o.way(frame, stamp_ns) for stamp_ns in stamps for frame in frames]
 
 
+def is_open(o: Oracle, call: Call, right: object, given: object) -> bool:
+    return any(difference(o, call, right, given) for difference in OPEN)
+
+
 OPEN: list[Callable[[Oracle, Call, object, object], bool]] = [
     parent_at_a_time_without_data,
     link_of_the_newest_sample,

@@ -1,0 +1,108 @@
+"""Where the real tf2 answers otherwise, on purpose: every allowed difference, in one place.
+
+The installed tf2 is ROS 1's (0.7.6). ``AsTf2`` is the oracle with tf2's rule in place of ours, one
+override for each decision, so that an allowed difference is one answer and not any: tf2 must say
+exactly what ``AsTf2`` says. Besides, an answer of ours that differs must have a decision's mark on
+a link of its way, or on the question itself (``reasons``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from zenoh_tf import errors
+
+from .calls import Call
+from .oracle import Answer, Link, Oracle, Row, Sample, Way
+from .poses import IDENTITY
+
+#: By the row of the table of decisions. The first ones keep a write from tf2, or change it.
+DECISIONS = {
+    "A08": "tf2 stores a rotation as it comes; it is given the normalised one",
+    "A08b": "tf2 stores infinite translations: not given to it",
+    "A10": "tf2 has no transactions: one that is refused here is not given to it",
+    "F07": "tf2 accepts cycles: what would close one is not given to it; a loop of a past time "
+    "above the frames' meeting point fails a lookup in tf2",
+    "B12": "ROS 1's tf2 ignores a repeated stamp; ROS 2's and this tree have other rules",
+    "C06": "in ROS 1's tf2 a frame's first write says for ever whether it is static",
+    "C07": "tf2 has no data at a time above a cleared frame; here it is a root like others",
+    "F04": "of a question that is wrong twice, tf2 names the first fault, this tree the bad name",
+    "E08": "in tf2 an unknown frame, or no name at all, is the identity to itself",
+}
+
+
+class AsTf2(Oracle):
+    def __init__(self, cache_ns: int) -> None:
+        super().__init__(cache_ns)
+        self.static: dict[str, bool] = {}  # by child, as of its first write
+        self.marks: dict[str, set[str]] = {}  # by child: decisions that its history rests on
+        self.fired: set[str] = set()  # decisions that the last answers rest on
+
+    def insert(self, links: dict[str, Link], row: Row, static: bool) -> list[str]:
+        as_static = self.static.setdefault(row.child, static)
+        if as_static != static:
+            self.marks.setdefault(row.child, set()).add("C06")
+        link = links.get(row.child)
+        if link and not as_static and any(s.stamp_ns == row.stamp_ns for s in link.samples):
+            self.marks.setdefault(row.child, set()).add("B12")
+            return ["repeated"]
+        return super().insert(links, row, as_static)
+
+    def lookup_transform(self, target: str, source: str, stamp_ns: int | None = None) -> Answer:
+        if target == source and target not in self.names:
+            self.fired.add("E08")
+            return Answer(stamp_ns or 0, None, IDENTITY)
+        return super().lookup_transform(target, source, stamp_ns)
+
+    def known(self, *frames: str) -> None:
+        faults = []
+        for frame in frames:
+            try:
+                super().known(frame)
+            except errors.TransformException as fault:
+                faults.append(fault)
+        if faults:
+            if len({type(fault) for fault in faults}) > 1:
+                self.fired.add("F04")
+            raise faults[0]
+
+    def ways(self, target: str, source: str, stamp_ns: int | None) -> tuple[Way, Way]:
+        if stamp_ns is None:
+            return super().ways(target, source, stamp_ns)
+        up, other = self.way(target, stamp_ns), self.way(source, stamp_ns)
+        if isinstance(other.end, errors.LookupException) and target not in other.frames:
+            self.fired.add("F07")
+            raise other.end
+        try:
+            return super().ways(target, source, stamp_ns)
+        except (errors.ConnectivityException, errors.ExtrapolationException):
+            # The target's way is blamed first, then the source's.
+            if self._cleared(up) or (up.end is None and self._cleared(other)):
+                self.fired.add("C07")
+                raise errors.ExtrapolationException from None
+            raise
+
+    def _cleared(self, way: Way) -> bool:
+        top = way.frames[-1]
+        return way.end is None and top in self.static and top not in self.links
+
+
+def reasons(ours: Oracle, theirs: AsTf2, call: Call) -> set[str]:
+    """The decisions that can make the two differ: marks on links, of the ways, that do differ."""
+    names = [a for a in call.arguments if isinstance(a, str)]
+    stamps = {None, *(a for a in call.arguments if isinstance(a, int))}
+    stamps |= {s.stamp_ns for oracle in (ours, theirs) for s in _newest(oracle, names)}
+    frames = {
+        frame
+        for oracle in (ours, theirs)
+        for name in names
+        for stamp_ns in stamps
+        for frame in oracle.way(name, stamp_ns).frames
+    }
+    differing = {f for f in frames if ours.links.get(f) != theirs.links.get(f)}
+    return theirs.fired.union(*(theirs.marks.get(frame, set()) for frame in differing))
+
+
+def _newest(oracle: Oracle, names: Iterable[str]) -> list[Sample]:
+    frames = {frame for name in names for frame in oracle.way(name, None).frames}
+    return [oracle.links[frame].samples[-1] for frame in frames if frame in oracle.links]

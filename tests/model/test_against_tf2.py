@@ -1,0 +1,204 @@
+"""The same random histories put to the real tf2, where it is installed.
+
+It must answer as the tree does but for the differences of ``differences.py``, and there exactly as
+these say.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import subprocess
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from zenoh_tf import TransformTree
+
+from .calls import Call, Fault, ask, same
+from .differences import DECISIONS, AsTf2, reasons
+from .histories import CACHE_NS, SEEDS, History, history
+from .open_differences import is_open
+from .oracle import Answer, Oracle, Row
+
+PYTHON_WITH_TF2 = "/usr/bin/python3"
+START_NS = 100_000_000_000  # tf2 knows no times below 0, and its 0 means the latest
+QUESTIONS = {
+    "lookup_transform",
+    "lookup_transform_full",
+    "can_transform",
+    "latest_common_time",
+    "frames",
+}
+
+
+class Peer:
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [PYTHON_WITH_TF2, str(Path(__file__).with_name("tf2_peer.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # it warns of every refusal
+            text=True,
+        )
+
+    def line(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline()
+
+    def ask(self, calls: list[Call]) -> list[object]:
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps({"cache_ns": CACHE_NS, "calls": calls}) + "\n")
+        self.process.stdin.flush()
+        return [_parsed(reply) for reply in json.loads(self.line())]
+
+
+@pytest.fixture(scope="module")
+def tf2() -> Iterator[Peer]:
+    try:
+        peer = Peer()
+    except FileNotFoundError:
+        pytest.skip(f"no {PYTHON_WITH_TF2}, whose tf2 would be asked")
+    with peer.process:  # its end closes the peer's input, at which it leaves
+        if not peer.line():
+            pytest.skip(f"{PYTHON_WITH_TF2} has no tf2_py (Debian: python3-tf2)")
+        yield peer
+
+
+def _parsed(reply: Any) -> object:
+    if isinstance(reply, dict) and "pose" in reply:
+        return Answer(reply["stamp_ns"], None, tuple(reply["pose"]))
+    if isinstance(reply, dict):
+        return Fault(reply["error"], reply["facts"])
+    return reply
+
+
+class Asked(NamedTuple):
+    call: Call
+    by_rule: object  # what tf2 must say
+    ours: object
+    reasons: set[str]  # why the two may differ
+
+
+class Told:
+    """A history told to the tree and to both oracles, and what tf2 is to be told and asked."""
+
+    def __init__(self, counts: Counter[str]) -> None:
+        self.counts = counts
+        self.tree = TransformTree(CACHE_NS / 1e9, max_frames=64)
+        self.ours, self.theirs = Oracle(CACHE_NS), AsTf2(CACHE_NS)
+        self.calls: list[Call] = []  # to tf2
+        self.asked: dict[int, Asked] = {}  # by place in calls
+
+    def write(self, call: Call) -> None:
+        if call.method == "clear":  # tf2 has no other one
+            for tree in (self.tree, self.ours, self.theirs):
+                tree.clear()
+            self.calls.append(Call("clear", ()))
+            return
+        rows, authority, static = call.arguments
+        single = call.method == "set_transform"
+        rows = [rows] if single else sorted(rows, key=lambda row: row.stamp_ns)
+        if not all(_acceptable(self.ours, row) for row in rows):
+            self._refused(rows, authority, static, single)
+            return
+        trial = copy.deepcopy(self.theirs)
+        if _closes_cycle(trial, rows, static) or _closes_cycle(
+            copy.deepcopy(self.ours), rows, static
+        ):
+            self.counts["F07"] += 1
+            return
+        outcome = ask(self.tree, call)
+        assert same(ask(self.ours, call), outcome), call
+        if isinstance(outcome, Fault):
+            self.counts["A10"] += 1
+            return
+        self.theirs = trial
+        for row in rows:
+            good = self.ours.checked(row)
+            self.counts["A08"] += not same(Answer(0, None, row.pose), Answer(0, None, good.pose))
+            given = row._replace(pose=good.pose)
+            self.calls.append(Call("set_transform", (given, authority, static)))
+
+    def _refused(self, rows: list[Row], authority: str, static: bool, single: bool) -> None:
+        """Both refuse what makes no sense; tf2 one by one, and infinity not at all."""
+        if not single:
+            self.counts["A10"] += 1
+        elif any(map(math.isinf, rows[0].pose)):
+            self.counts["A08b"] += 1
+        else:
+            self.calls.append(Call("set_transform", (rows[0], authority, static)))
+
+    def question(self, call: Call) -> None:
+        if call.method == "sample":
+            target, source, stamps_ns = call.arguments
+            for stamp_ns in stamps_ns:
+                self.question(Call("lookup_transform", (target, source, stamp_ns)))
+        if call.method not in QUESTIONS:
+            return
+        self.theirs.fired.clear()
+        by_rule, ours = ask(self.theirs, call), ask(self.tree, call)
+        right = ask(self.ours, call)
+        if not same(right, ours) and is_open(self.ours, call, right, ours):
+            ours = right
+        may_differ = set() if same(by_rule, ours) else reasons(self.ours, self.theirs, call)
+        self.asked[len(self.calls)] = Asked(call, by_rule, ours, may_differ)
+        self.calls.append(call)
+
+
+def _acceptable(oracle: Oracle, row: Row) -> bool:
+    return not isinstance(ask(copy.copy(oracle), Call("checked", (row,))), Fault)
+
+
+def _closes_cycle(oracle: Oracle, rows: list[Row], static: bool) -> bool:
+    before = oracle.events["refused: cycle"]
+    ask(oracle, Call("_commit", (rows, static, True)))
+    return oracle.events["refused: cycle"] > before
+
+
+def agree(theirs: object, given: object) -> bool:
+    """tf2 has 0 for "at all times", no order of frames, and fewer facts in its errors."""
+    if isinstance(theirs, Fault) and isinstance(given, Fault):
+        return theirs.kind == given.kind and theirs.facts.items() <= given.facts.items()
+    if isinstance(theirs, list) and isinstance(given, list):
+        return sorted(theirs) == sorted(given)
+    return same(theirs, 0 if given is None else given)
+
+
+def tell(told: History, peer: Peer, counts: Counter[str]) -> None:
+    history_ = Told(counts)
+    for write, questions in told.steps:
+        history_.write(write)
+        for question in questions:
+            history_.question(question)
+    replies = peer.ask(history_.calls)
+    for place, (call, by_rule, ours, why) in history_.asked.items():
+        theirs = replies[place]
+        said = f"seed {told.seed}, {call}\n  tf2  {theirs}\n  rule {by_rule}\n  tree {ours}"
+        assert agree(theirs, by_rule), said + _told_so_far(history_.calls[:place])
+        counts["answers"] += 1
+        if not agree(theirs, ours):
+            assert why, f"no decision says why\n{said}"
+            counts["differ"] += 1
+            counts.update(why)
+
+
+def _told_so_far(calls: list[Call]) -> str:
+    return "\n".join(["", *(str(c) for c in calls if c.method not in QUESTIONS)])
+
+
+@pytest.mark.timeout(60 + len(SEEDS) * 0.3)
+def test_tf2_differs_only_where_a_decision_says_so(tf2: Peer) -> None:
+    counts: Counter[str] = Counter()
+    for seed in SEEDS:
+        tell(history(seed, start_ns=START_NS), tf2, counts)
+    print(f"\n{counts['answers']} answers, {counts['differ']} of them differ. Applied:")
+    for row, decision in DECISIONS.items():
+        print(f"{counts[row]:8} {row:4} {decision}")
+    if len(SEEDS) > 1:
+        assert sorted(DECISIONS.keys() - counts.keys()) == []
+        assert counts["differ"] < counts["answers"] / 2
