@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -49,15 +50,14 @@ class TransformFuture(Future[TransformStamped]):
         return (yield from asyncio.wrap_future(self).__await__())
 
     def _run(self, lookup: Callable[[Duration], TransformStamped]) -> None:
-        try:
-            result = self._wait(lookup)
-            if result is not None:
-                self.set_result(result)
-        except InvalidStateError:
-            pass  # cancelled meanwhile
-        except BaseException as error:
-            if not self.cancelled():
+        with contextlib.suppress(InvalidStateError):  # cancelled meanwhile
+            try:
+                result = self._wait(lookup)
+            except BaseException as error:
                 self.set_exception(error)
+            else:
+                if result is not None:
+                    self.set_result(result)
 
     def _wait(self, lookup: Callable[[Duration], TransformStamped]) -> TransformStamped | None:
         while not self.cancelled():
