@@ -18,7 +18,7 @@ PACKAGES = {
 }
 RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
-EXTRAS = {"rosbags": "zenoh_tf_client"}
+EXTRAS = {"rosbags": "zenoh_tf_client", "scipy": "zenoh_tf"}
 
 
 def _imports(package: str) -> Iterator[tuple[Path, str]]:

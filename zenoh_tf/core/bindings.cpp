@@ -156,6 +156,22 @@ Pose pose_of(nb::handle translation, nb::handle rotation) {
   return pose;
 }
 
+nb::object doubles_of(nb::handle values, const char* field) {
+  const nb::module_ numpy = nb::module_::import_("numpy");
+  const nb::object float64 = numpy.attr("float64");
+  nb::object array;
+  bool real = false;
+  try {
+    array = numpy.attr("asarray")(values);
+    // Not None, strings, times or complex numbers, which numpy would make into something.
+    real = nb::cast<bool>(numpy.attr("can_cast")(array.attr("dtype"), float64, "same_kind"));
+  } catch (const nb::python_error& error) {
+    if (!error.matches(PyExc_ValueError) && !error.matches(PyExc_TypeError)) throw;
+  }
+  if (!real) raise_invalid(std::string(field) + " must be an array of real numbers", field);
+  return numpy.attr("ascontiguousarray")(array, float64);
+}
+
 Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
   return {op, frame_of(tree, target, "target_frame"), frame_of(tree, source, "source_frame")};
 }

@@ -50,6 +50,9 @@ Stamp stamp_of(nb::handle stamp, const char* field);  // kNoStamp for None
 // Exactly n numbers from a sequence.
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field);
 Pose pose_of(nb::handle translation, nb::handle rotation);
+// A numpy array of float64, C-contiguous, from any array of real numbers or nested sequences; a
+// copy only where it has to be.
+nb::object doubles_of(nb::handle values, const char* field);
 
 template <class T>
 using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -71,6 +74,7 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
             bool release_interpreter);
 
 void bind_values(nb::module_& m);
+void bind_apply(nb::class_<Pose>& transform);
 void bind_tree(nb::module_& m);
 void bind_read(nb::module_& m, nb::class_<Tree>& tree);
 void bind_commit(nb::module_& m, nb::class_<Tree>& tree);

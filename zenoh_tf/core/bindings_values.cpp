@@ -38,15 +38,10 @@ void matrix_of(const Pose& p, double* m) {
   std::memcpy(m, rows, sizeof rows);
 }
 
-// A float64 array of any strides as a contiguous one.
-nb::object as_doubles(nb::handle values) {
-  const nb::module_ numpy = nb::module_::import_("numpy");
-  return numpy.attr("ascontiguousarray")(values, numpy.attr("float64"));
-}
-
 Pose pose_from_matrix(nb::handle matrix) {
   nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu> m;
-  if (!nb::try_cast(as_doubles(matrix), m)) raise_invalid("matrix must have the shape (4, 4)", "matrix");
+  if (!nb::try_cast(doubles_of(matrix, "matrix"), m))
+    raise_invalid("matrix must have the shape (4, 4)", "matrix");
   const auto r = [&](int i, int j) { return m(static_cast<std::size_t>(i), static_cast<std::size_t>(j)); };
   double worst = std::abs(r(3, 3) - 1);
   for (int j = 0; j < 3; ++j) worst = std::max(worst, std::abs(r(3, j)));
@@ -89,28 +84,6 @@ Pose pose_from_matrix(nb::handle matrix) {
   return p;
 }
 
-nb::object apply(const Pose& pose, nb::handle points) {
-  const nb::object array = as_doubles(points);
-  nb::ndarray<const double, nb::c_contig, nb::device::cpu> in;
-  if (!nb::try_cast(array, in) || in.ndim() == 0 || in.shape(in.ndim() - 1) != 3)
-    raise_invalid("points must have the shape (..., 3)", "points");
-  const nb::object out = nb::module_::import_("numpy").attr("empty_like")(array);
-  auto to = nb::cast<nb::ndarray<double, nb::c_contig, nb::device::cpu>>(out);
-  const double* p = in.data();
-  double* q = to.data();
-  const std::size_t n = in.size();
-  {
-    nb::gil_scoped_release release;
-    for (std::size_t i = 0; i < n; i += 3) {
-      const Vec3 v = rotate(pose, p[i], p[i + 1], p[i + 2]);
-      q[i] = pose.x + v.x;
-      q[i + 1] = pose.y + v.y;
-      q[i + 2] = pose.z + v.z;
-    }
-  }
-  return out;
-}
-
 std::string shown(const StampedTransform& s) {
   return nb::cast<std::string>(nb::repr(s.parent_frame)) + ", " +
          nb::cast<std::string>(nb::repr(s.child_frame)) + ", stamp_ns=" + std::to_string(s.stamp);
@@ -132,11 +105,13 @@ bool equal(const StampedTransform& a, const StampedTransform& b) {
 }  // namespace
 
 void bind_values(nb::module_& m) {
-  nb::class_<Pose>(m, "Transform",
-                   "A rigid transform: rotation, then translation. As `X_parent_child` it is the\n"
-                   "pose of child in parent and maps coordinates in child to coordinates in parent.\n"
-                   "Immutable. Metres; quaternions (x, y, z, w), expected to be of unit length:\n"
-                   "checked where a transform is set in a tree, not here.")
+  nb::class_<Pose> transform(
+      m, "Transform",
+      "A rigid transform: rotation, then translation. As `X_parent_child` it is the\n"
+      "pose of child in parent and maps coordinates in child to coordinates in parent.\n"
+      "Immutable. Metres; quaternions (x, y, z, w), expected to be of unit length:\n"
+      "checked where a transform is set in a tree, not here.");
+  transform
       .def("__init__",
            [](Pose* self, nb::handle translation, nb::handle rotation) {
              new (self) Pose(pose_of(translation, rotation));
@@ -149,7 +124,7 @@ void bind_values(nb::module_& m) {
                     numbers_of(pose, &p.x, 7, "pose");
                     return p;
                   }, nb::arg("pose").none(), "From x, y, z, qx, qy, qz, qw: what `pose()` gives.")
-      .def_static("from_matrix", &pose_from_matrix, nb::arg("matrix"),
+      .def_static("from_matrix", &pose_from_matrix, nb::arg("matrix").none(),
                   "From a (4, 4) homogeneous matrix. `InvalidArgumentException` if it is not rigid.")
       .def_prop_ro("translation",
                    [](const Pose& p) {
@@ -169,8 +144,6 @@ void bind_values(nb::module_& m) {
            },
            "(4, 4) float64, homogeneous.")
       .def("inverse", [](const Pose& p) { return inverse(p); }, "`X_ba` from `X_ab`.")
-      .def("apply", &apply, nb::arg("points"),
-           "Maps points (..., 3) given in child to points (..., 3) in parent.")
       .def("__matmul__", [](const Pose& a, const Pose& b) { return a * b; }, nb::is_operator(),
            "`X_ac = X_ab @ X_bc`")
       .def("__eq__", [](const Pose& a, const Pose& b) { return equal(a, b); }, nb::is_operator())
@@ -180,6 +153,7 @@ void bind_values(nb::module_& m) {
         const Pose& p = nb::cast<const Pose&>(self);
         return nb::make_tuple(self.type(), nb::make_tuple(tuple_of(&p.x, 3), tuple_of(&p.qx, 4)));
       });
+  bind_apply(transform);
 
   nb::class_<StampedTransform>(m, "StampedTransform",
                                "The pose of `child_frame` in `parent_frame` at `stamp_ns`. Immutable.")

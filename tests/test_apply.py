@@ -1,0 +1,105 @@
+"""What the apply methods of Transform take. What they give is in test_transform_laws.py."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from zenoh_tf import InvalidArgumentException, Transform
+
+Array = NDArray[np.float64]
+RNG = np.random.default_rng(7)
+METHODS: list[tuple[str, str, tuple[int, ...]]] = [
+    ("apply", "points", (3,)),
+    ("apply_vectors", "vectors", (3,)),
+    ("apply_poses", "poses", (7,)),
+    ("apply_covariance", "covariance", (6, 6)),
+    ("apply_wrench", "wrench", (6,)),
+    ("apply_twist", "twist", (6,)),
+]
+methods = pytest.mark.parametrize(("method", "field", "tail"), METHODS)
+A = Transform((1, -2, 3), (0.1, -0.5, 0.7, 0.5))
+
+
+def bound(method: str) -> Callable[[Any], Array]:
+    function: Callable[[Any], Array] = getattr(A, method)
+    return function
+
+
+@methods
+def test_any_leading_shape_and_no_input_is_modified(
+    method: str, field: str, tail: tuple[int, ...]
+) -> None:
+    for leading in [(), (1,), (5,), (2, 4), (0,), (3, 0), (4000,)]:  # the last: many numbers
+        values = RNG.normal(size=leading + tail)
+        before = values.copy()
+        values.flags.writeable = False
+        result = bound(method)(values)
+        assert result.shape == values.shape
+        assert result.dtype == np.float64
+        assert result.flags.writeable
+        np.testing.assert_array_equal(values, before)
+        rows = values.reshape(-1, *tail)
+        one_by_one = [bound(method)(row) for row in rows[:20]]
+        for got, expected in zip(result.reshape(-1, *tail), one_by_one, strict=False):
+            np.testing.assert_array_equal(got, expected)
+
+
+@methods
+def test_any_strides_and_real_dtypes(method: str, field: str, tail: tuple[int, ...]) -> None:
+    values = RNG.integers(-9, 9, size=(4, *tail))
+    expected = bound(method)(values.astype(float))
+    spread = np.zeros((8, *(2 * n for n in tail)))
+    every_other = spread[tuple([slice(None, None, -2)] * spread.ndim)]
+    every_other[...] = values
+    for form in (
+        values,
+        values.tolist(),
+        values.astype(np.float32),
+        values.astype(">f8"),
+        values.astype(np.int8),
+        np.asfortranarray(values, np.float64),
+        every_other,
+    ):
+        np.testing.assert_array_equal(bound(method)(form), expected)
+    repeated = bound(method)(np.broadcast_to(values, (3, *values.shape)))
+    np.testing.assert_array_equal(repeated, np.broadcast_to(expected, repeated.shape))
+
+
+@methods
+def test_what_cannot_be_applied_to(method: str, field: str, tail: tuple[int, ...]) -> None:
+    wrong: list[Any] = [1.0, None, "abc", [], [[1, 2], [3]], np.zeros(tail[:-1]), np.zeros((2, 5))]
+    wrong += [np.zeros(tail, complex), np.zeros(tail, str), np.zeros(tail, "M8[s]")]
+    wrong += [np.zeros((*tail[:-1], tail[-1] + 1)), np.zeros((*tail, 1))]
+    for values in wrong:
+        with pytest.raises(InvalidArgumentException) as caught:
+            bound(method)(values)
+        assert caught.value.field == field
+
+
+@methods
+def test_other_threads_run_meanwhile(method: str, field: str, tail: tuple[int, ...]) -> None:
+    values = np.ones((20_000, *tail))
+    go, ran = threading.Event(), threading.Event()
+
+    def other() -> None:
+        go.wait()
+        ran.set()
+
+    thread = threading.Thread(target=other)
+    thread.start()
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1000.0)  # from here on nobody has to give the interpreter up
+    try:
+        go.set()
+        while not ran.is_set():  # for ever, if the call keeps it
+            bound(method)(values)
+    finally:
+        sys.setswitchinterval(interval_s)
+    thread.join()
