@@ -99,19 +99,19 @@ tf_buffer = Buffer(genpy.Duration(10.0))
 listener = TransformListener(tf_buffer)
 t = TransformStamped()
 t.header.stamp = genpy.Time(2, 500_000_000)
-t.header.frame_id = "map"
-t.child_frame_id = "base"
+t.header.frame_id = "world"
+t.child_frame_id = "rover"
 t.transform.translation.x = 1.0
 t.transform.rotation.w = 1.0
 TransformBroadcaster().sendTransform(t)
-got = tf_buffer.lookup_transform("map", "base", t.header.stamp, genpy.Duration(20.0))
+got = tf_buffer.lookup_transform("world", "rover", t.header.stamp, genpy.Duration(20.0))
 assert fill(TransformStamped(), got) == t, got
 
 p = PoseWithCovarianceStamped()
-p.header.frame_id = "base"
+p.header.frame_id = "rover"
 p.header.stamp = genpy.Time(2, 500_000_000)
 p.pose.pose.orientation.w = 1.0
-p = tf_buffer.transform(p, "map", genpy.Duration(20.0))
+p = tf_buffer.transform(p, "world", genpy.Duration(20.0))
 p._check_types()
 print(p.header.frame_id, p.header.stamp.secs, p.header.stamp.nsecs, p.pose.pose.position.x)
 """
@@ -120,8 +120,8 @@ ENDS_AT_ONCE = """
 from zenoh_tf_client.tf2 import Buffer, Time, TransformBroadcaster, TransformStamped
 
 sent = TransformStamped()
-sent.header.frame_id, sent.header.stamp, sent.child_frame_id = "map", Time(1), "base"
-waits = [Buffer().wait_for_transform_async("map", "never", Time()) for _ in range(3)]
+sent.header.frame_id, sent.header.stamp, sent.child_frame_id = "port", Time(1), "ship"
+waits = [Buffer().wait_for_transform_async("port", "never", Time()) for _ in range(3)]
 TransformBroadcaster().sendTransform(sent)
 """
 
@@ -189,11 +189,11 @@ def test_no_module_of_ros_is_imported(shared_server: Any) -> None:
     not (ROS_1 / "geometry_msgs").is_dir(), reason=f"no geometry_msgs of ROS 1 in {ROS_1}"
 )
 def test_real_messages_of_ros_1(shared_server: Any) -> None:
-    assert run(shared_server, WITH_REAL_MESSAGES) == ["map 2 500000000 1.0"]
+    assert run(shared_server, WITH_REAL_MESSAGES) == ["world 2 500000000 1.0"]
 
 
 def test_a_script_may_end_at_any_time(shared_server: Any) -> None:
     """What it sent arrives, and waits that are under way do not hold it."""
     run(shared_server, ENDS_AT_ONCE)
     with shared_server.connect() as tf:
-        assert tf.can_transform("map", "base", timeout_s=20.0)
+        assert tf.can_transform("port", "ship", timeout_s=20.0)
