@@ -25,15 +25,17 @@ from zenoh_tf.errors import (
     TransactionConflict,
     TransformException,
 )
-from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.frame_info import AuthorityInfo, FrameChange, FrameInfo
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
 __all__ = [
+    "AuthorityInfo",
     "BackwardExtrapolationException",
     "ConnectivityException",
     "ExtrapolationException",
     "ForwardExtrapolationException",
+    "FrameChange",
     "FrameInfo",
     "InvalidArgumentException",
     "LatestTransform",

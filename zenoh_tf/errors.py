@@ -29,6 +29,8 @@ FACTS = {
     "source_frame": "the lookup's source",
     "frame": "the offending frame, or the child frame of the offending link",
     "parent_frame": "the parent frame of the offending link",
+    "target_root": "no path: where the way up from the target ends",
+    "source_root": "no path: where the way up from the source ends",
     "stamp_ns": "the time asked for",
     "oldest_stamp_ns": "the oldest time that the link can serve",
     "newest_stamp_ns": "the newest time that the link can serve",
@@ -48,6 +50,8 @@ class TransformException(Exception):
     source_frame: str | None = None
     frame: str | None = None
     parent_frame: str | None = None
+    target_root: str | None = None
+    source_root: str | None = None
     stamp_ns: int | None = None
     oldest_stamp_ns: int | None = None
     newest_stamp_ns: int | None = None

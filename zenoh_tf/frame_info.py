@@ -1,8 +1,27 @@
-"""What the tree knows about one frame."""
+"""What the tree knows about its frames, and about who writes them."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+
+@dataclass(frozen=True, slots=True)
+class FrameChange:
+    """The last time that a frame's link became another: its newest parent changed
+    (``reparented``), it went from static to dynamic or back (``switched``), or only another
+    authority took it over (``authority``). tf2 does all three silently.
+
+    ``authority`` did it, with a transform stamped ``stamp_ns``; ``parent_before`` and
+    ``static_before`` tell what the link was.
+    """
+
+    kind: Literal["reparented", "switched", "authority"]
+    stamp_ns: int
+    authority: str
+    parent_before: str | None
+    static_before: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +32,8 @@ class FrameInfo:
     A static link has one sample, good for all times. The counters: samples ``rewritten`` at an
     equal stamp, ``dropped`` as too old, ``evicted`` before their time because the frame was
     full; times the newest link was ``reparented``, ``switched`` between static and dynamic,
-    taken over by another authority (``authority_changes``).
+    taken over by another authority (``authority_changes``); ``last_change`` is the latest of
+    these three.
     """
 
     name: str
@@ -30,6 +50,13 @@ class FrameInfo:
     reparented: int
     switched: int
     authority_changes: int
+    last_change: FrameChange | None
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> Self:
+        """From the map of the fields, as it travels."""
+        change = record["last_change"]
+        return cls(**{**record, "last_change": None if change is None else FrameChange(**change)})
 
     @property
     def rate_hz(self) -> float | None:
@@ -38,3 +65,28 @@ class FrameInfo:
             return None
         span_ns = self.newest_stamp_ns - self.oldest_stamp_ns
         return self.samples * 1e9 / span_ns if span_ns > 0 else None
+
+    def delay_s(self, now_ns: int | None = None) -> float | None:
+        """How far the newest sample is behind ``now_ns`` (default: this machine's clock), in
+        seconds; ``None`` for a static link or no data. tf2's transform delay."""
+        if self.static or self.newest_stamp_ns is None:
+            return None
+        return ((time.time_ns() if now_ns is None else now_ns) - self.newest_stamp_ns) * 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class AuthorityInfo:
+    """What an authority has done since the tree exists. Commits without one are not counted.
+
+    ``frames``: whose newest writer it is. ``commits``, and the transforms in them that were
+    ``stored`` or ``dropped`` as too old; samples ``rewritten`` at an equal stamp;
+    ``conflicts``: times it took over a frame that another had written.
+    """
+
+    name: str
+    frames: int
+    commits: int
+    stored: int
+    dropped: int
+    rewritten: int
+    conflicts: int

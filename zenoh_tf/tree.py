@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from zenoh_tf import _core
 from zenoh_tf.array import TransformArray
-from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
@@ -30,6 +30,10 @@ class TransformTree(_core.Tree):
             names the one that was hit. A link that is full drops its oldest sample and counts it.
             ``max_depth`` is the number of links that a lookup climbs from either frame.
         one_authority_per_frame: Refuse a write to a link that another authority has written.
+        time_jump: What a transform means that is older than its link's newest by more than the
+            cache time. ``"reject"``: it is late, and dropped or refused. ``"clear"``: time was set
+            back, as simulators do; everything but static links is dropped, and it is stored.
+            A jump back by less than the cache time cannot be told from a late transform.
 
     Writing (``InvalidArgumentException`` says what is wrong, for which frames):
         ``set_transform(stamped, authority="", static=False)``: True stored, False dropped because
@@ -112,4 +116,8 @@ class TransformTree(_core.Tree):
 
     def frame(self, name: str) -> FrameInfo:
         """What is known about a frame and its link; ``LookupException`` if it does not exist."""
-        return FrameInfo(**self.frame_record(name))
+        return FrameInfo.from_record(self.frame_record(name))
+
+    def authorities(self) -> list[AuthorityInfo]:
+        """What each authority has done, in the order of their first commits."""
+        return [AuthorityInfo(**record) for record in self.authority_records()]

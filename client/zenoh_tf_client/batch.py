@@ -20,6 +20,7 @@ from typing import Any, Generic, Self, TypeVar
 from numpy.typing import ArrayLike
 
 from zenoh_tf import (
+    AuthorityInfo,
     FrameInfo,
     LatestTransform,
     StampedTransform,
@@ -201,6 +202,9 @@ class Batch:
 
     def frame(self, name: str) -> Handle[FrameInfo]:
         return self._record(requests.frame(name))
+
+    def authorities(self) -> Handle[list[AuthorityInfo]]:
+        return self._record(requests.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> Handle[str | None]:
         return self._record(requests.parent(frame, stamp_ns))

@@ -9,6 +9,7 @@ from typing import Self, TypeVar
 from numpy.typing import ArrayLike
 
 from zenoh_tf import (
+    AuthorityInfo,
     FrameInfo,
     LatestTransform,
     StampedTransform,
@@ -178,6 +179,9 @@ class TransformClient:
     def clear(self, keep_static: bool = True) -> None:
         self._call(requests.clear(keep_static))
 
+    def remove_frame(self, name: str, subtree: bool = False) -> None:
+        self._call(requests.remove_frame(name, subtree))
+
     # --- introspection
 
     def frames(self) -> list[str]:
@@ -185,6 +189,9 @@ class TransformClient:
 
     def frame(self, name: str) -> FrameInfo:
         return self._call(requests.frame(name))
+
+    def authorities(self) -> list[AuthorityInfo]:
+        return self._call(requests.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         return self._call(requests.parent(frame, stamp_ns))

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zenoh_tf import (
+    AuthorityInfo,
+    FrameChange,
     FrameInfo,
     LatestTransform,
     StampedTransform,
@@ -279,9 +281,17 @@ def set_transforms_xact(
     return Call("commit", wire.commit_body(commit), parse)
 
 
-def clear(keep_static: bool = True) -> Request[None]:
-    body = wire.call_body("clear", keep_static=keep_static)
+def _admin(what: str, **arguments: str | bool) -> Request[None]:
+    body = wire.call_body(what, **arguments)
     return Call("admin", body, lambda reply: wire.parse_value(reply, type(None)))
+
+
+def clear(keep_static: bool = True) -> Request[None]:
+    return _admin("clear", keep_static=keep_static)
+
+
+def remove_frame(name: str, subtree: bool = False) -> Request[None]:
+    return _admin("remove_frame", name=name, subtree=subtree)
 
 
 # --- introspection
@@ -302,13 +312,28 @@ def frames() -> Request[list[str]]:
 
 def frame(name: str) -> Request[FrameInfo]:
     def parse(reply: wire.Message) -> FrameInfo:
-        record = wire.parse_value(reply, dict)
-        known = {entry.name for entry in fields(FrameInfo)}
-        if not known <= record.keys():
-            raise ProtocolError(f"a frame's record without {known - record.keys()}", field="value")
-        return FrameInfo(**{key: value for key, value in record.items() if key in known})
+        record = _record(wire.parse_value(reply, dict), FrameInfo)
+        if record["last_change"] is not None:
+            record["last_change"] = _record(record["last_change"], FrameChange)
+        return FrameInfo.from_record(record)
 
     return Call("info", wire.call_body("frame", frame=name), parse)
+
+
+def authorities() -> Request[list[AuthorityInfo]]:
+    def parse(reply: wire.Message) -> list[AuthorityInfo]:
+        records = wire.parse_value(reply, list)
+        return [AuthorityInfo(**_record(record, AuthorityInfo)) for record in records]
+
+    return Call("info", wire.call_body("authorities"), parse)
+
+
+def _record(value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo]) -> dict[str, Any]:
+    """The fields of a record, without those of a newer server."""
+    known = {entry.name for entry in fields(kind)}
+    if type(value) is not dict or not known <= value.keys():
+        raise ProtocolError(f"a record of {kind.__name__} has the fields {known}", field="value")
+    return {name: value[name] for name in known}
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:

@@ -19,6 +19,8 @@ def answer(service: Service, message: wire.Message) -> Any:
         return tree.frames()
     if what == "frame":
         return tree.frame_record(wire.text(message, "frame"))
+    if what == "authorities":
+        return tree.authority_records()
     if what == "parent":
         return tree.parent(wire.text(message, "frame"), _stamp(message))
     if what == "chain":

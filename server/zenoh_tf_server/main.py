@@ -70,6 +70,14 @@ def parser() -> argparse.ArgumentParser:
         help="refuse transforms of a frame from a second authority, instead of reporting them",
     )
     flags.add_argument(
+        "--time-jump",
+        choices=("reject", "clear"),
+        default="reject",
+        help="what a transform means that is older than its frame's newest by more than the "
+        "cache time: a late one, to be dropped; or that simulated time was set back, so that "
+        "everything but static transforms is cleared first (default: %(default)s)",
+    )
+    flags.add_argument(
         "--workers",
         type=int,
         default=min(8, max(2, os.cpu_count() or 2)),
@@ -109,6 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cache_time_s=options.cache_time,
         concurrency=options.concurrency,
         one_authority_per_frame=options.one_authority_per_frame,
+        time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
     )

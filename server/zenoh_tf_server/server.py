@@ -21,6 +21,7 @@ from .workers import Workers
 log = logging.getLogger("zenoh_tf.server")
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
+TimeJump = Literal["reject", "clear"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Settings:
     cache_time_s: float
     concurrency: Concurrency
     one_authority_per_frame: bool
+    time_jump: TimeJump
     workers: int
     limits: Limits
 
@@ -49,6 +51,7 @@ class Server:
             max_name_bytes=limits.name_bytes,
             max_depth=limits.depth,
             one_authority_per_frame=settings.one_authority_per_frame,
+            time_jump=settings.time_jump,
         )
         # Closed in the reverse order: no more queries, then no more waiters, then the session.
         with ExitStack() as stack:

@@ -281,8 +281,13 @@ class Service:
 
     def _run_admin(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
-        if what != "clear":
+        if what == "clear":
+            self.tree.clear(wire.flag(message, "keep_static", True))
+            log.info("cleared")
+        elif what == "remove_frame":
+            name = wire.text(message, "name")
+            self.tree.remove_frame(name, wire.flag(message, "subtree"))
+            log.info("removed frame %r", name)
+        else:
             raise InvalidArgumentException(f"no admin operation {what!r}", field="what")
-        self.tree.clear(wire.flag(message, "keep_static", True))
-        log.info("cleared")
         return {"value": None}

@@ -66,7 +66,7 @@ TEST(old_rows_are_dropped_or_refuse) {
   w.set("a", "b", 100, at_x(100));
   CHECK(w.set("a", "b", 90, at_x(90)));
   CHECK(!w.set("a", "b", 89));
-  CHECK_EQ(w.tree.counters(w.id("b")).dropped.load(), 1u);
+  CHECK_EQ(w.tree.events(w.id("b")).dropped.load(), 1u);
   std::vector<std::uint8_t> stored;
   CHECK(!w.commit({{"a", "b", 89}, {"a", "c", 1}, {"a", "b", 101, at_x(101)}}, {.drop_old = true}, &stored));
   const std::vector<std::uint8_t> expected = {0, 1, 1};
@@ -82,11 +82,11 @@ TEST(a_full_frame_refuses_older_rows) {
     for (Stamp t = 1; t <= 4; ++t) w.set("a", "b", 10 * t);
     check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 5}, {"a", "c", 5}});
     CHECK(!w.set("a", "b", 5));
-    CHECK_EQ(w.tree.counters(w.id("b")).dropped.load(), 1u);
+    CHECK_EQ(w.tree.events(w.id("b")).dropped.load(), 1u);
     CHECK(w.set("a", "b", 10, at_x(1)));
     CHECK(w.set("a", "b", 15));
     CHECK_EQ(w.tree.info(w.id("b")).oldest, 15);
-    CHECK_EQ(w.tree.counters(w.id("b")).evicted.load(), 1u);
+    CHECK_EQ(w.tree.events(w.id("b")).evicted.load(), 1u);
     check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 14}, {"a", "b", 60}});
   });
 }
@@ -129,8 +129,8 @@ TEST(cycles_are_refused) {
     // A sample older than the newest changes no topology.
     CHECK_EQ(w.refusal({{"a", "r", 3}}), Code::ok);
     CHECK_EQ(w.tree.parent(w.id("r"), kNoStamp), w.id("top"));
-    CHECK_EQ(w.tree.counters(w.id("a")).reparented.load(), 0u);
-    CHECK_EQ(w.tree.counters(w.id("b")).reparented.load(), 1u);
+    CHECK_EQ(w.tree.events(w.id("a")).reparented.load(), 0u);
+    CHECK_EQ(w.tree.events(w.id("b")).reparented.load(), 1u);
   });
 }
 
@@ -159,7 +159,7 @@ TEST(authorities_are_counted_and_limited) {
   World w(Options{.max_authorities = 2});
   CHECK_EQ(w.refusal({{"a", "b", 1}}, {.authority = "one"}), Code::ok);
   CHECK_EQ(w.refusal({{"a", "b", 2}}, {.authority = "two"}), Code::ok);
-  CHECK_EQ(w.tree.counters(w.id("b")).authority_changes.load(), 1u);
+  CHECK_EQ(w.tree.events(w.id("b")).authority_changes.load(), 1u);
   check_refused(w, Code::limit, "max_authorities", {{"a", "b", 3}}, {.authority = "three"});
   check_refused(w, Code::limit, "max_name_bytes", {{"a", "b", 3}}, {.authority = std::string(256, 'x')});
 }

@@ -44,6 +44,7 @@ struct Failure {
   Code code = Code::ok;
   FrameId target = 0, source = 0;  // of the walk that failed
   FrameId frame = 0, parent = 0;   // the offending link: child, parent
+  FrameId target_root = 0, source_root = 0;  // connectivity: where the two ways up end
   Stamp stamp = kNoStamp, oldest = kNoStamp, newest = kNoStamp;
 };
 

@@ -50,8 +50,13 @@ nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb:
               " is longer than " + std::to_string(tree.options().max_depth) +
               " links, or runs in a loop" + at;
   } else if (f.code == Code::connectivity) {
+    const std::string target_root(tree.name(f.target_root)), source_root(tree.name(f.source_root));
+    facts["target_root"] = target_root;
+    facts["source_root"] = source_root;
     message = "no path joins " + quoted(target_name) + " and " + quoted(source_name) + at +
-              ": they are in different trees";
+              ": the way up from " + quoted(target_name) + " ends at " + quoted(target_root) +
+              ", that from " + quoted(source_name) + " at " + quoted(source_root) +
+              ", and neither has a link to a parent";
   } else {
     const std::string child(tree.name(f.frame)), parent(tree.name(f.parent));
     facts["frame"] = child;
@@ -61,12 +66,12 @@ nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb:
     const std::string link = "the link from " + quoted(parent) + " to " + quoted(child);
     switch (f.code) {
       case Code::forward:
-        message = "extrapolation into the future: " + link + " has its newest sample at " +
-                  std::to_string(f.newest);
+        message = "extrapolation into the future: " + link + " has samples from " +
+                  std::to_string(f.oldest) + " to " + std::to_string(f.newest);
         break;
       case Code::backward:
-        message = "extrapolation into the past: " + link + " has its oldest sample at " +
-                  std::to_string(f.oldest);
+        message = "extrapolation into the past: " + link + " has samples from " +
+                  std::to_string(f.oldest) + " to " + std::to_string(f.newest);
         break;
       default:
         message = "extrapolation: " + link + " has a single sample, at " + std::to_string(f.newest);

@@ -24,32 +24,77 @@ nb::object name_or_none(const Tree& tree, FrameId id) {
 
 nb::list frames(const Tree& tree) {
   nb::list out;
-  for (FrameId id = 1, n = tree.size(); id <= n; ++id) out.append(name_or_none(tree, id));
+  for (FrameId id = 1, n = tree.size(); id <= n; ++id)
+    if (!tree.removed(id)) out.append(name_or_none(tree, id));
   return out;
+}
+
+nb::object text(std::string_view value) { return nb::str(value.data(), value.size()); }
+
+nb::object last_change(const Tree& tree, const FrameInfo& info) {
+  using Change = FrameEvents::Change;
+  if (info.change == Change::none) return nb::none();
+  nb::dict out;
+  out["kind"] = info.change == Change::reparented ? "reparented"
+                : info.change == Change::switched ? "switched"
+                                                  : "authority";
+  out["stamp_ns"] = info.change_stamp;
+  out["authority"] = text(tree.authority(info.change_authority));
+  out["parent_before"] = name_or_none(tree, info.parent_before);
+  out["static_before"] = info.static_before;
+  return out;
+}
+
+template <class T>
+T load(const std::atomic<T>& counter) {
+  return counter.load(std::memory_order_relaxed);
 }
 
 nb::dict frame_record(const Tree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
   const FrameInfo info = tree.info(id);
-  const FrameCounters& counters = tree.counters(id);
-  const auto count = [](const std::atomic<std::uint32_t>& c) { return c.load(std::memory_order_relaxed); };
+  const FrameEvents& events = tree.events(id);
   const bool has_data = info.parent != 0;
-  const std::string_view authority = tree.authority(info.authority);
+  const auto stamp = [&](Stamp value) { return has_data ? nb::object(nb::int_(value)) : nb::none(); };
   nb::dict out;
   out["name"] = name;
   out["parent"] = name_or_none(tree, info.parent);
-  out["authority"] = nb::str(authority.data(), authority.size());
+  out["authority"] = text(tree.authority(info.authority));
   out["static"] = has_data && info.is_static;
   out["samples"] = has_data ? (info.is_static ? 1 : info.samples) : 0;
-  out["oldest_stamp_ns"] = has_data ? nb::object(nb::int_(info.is_static ? info.newest : info.oldest)) : nb::none();
-  out["newest_stamp_ns"] = has_data ? nb::object(nb::int_(info.newest)) : nb::none();
+  out["oldest_stamp_ns"] = stamp(info.is_static ? info.newest : info.oldest);
+  out["newest_stamp_ns"] = stamp(info.newest);
   out["version"] = info.version;
-  out["rewritten"] = count(counters.rewritten);
-  out["dropped"] = count(counters.dropped);
-  out["evicted"] = count(counters.evicted);
-  out["reparented"] = count(counters.reparented);
-  out["switched"] = count(counters.switched);
-  out["authority_changes"] = count(counters.authority_changes);
+  out["rewritten"] = load(events.rewritten);
+  out["dropped"] = load(events.dropped);
+  out["evicted"] = load(events.evicted);
+  out["reparented"] = load(events.reparented);
+  out["switched"] = load(events.switched);
+  out["authority_changes"] = load(events.authority_changes);
+  out["last_change"] = last_change(tree, info);
+  return out;
+}
+
+nb::list authority_records(const Tree& tree) {
+  const AuthorityId n = tree.authorities();
+  std::vector<std::uint32_t> frames(n + 1);
+  for (FrameId id = 1, size = tree.size(); id <= size; ++id) {
+    const FrameInfo info = tree.info(id);
+    if (info.parent != 0 && info.authority <= n) ++frames[info.authority];
+  }
+  nb::list out;
+  for (AuthorityId id = 1; id <= n; ++id) {
+    const AuthorityCounters& counters = tree.authority_counters(id);
+    nb::dict record;
+    record["name"] = text(tree.authority(id));
+    record["frames"] = frames[id];
+    record["commits"] = load(counters.commits);
+    record["stored"] = load(counters.stored);
+    record["dropped"] = load(counters.dropped);
+    record["rewritten"] = load(counters.rewritten);
+    record["conflicts"] = load(counters.conflicts);
+    out.append(record);
+  }
   return out;
 }
 
@@ -65,20 +110,21 @@ nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handl
 }
 
 nb::dict stats(const Tree& tree) {
-  std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0;
+  std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0, frames = 0;
   for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
     const FrameInfo info = tree.info(id);
-    const FrameCounters& counters = tree.counters(id);
+    const FrameEvents& events = tree.events(id);
+    if (!tree.removed(id)) ++frames;
     if (info.parent != 0 && info.is_static)
       ++statics;
     else if (info.parent != 0)
       samples += info.samples;
-    rewritten += counters.rewritten.load(std::memory_order_relaxed);
-    dropped += counters.dropped.load(std::memory_order_relaxed);
-    evicted += counters.evicted.load(std::memory_order_relaxed);
+    rewritten += load(events.rewritten);
+    dropped += load(events.dropped);
+    evicted += load(events.evicted);
   }
   nb::dict out;
-  out["frames"] = tree.size();
+  out["frames"] = frames;
   out["static_links"] = statics;
   out["samples"] = samples;
   out["commits"] = tree.commits();
@@ -86,6 +132,7 @@ nb::dict stats(const Tree& tree) {
   out["rewritten"] = rewritten;
   out["dropped"] = dropped;
   out["evicted"] = evicted;
+  out["time_jumps"] = tree.time_jumps();
   return out;
 }
 
@@ -94,6 +141,7 @@ nb::dict stats(const Tree& tree) {
 void bind_introspection(nb::class_<Tree>& tree) {
   tree.def("frames", &frames)
       .def("frame_record", &frame_record, nb::arg("name"))
+      .def("authority_records", &authority_records)
       .def("parent",
            [](const Tree& tree, nb::handle frame, nb::handle stamp) {
              return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));

@@ -184,6 +184,17 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
          stored, true);
 }
 
+void remove_frame(Tree& tree, nb::handle name, bool subtree) {
+  (void)frame_of(tree, name, "name");  // refuses what can be no frame's name
+  const std::string_view text = text_of(name, "name");
+  try {
+    nb::gil_scoped_release release;
+    tree.remove_frame(text, subtree);
+  } catch (const Refused& refused) {
+    raise(make_error(refused));
+  }
+}
+
 std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most, const char* field) {
   if (value < least || value > most)
     raise_invalid(std::string(field) + " must be from " + std::to_string(least) + " to " +
@@ -193,7 +204,7 @@ std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most
 
 void construct(Tree* self, double cache_time_s, std::string_view concurrency, std::int64_t max_frames,
                std::int64_t max_samples_per_frame, std::int64_t max_name_bytes,
-               std::int64_t max_depth, bool one_authority_per_frame) {
+               std::int64_t max_depth, bool one_authority_per_frame, std::string_view time_jump) {
   Options options;
   if (!(cache_time_s > 0 && cache_time_s <= 1e9))
     raise_invalid("cache_time_s must be above 0 and at most 1e9 seconds", "cache_time_s");
@@ -212,6 +223,9 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency, st
   options.max_name_bytes = limit_of(max_name_bytes, 1, 65535, "max_name_bytes");
   options.max_depth = limit_of(max_depth, 1, std::int64_t{1} << 20, "max_depth");
   options.one_authority_per_frame = one_authority_per_frame;
+  if (time_jump != "reject" && time_jump != "clear")
+    raise_invalid("time_jump must be 'reject' or 'clear'", "time_jump");
+  options.clear_on_time_jump = time_jump == "clear";
   new (self) Tree(options);
 }
 
@@ -226,7 +240,8 @@ void bind_tree(nb::module_& m) {
            nb::arg("max_samples_per_frame") = defaults.max_samples_per_frame,
            nb::arg("max_name_bytes") = defaults.max_name_bytes,
            nb::arg("max_depth") = defaults.max_depth,
-           nb::arg("one_authority_per_frame") = defaults.one_authority_per_frame)
+           nb::arg("one_authority_per_frame") = defaults.one_authority_per_frame,
+           nb::arg("time_jump") = "reject")
       .def("set_transform", &set, nb::arg("stamped"), nb::arg("authority") = "",
            nb::arg("static") = false)
       .def("set_transforms_xact", &set_all, nb::arg("stampeds"), nb::arg("authority") = "",
@@ -244,7 +259,8 @@ void bind_tree(nb::module_& m) {
       .def("lookup_latest_transforms_xact", &latest_all, nb::arg("pairs"))
       .def("latest_common_time", &latest_common_time, nb::arg("a"), nb::arg("b"))
       .def("clear", &Tree::clear, nb::arg("keep_static") = true,
-           nb::call_guard<nb::gil_scoped_release>());
+           nb::call_guard<nb::gil_scoped_release>())
+      .def("remove_frame", &remove_frame, nb::arg("name"), nb::arg("subtree") = false);
   bind_read(m, tree);
   bind_commit(m, tree);
   bind_introspection(tree);

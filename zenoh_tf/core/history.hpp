@@ -51,6 +51,14 @@ inline Stamp oldest_stamp(const Frame& frame) noexcept {
   return ring->stamp(frame.first.load(std::memory_order_acquire));
 }
 
+// The parent of that sample.
+inline FrameId oldest_parent(const Frame& frame) noexcept {
+  const Ring* ring = frame.ring.load(std::memory_order_acquire);
+  if (!ring || frame.count.load(std::memory_order_acquire) == 0)
+    return frame.parent.load(std::memory_order_acquire);
+  return ring->parent(frame.first.load(std::memory_order_acquire));
+}
+
 struct HistoryLimits {
   std::uint64_t cache_ns;
   std::uint32_t max_samples;

@@ -1,10 +1,10 @@
 // Names to dense ids, append-only.
 //
-// Thread safety: find() and name() from any thread, without locks; insert()
-// from one thread at a time (the tree's topology mutex).
+// Thread safety: find() and name() from any thread, without locks; insert(),
+// hide() and show() from one thread at a time (the tree's topology mutex).
 // Invariants
 // 1. Ids count up from 1 without gaps; 0 means "no such name".
-// 2. A slot, once filled, never changes; a smaller table that a reader may
+// 2. A slot, once filled, never changes, but a name may be hidden and shown again; a smaller table that a reader may
 //    still probe is kept until the end. Tables double, so all that is kept is
 //    less than twice the last one.
 // 3. insert() fills names_[id] before it publishes the slot with release order.
@@ -38,7 +38,12 @@ class NameTable {
   NameTable(const NameTable&) = delete;
   NameTable& operator=(const NameTable&) = delete;
 
+  // 0 where there is no such name, or it is hidden.
   [[nodiscard]] Id find(std::string_view name) const noexcept {
+    const Id id = find_any(name);
+    return hidden(id) ? 0 : id;
+  }
+  [[nodiscard]] Id find_any(std::string_view name) const noexcept {
     const std::uint64_t hash = hash_of(name);
     const Table& table = *table_.load(std::memory_order_acquire);
     for (std::size_t i = hash & table.mask;; i = (i + 1) & table.mask) {
@@ -55,6 +60,12 @@ class NameTable {
   [[nodiscard]] std::string_view name(Id id) const noexcept {
     return {names_[id].text, names_[id].length};
   }
+  [[nodiscard]] bool hidden(Id id) const noexcept {
+    return names_[id].hidden.load(std::memory_order_acquire);
+  }
+  void hide(Id id) noexcept { names_[id].hidden.store(true, std::memory_order_release); }
+  void show(Id id) noexcept { names_[id].hidden.store(false, std::memory_order_release); }
+
   [[nodiscard]] std::uint32_t size() const noexcept { return size_.load(std::memory_order_acquire); }
   [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
 
@@ -73,7 +84,8 @@ class NameTable {
   Id insert(std::string_view name) {
     reserve(1, name.size());
     const Id id = size() + 1;
-    names_[id] = {copy(name), static_cast<std::uint32_t>(name.size())};
+    names_[id].text = copy(name);
+    names_[id].length = static_cast<std::uint32_t>(name.size());
     place(*tables_.back(), hash_of(name), id);
     size_.store(id, std::memory_order_release);
     return id;
@@ -83,6 +95,7 @@ class NameTable {
   struct Entry {
     const char* text;
     std::uint32_t length;
+    std::atomic<bool> hidden;
   };
   // A slot: the hash's upper half, then the id. The hash's lower half chose the place.
   struct Table {

@@ -316,6 +316,8 @@ class Reader {
   void explain(const Way& from_target, const Way& from_source, Stamp stamp, Answer& a) const {
     a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
     a.failure.stamp = stamp;
+    a.failure.target_root = id_of(from_target.top);
+    a.failure.source_root = id_of(from_source.top);
     for (const Way* way : {&from_source, &from_target})
       if (way->end == Way::End::too_deep) {
         a.failure.code = Code::lookup;
@@ -327,7 +329,10 @@ class Reader {
         const Frame& frame = *way->top;
         a.failure.code = code_of(way->why);
         a.failure.frame = id_of(way->top);
-        a.failure.parent = frame.parent.load(std::memory_order_acquire);
+        // The link as of the end of time that was overstepped.
+        a.failure.parent = way->why == Place::Kind::backward
+                               ? oldest_parent(frame)
+                               : frame.parent.load(std::memory_order_acquire);
         a.failure.oldest = oldest_stamp(frame);
         a.failure.newest = frame.latest_stamp.load(std::memory_order_acquire);
         return;

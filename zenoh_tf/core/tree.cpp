@@ -1,38 +1,18 @@
-// The tree as a whole: its memory, and clearing it.
+// The tree as a whole: its memory, and what drops samples of many frames.
 #include "tree.hpp"
 
-#include <cstdlib>
-#include <new>
+#include <algorithm>
 
 #include "write_locks.hpp"
 
 namespace ztf {
 
-namespace {
-
-// Zeroed memory that costs nothing until it is touched, aligned for Frame.
-void* zeroed(std::size_t bytes) {
-  void* memory = std::calloc(1, bytes + alignof(Frame));
-  if (!memory) throw std::bad_alloc();
-  return memory;
-}
-
-Frame* aligned(void* memory) noexcept {
-  const auto address = reinterpret_cast<std::uintptr_t>(memory);
-  return reinterpret_cast<Frame*>((address + alignof(Frame) - 1) & ~(alignof(Frame) - 1));
-}
-
-}  // namespace
-
-void Tree::Freed::operator()(void* memory) const noexcept { std::free(memory); }
-
 Tree::Tree(const Options& options)
     : options_(options),
-      memory_(zeroed((std::size_t{options.max_frames} + 1) * sizeof(Frame))),
-      frames_(aligned(memory_.get())),
-      counters_memory_(static_cast<FrameCounters*>(
-          zeroed((std::size_t{options.max_frames} + 1) * sizeof(FrameCounters)))),
-      counters_(counters_memory_.get()),
+      frame_array_(std::size_t{options.max_frames} + 1),
+      frames_(frame_array_.begin()),
+      events_(std::size_t{options.max_frames} + 1),
+      authority_counters_(std::size_t{options.max_authorities} + 1),
       names_(options.max_frames),
       authorities_(options.max_authorities) {}
 
@@ -40,27 +20,107 @@ Tree::~Tree() {
   for (FrameId id = 1; id <= names_.size(); ++id) frames_[id].~Frame();
 }
 
-void Tree::clear(bool keep_static) {
+void Tree::wake_changed(const SmallVector<FrameId, 16>& frames,
+                        const SmallVector<bool, 16>& changed) {
+  count_.add();
+  for (std::size_t i = 0; room_.size() != 0 && i < frames.size(); ++i)
+    if (changed[i] && frames_[frames[i]].waiters.load(std::memory_order_seq_cst) != 0)
+      room_.changed(frames[i], WaitingRoom::Change::other);
+}
+
+// With every frame locked: drops samples, if the condition then holds.
+template <class Condition>
+void Tree::drop_samples(bool keep_static, Condition&& condition) {
   std::unique_lock giant(giant_, std::defer_lock);
   if (options_.concurrency == Concurrency::giant) giant.lock();
-  const std::lock_guard topology(topology_);
   SmallVector<FrameId, 16> all;
   SmallVector<bool, 16> changed;
-  for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
-  (void)changed.reserve(all.size());  // halfway nothing may fail
-  WriteLocks locks(*this, all);
-  for (const FrameId id : all) {
-    Frame& frame = frames_[id];
-    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
-    const bool drop = has_data && !(keep_static && frame.is_static.load(std::memory_order_relaxed));
-    if (drop) forget(frame);
-    changed.push_back(drop);
+  {
+    const std::lock_guard topology(topology_);
+    for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
+    (void)changed.reserve(all.size());  // halfway nothing may fail
+    WriteLocks locks(*this, all);
+    if (!condition()) return;
+    for (const FrameId id : all) {
+      Frame& frame = frames_[id];
+      const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
+      const bool drop = has_data && !(keep_static && frame.is_static.load(std::memory_order_relaxed));
+      if (drop) forget(frame);
+      changed.push_back(drop);
+    }
+    locks.release(changed);
   }
-  locks.release(changed);
-  count_.add();
-  for (std::size_t i = 0; room_.size() != 0 && i < all.size(); ++i)
-    if (changed[i] && frames_[all[i]].waiters.load(std::memory_order_seq_cst) != 0)
-      room_.changed(all[i], WaitingRoom::Change::other);
+  wake_changed(all, changed);
+}
+
+void Tree::clear(bool keep_static) {
+  drop_samples(keep_static, [] { return true; });
+}
+
+// Where others have dropped the samples meanwhile, and stored newer ones, those stay.
+void Tree::clear_if(const TimeJump& jump) {
+  drop_samples(true, [&] {
+    const Frame& frame = frames_[jump.frame];
+    const bool stands =
+        !frame.is_static.load(std::memory_order_relaxed) &&
+        frame.count.load(std::memory_order_relaxed) > 0 &&
+        too_old(jump.stamp, frame.latest_stamp.load(std::memory_order_relaxed), options_.cache_ns);
+    if (stands) time_jumps_.fetch_add(1);
+    return stands;
+  });
+}
+
+void Tree::remove_frame(std::string_view name, bool subtree) {
+  std::unique_lock giant(giant_, std::defer_lock);
+  if (options_.concurrency == Concurrency::giant) giant.lock();
+  const auto quoted = [](std::string_view text) {
+    return std::string("'").append(text).append("'");
+  };
+  SmallVector<FrameId, 16> gone;
+  SmallVector<bool, 16> changed;
+  {
+    const std::lock_guard topology(topology_);  // the newest parents stand still
+    const FrameId id = names_.find(name);
+    if (id == 0)
+      throw Refused{.code = Code::lookup,
+                    .message = "frame " + quoted(name) + " does not exist",
+                    .frame = std::string(name)};
+    gone.push_back(id);
+    const auto parent_of = [&](FrameId frame) {
+      return frames_[frame].parent.load(std::memory_order_relaxed);
+    };
+    if (frames_[id].is_parent.load(std::memory_order_relaxed)) {
+      std::vector<std::pair<FrameId, FrameId>> links;  // parent, child
+      for (FrameId frame = 1; frame <= names_.size(); ++frame)
+        if (parent_of(frame) != 0) links.emplace_back(parent_of(frame), frame);
+      std::sort(links.begin(), links.end());
+      for (std::size_t i = 0; i < gone.size(); ++i) {
+        auto link = std::lower_bound(links.begin(), links.end(), std::pair(gone[i], FrameId{0}));
+        for (; link != links.end() && link->first == gone[i]; ++link) {
+          if (!subtree)
+            throw Refused{.code = Code::invalid_argument,
+                          .message = "frame " + quoted(name) + " is the parent of " +
+                                     quoted(names_.name(link->second)) +
+                                     ": remove that first, or the whole subtree",
+                          .frame = std::string(names_.name(link->second)),
+                          .parent = std::string(name),
+                          .field = "name"};
+          gone.push_back(link->second);
+        }
+      }
+    }
+    std::sort(gone.begin(), gone.end());
+    (void)changed.reserve(gone.size());
+    WriteLocks locks(*this, gone);
+    for (const FrameId frame : gone) {
+      forget(frames_[frame]);
+      frames_[frame].authority.store(0, std::memory_order_release);
+      names_.hide(frame);
+      changed.push_back(true);
+    }
+    locks.release(changed);
+  }
+  wake_changed(gone, changed);
 }
 
 }  // namespace ztf

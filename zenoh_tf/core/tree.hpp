@@ -20,11 +20,13 @@
 
 #include "answer.hpp"
 #include "commit_count.hpp"
+#include "frame_info.hpp"
 #include "guards.hpp"
 #include "history.hpp"
 #include "names.hpp"
 #include "velocity.hpp"
 #include "waiting.hpp"
+#include "zeroed.hpp"
 
 namespace ztf {
 
@@ -37,6 +39,9 @@ struct Options {
   std::uint32_t max_depth = 1000;
   std::uint32_t max_authorities = 4096;
   bool one_authority_per_frame = false;
+  // A dynamic row that is too old for its frame means that time was set back:
+  // drop all samples and store it, instead of dropping or refusing the row.
+  bool clear_on_time_jump = false;
 };
 
 // One transform to be written; parent and child are rows of CommitRequest::names.
@@ -66,20 +71,6 @@ struct Refused {
   std::int64_t limit = -1, value = -1;
 };
 
-// Rare events of a frame, counted.
-struct FrameCounters {
-  std::atomic<std::uint32_t> rewritten, dropped, evicted, reparented, switched, authority_changes;
-};
-
-struct FrameInfo {
-  FrameId parent;
-  std::uint32_t authority;
-  bool is_static;
-  std::uint32_t samples;
-  Stamp oldest, newest;
-  Version version;
-};
-
 class Tree {
  public:
   explicit Tree(const Options& options);
@@ -90,6 +81,7 @@ class Tree {
   // 0 where there is no such frame.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
   [[nodiscard]] std::string_view name(FrameId id) const noexcept { return names_.name(id); }
+  [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
   [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
   [[nodiscard]] const Options& options() const noexcept { return options_; }
 
@@ -109,13 +101,22 @@ class Tree {
   // 0: no parent at that time; kNoStamp: the newest.
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
-  [[nodiscard]] const FrameCounters& counters(FrameId id) const noexcept { return counters_[id]; }
-  [[nodiscard]] std::string_view authority(std::uint32_t id) const noexcept {
+  [[nodiscard]] const FrameEvents& events(FrameId id) const noexcept { return events_[id]; }
+  [[nodiscard]] std::string_view authority(AuthorityId id) const noexcept {
     return id ? authorities_.name(id) : std::string_view();
   }
+  [[nodiscard]] AuthorityId authorities() const noexcept { return authorities_.size(); }
+  [[nodiscard]] const AuthorityCounters& authority_counters(AuthorityId id) const noexcept {
+    return authority_counters_[id];
+  }
+  // How often samples were dropped because time was set back.
+  [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
 
   // Drops samples, at one instant; names and, if asked for, static links stay.
   void clear(bool keep_static);
+  // Drops a frame with its link, history and name, or with `subtree` all that
+  // stand on it, at one instant. Throws Refused: unknown, or a parent of others.
+  void remove_frame(std::string_view name, bool subtree);
 
   // Whether an answer that failed so could come with a later commit.
   [[nodiscard]] bool may_come(const Failure& failure) const noexcept;
@@ -139,20 +140,27 @@ class Tree {
   bool latest_each(const Query& query, Answer& answer) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
-  struct Freed {
-    void operator()(void* memory) const noexcept;
+  // For a row that is too old because time was set back.
+  struct TimeJump {
+    FrameId frame;
+    Stamp stamp;
   };
+  void clear_if(const TimeJump& jump);
+  template <class Condition>
+  void drop_samples(bool keep_static, Condition&& condition);
+  void wake_changed(const SmallVector<FrameId, 16>& frames, const SmallVector<bool, 16>& changed);
 
   const Options options_;
-  std::unique_ptr<void, Freed> memory_;
-  Frame* frames_;
-  std::unique_ptr<FrameCounters, Freed> counters_memory_;
-  FrameCounters* counters_;
+  const ZeroedArray<Frame> frame_array_;
+  Frame* const frames_;
+  const ZeroedArray<FrameEvents> events_;
+  const ZeroedArray<AuthorityCounters> authority_counters_;
   NameTable names_;
   NameTable authorities_;
   mutable std::mutex giant_;
   std::mutex topology_;
   CommitCount count_;
+  std::atomic<std::uint64_t> time_jumps_{0};
   mutable WaitingRoom room_{*this};
 };
 

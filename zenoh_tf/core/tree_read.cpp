@@ -76,6 +76,12 @@ FrameInfo Tree::info(FrameId id) const {
     info.samples = frame.count.load(acquire);
     info.oldest = oldest_stamp(frame);
     info.newest = frame.latest_stamp.load(acquire);
+    const FrameEvents& events = events_[id];
+    info.change = events.change.load(acquire);
+    info.change_stamp = events.change_stamp.load(acquire);
+    info.change_authority = events.change_authority.load(acquire);
+    info.parent_before = events.parent_before.load(acquire);
+    info.static_before = events.static_before.load(acquire);
     if (frame.version.load() == info.version) return info;
   }
 }

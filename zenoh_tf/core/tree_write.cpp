@@ -1,34 +1,23 @@
 // Commits: everything is checked before the first write.
 #include <algorithm>
-#include <cmath>
 #include <map>
 
-#include "tree.hpp"
+#include "commit_checks.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
-
-namespace {
-
-std::string quoted(std::string_view name) { return std::string("'").append(name).append("'"); }
-
-// tf2's rule: one leading slash is stripped on insert.
-std::string_view stripped(std::string_view name) noexcept {
-  return name.starts_with('/') ? name.substr(1) : name;
-}
-
-}  // namespace
 
 // One commit on its way: checked and put in order, locked, applied.
 class Commit {
  public:
   Commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
       : tree_(tree), request_(request), stored_(stored) {
-    for (std::uint32_t i = 0; i < request.rows.size(); ++i) check_row(i);
+    for (std::uint32_t i = 0; i < request.rows.size(); ++i)
+      writes_.push_back({0, 0, i, request.rows[i].stamp, check_row(request, i, tree.options_)});
+    check_authority(request, tree.options_);
   }
 
   void run() {
-    check_authority();
     // Version 0: the frame did not exist, and only who holds the topology can say that it still does not.
     for (const Version version : request_.read_versions) needs_topology_ |= version == 0;
     while (!attempt()) needs_topology_ = true;
@@ -58,69 +47,6 @@ class Commit {
     WaitingRoom::Change change = WaitingRoom::Change::appended;
   };
 
-  // What can be said about a row alone. Normalises its rotation.
-  void check_row(std::uint32_t i) {
-    const Row& row = request_.rows[i];
-    const std::string_view parent = check_name(row.parent, "parent_frame", row);
-    const std::string_view child = check_name(row.child, "child_frame", row);
-    if (parent == child) refuse(row, "child_frame", "a frame cannot be its own parent");
-    if (row.stamp == kNoStamp) refuse(row, "stamp_ns", "the stamp is out of range");
-    const double* values = &row.pose.x;
-    for (int k = 0; k < 7; ++k)
-      if (!std::isfinite(values[k]))
-        refuse(row, k < 3 ? "translation" : "rotation", "a value is not finite");
-    Pose pose = row.pose;
-    const double norm2 =
-        pose.qx * pose.qx + pose.qy * pose.qy + pose.qz * pose.qz + pose.qw * pose.qw;
-    if (!(std::abs(norm2 - 1.0) < 1e-2))
-      refuse(row, "rotation", "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
-    const double scale = 1.0 / std::sqrt(norm2);
-    pose.qx *= scale;
-    pose.qy *= scale;
-    pose.qz *= scale;
-    pose.qw *= scale;
-    writes_.push_back({0, 0, i, row.stamp, pose});
-  }
-
-  std::string_view check_name(std::uint32_t index, const char* field, const Row& row) const {
-    const std::string_view name = stripped(request_.names[index]);
-    if (name.empty()) refuse(row, field, "the name is empty");
-    if (name.size() > tree_.options_.max_name_bytes)
-      throw Refused{.code = Code::limit,
-                    .message = std::string(field) + ": a name of " + std::to_string(name.size()) +
-                               " bytes exceeds the limit of " +
-                               std::to_string(tree_.options_.max_name_bytes),
-                    .field = "max_name_bytes",
-                    .limit = tree_.options_.max_name_bytes,
-                    .value = static_cast<std::int64_t>(name.size())};
-    return name;
-  }
-
-  [[noreturn]] void refuse(const Row& row, const char* field, const std::string& why,
-                           Code code = Code::invalid_argument) const {
-    const std::string parent(stripped(request_.names[row.parent]));
-    const std::string child(stripped(request_.names[row.child]));
-    throw Refused{.code = code,
-                  .message = "transform of child " + quoted(child) + " in parent " + quoted(parent) +
-                             " refused: " + why,
-                  .frame = child,
-                  .parent = parent,
-                  .field = field,
-                  .stamp = row.stamp};
-  }
-
-  void check_authority() const {
-    const std::size_t size = request_.authority.size();
-    if (size > tree_.options_.max_name_bytes)
-      throw Refused{.code = Code::limit,
-                    .message = "the authority's name of " + std::to_string(size) +
-                               " bytes exceeds the limit of " +
-                               std::to_string(tree_.options_.max_name_bytes),
-                    .field = "max_name_bytes",
-                    .limit = tree_.options_.max_name_bytes,
-                    .value = static_cast<std::int64_t>(size)};
-  }
-
   // False where the authority is new and the topology mutex, which guards the
   // names, is not held. A new one is registered when the commit is accepted.
   bool resolve_authority() {
@@ -148,6 +74,7 @@ class Commit {
     if (needs_topology_) topology.lock();
     if (!resolve_authority()) return false;
     new_names_.clear();
+    new_frames_ = 0;
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
       write.child = resolve(row.child);  // tf2 numbers the child before the parent
@@ -175,6 +102,7 @@ class Commit {
     publish(new_names);
     for (Group& group : groups_) changed_.push_back(apply(group));
     locks.release(changed_);
+    count_authority();
     return true;
   }
 
@@ -183,7 +111,9 @@ class Commit {
     if (const FrameId id = tree_.names_.find(name)) return id;
     if (!needs_topology_) return 0;
     if (const auto it = new_names_.find(name); it != new_names_.end()) return it->second;
-    const std::uint64_t id = std::uint64_t{tree_.names_.size()} + new_names_.size() + 1;
+    if (const FrameId hidden = tree_.names_.find_any(name))
+      return new_names_.emplace(name, hidden).first->second;
+    const std::uint64_t id = frames_after() + 1;
     if (id > tree_.options_.max_frames)
       throw Refused{.code = Code::limit,
                     .message = "frame " + quoted(name) + " would be one more than " +
@@ -191,8 +121,12 @@ class Commit {
                     .frame = std::string(name),
                     .field = "max_frames",
                     .limit = tree_.options_.max_frames};
-    new_names_.emplace(name, static_cast<FrameId>(id));
-    return static_cast<FrameId>(id);
+    ++new_frames_;
+    return new_names_.emplace(name, static_cast<FrameId>(id)).first->second;
+  }
+
+  [[nodiscard]] std::uint64_t frames_after() const noexcept {
+    return std::uint64_t{tree_.names_.size()} + new_frames_;
   }
 
   void sort_and_group() {
@@ -243,7 +177,7 @@ class Commit {
     const std::uint32_t authority = frame.authority.load(relaxed);
     if (tree_.options_.one_authority_per_frame && authority != authority_ &&
         frame.parent.load(relaxed) != 0)
-      refuse(request_.rows[writes_[group.begin].row], "authority",
+      refuse(request_, request_.rows[writes_[group.begin].row], "authority",
              "the frame is published by " + quoted(tree_.authority(authority)));
 
     bool has_newest = !frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0;
@@ -259,21 +193,23 @@ class Commit {
       const bool old = !request_.is_static && has_newest &&
                        too_old(write.stamp, newest, tree_.options_.cache_ns);
       const bool no_room = !request_.is_static && is_full && write.stamp < oldest;
+      if (old && tree_.options_.clear_on_time_jump) throw Tree::TimeJump{write.child, write.stamp};
       if ((old || no_room) && !request_.drop_old)
-        refuse(request_.rows[write.row], "stamp_ns",
+        refuse(request_, request_.rows[write.row], "stamp_ns",
                "the stamp " + std::to_string(write.stamp) +
                    (old ? " is older than the newest one, " + std::to_string(newest) +
                               ", by more than the cache time"
                         : " is older than all samples of a frame that is full"));
       stored_[write.row] = !(old || no_room);
       if (old || no_room) continue;
+      // Also where a later row moves it back: while the rows are applied, one after
+      // the other, nobody else may follow the newest parents. And also in the past:
+      // only under the topology mutex is it sure that the parent is not removed.
+      moves |= write.parent != before;
       if (!has_newest || request_.is_static || write.stamp >= newest) {
         newest = write.stamp;
         parent = write.parent;
         has_newest = true;
-        // Also where a later row moves it back: while the rows are applied, one
-        // after the other, nobody else may follow the newest parents.
-        moves |= parent != before;
       }
     }
     group.new_parent = parent == before ? 0 : parent;
@@ -282,7 +218,7 @@ class Commit {
 
   // Would the newest parents, with all of this commit's at once, close a cycle?
   void check_cycles() const {
-    const std::uint64_t frames = std::uint64_t{tree_.names_.size()} + new_names_.size();
+    const std::uint64_t frames = frames_after();
     SmallVector<FrameId, 16> new_parents;
     for (const Group& group : groups_)
       if (group.new_parent != 0) new_parents.push_back(group.new_parent);
@@ -298,7 +234,7 @@ class Commit {
       for (std::uint64_t steps = 0; frame != 0 && frame != child && steps <= frames; ++steps)
         frame = parent_after(frame);
       if (frame != 0)
-        refuse(request_.rows[writes_[group.begin].row], "parent_frame", "it would close a cycle");
+        refuse(request_, request_.rows[writes_[group.begin].row], "parent_frame", "it would close a cycle");
     }
   }
   [[nodiscard]] FrameId parent_after(FrameId id) const noexcept {
@@ -311,22 +247,24 @@ class Commit {
   }
 
   bool apply(Group& group) {
-    Frame& frame = frame_of(group);
-    FrameCounters& counters = tree_.counters_[writes_[group.begin].child];
+    const FrameId child = writes_[group.begin].child;
+    Frame& frame = tree_.frames_[child];
+    Tally& tally = tally_;
+    FrameEvents& events = tree_.events_[child];
     const auto relaxed = std::memory_order_relaxed;
     const auto count = [](std::atomic<std::uint32_t>& counter) { counter.fetch_add(1, relaxed); };
 
-    const bool had_data = frame.parent.load(relaxed) != 0;
-    bool changed = false;
+    const FrameId parent_before = frame.parent.load(relaxed);
+    const bool static_before = frame.is_static.load(relaxed);
+    const std::uint32_t stored_before = tally.stored;
     for (std::uint32_t i = group.begin; i < group.end; ++i) {
       const Write& write = writes_[i];
       if (!stored_[write.row]) {
-        count(counters.dropped);
+        count(events.dropped);
+        ++tally.dropped;
         continue;
       }
-      if (had_data && !changed && frame.is_static.load(relaxed) != request_.is_static)
-        count(counters.switched);
-      changed = true;
+      ++tally.stored;
       if (frame.is_static.load(relaxed) || frame.parent.load(relaxed) != write.parent ||
           frame.latest_stamp.load(relaxed) >= write.stamp || request_.is_static)
         group.change = WaitingRoom::Change::other;
@@ -338,24 +276,66 @@ class Commit {
         case Inserted::added:
           break;
         case Inserted::rewritten:
-          count(counters.rewritten);
+          count(events.rewritten);
+          ++tally.rewritten;
           break;
         case Inserted::evicted:
-          count(counters.evicted);
+          count(events.evicted);
           break;
         case Inserted::refused:  // never: check_group() has seen to it
           break;
       }
     }
-    if (!changed) return false;
-    if (had_data && group.new_parent != 0) count(counters.reparented);
+    if (tally.stored == stored_before) return false;
     if (group.new_parent != 0)
       tree_.frames_[group.new_parent].is_parent.store(true, relaxed);
+    if (frame.authority.load(relaxed) != authority_ || group.new_parent != 0 ||
+        static_before != request_.is_static) [[unlikely]]
+      note_change(group, parent_before, static_before);
+    return true;
+  }
+
+  // Who changed what a link is, and what it was before.
+  void note_change(const Group& group, FrameId parent_before, bool static_before) noexcept {
+    using Change = FrameEvents::Change;
+    const auto relaxed = std::memory_order_relaxed;
+    const FrameId child = writes_[group.begin].child;
+    Frame& frame = tree_.frames_[child];
+    FrameEvents& events = tree_.events_[child];
+    Change change = Change::none;
+    const auto note = [&](std::atomic<std::uint32_t>& counter, Change what) {
+      counter.fetch_add(1, relaxed);
+      change = what;
+    };
+    const bool had_data = parent_before != 0;
     if (frame.authority.load(relaxed) != authority_) {
-      if (had_data) count(counters.authority_changes);
+      if (had_data) {
+        note(events.authority_changes, Change::authority);
+        ++tally_.conflicts;
+      }
       frame.authority.store(authority_, std::memory_order_release);
     }
-    return true;
+    if (had_data && static_before != request_.is_static) note(events.switched, Change::switched);
+    if (had_data && group.new_parent != 0) note(events.reparented, Change::reparented);
+    if (change == Change::none) return;
+    events.change.store(change, std::memory_order_release);
+    events.change_stamp.store(writes_[group.end - 1].stamp, std::memory_order_release);
+    events.change_authority.store(authority_, std::memory_order_release);
+    events.parent_before.store(parent_before, std::memory_order_release);
+    events.static_before.store(static_before, std::memory_order_release);
+  }
+
+  void count_authority() const noexcept {
+    if (authority_ == 0) return;
+    AuthorityCounters& counters = tree_.authority_counters_[authority_];
+    const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
+      if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
+    };
+    add(counters.commits, 1);
+    add(counters.stored, tally_.stored);
+    add(counters.dropped, tally_.dropped);
+    add(counters.rewritten, tally_.rewritten);
+    add(counters.conflicts, tally_.conflicts);
   }
 
   using NewNames = std::vector<std::pair<FrameId, std::string_view>>;
@@ -373,10 +353,15 @@ class Commit {
     return in_order;
   }
 
-  // A frame that exists has a version other than 0, be it but a parent.
+  // A frame that exists has a version other than 0, be it but a parent. One that
+  // comes back has it already.
   void publish(const NewNames& in_order) noexcept {
     if (new_authority_) tree_.authorities_.insert(request_.authority);
     for (const auto& [id, name] : in_order) {
+      if (id <= tree_.names_.size()) {
+        tree_.names_.show(id);
+        continue;
+      }
       if (!std::binary_search(children_.begin(), children_.end(), id))
         tree_.frames_[id].version.unlock_changed(0);
       tree_.names_.insert(name);
@@ -390,10 +375,14 @@ class Commit {
     return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
   }
 
+  struct Tally {
+    std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
+  };
+
   Tree& tree_;
   const CommitRequest& request_;
   const std::span<std::uint8_t> stored_;
-  std::uint32_t authority_ = 0;
+  AuthorityId authority_ = 0;
   bool new_authority_ = false;
   bool needs_topology_ = false;
   std::size_t conflict_ = 0;
@@ -401,19 +390,26 @@ class Commit {
   SmallVector<Group, 16> groups_;
   SmallVector<FrameId, 16> children_;  // of groups_, ascending
   SmallVector<bool, 16> changed_;
-  std::map<std::string_view, FrameId> new_names_;  // ids they will have
+  Tally tally_;
+  std::map<std::string_view, FrameId> new_names_;  // new or hidden: the ids they will have
+  std::uint32_t new_frames_ = 0;                   // how many of them are new
 };
 
 void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) {
-  Commit commit(*this, request, stored);
-  if (options_.concurrency == Concurrency::giant) {
-    const std::lock_guard lock(giant_);
-    commit.run();
-  } else {
-    commit.run();
+  for (;;) {
+    Commit commit(*this, request, stored);
+    try {
+      std::unique_lock giant(giant_, std::defer_lock);
+      if (options_.concurrency == Concurrency::giant) giant.lock();
+      commit.run();
+    } catch (const TimeJump& jump) {
+      clear_if(jump);
+      continue;
+    }
+    count_.add();
+    commit.wake_waiters();
+    return;
   }
-  count_.add();
-  commit.wake_waiters();
 }
 
 }  // namespace ztf

@@ -1,0 +1,80 @@
+// Frames that are removed and come back while others read and write; time that is set back.
+#include "crowd.hpp"
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+std::optional<Refused> remove(World& w, std::string_view name, bool subtree = false) {
+  try {
+    w.tree.remove_frame(name, subtree);
+  } catch (Refused& refused) {
+    return std::move(refused);
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+// A link is there with its parent, or not at all: what stands on a frame goes with it.
+TEST(no_link_hangs_on_a_removed_frame) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    std::atomic<int> removed{0}, found{0};
+    Crowd crowd;
+    for (int writer = 0; writer < 2; ++writer)
+      crowd.background([&, writer](const std::atomic<bool>& stop) {
+        for (Stamp stamp = 1; !stop; ++stamp) {
+          if (writer == 0) w.set("map", "base", stamp, at_x(1));
+          w.set("base", "arm", stamp, at_x(1));
+        }
+      });
+    crowd.background([&](const std::atomic<bool>& stop) {
+      while (!stop) {
+        const Answer a = w.ask(Op::latest_xact, "map", "arm");
+        if (a.failure.code == Code::ok) {
+          CHECK_EQ(a.pose.x, 2.0);
+          ++found;
+        } else {
+          CHECK(a.failure.code == Code::lookup || a.failure.code == Code::connectivity);
+        }
+      }
+    });
+    crowd.foreground([&] {
+      while (removed < 200 || found < 20) {
+        if (!remove(w, "base", true)) ++removed;
+        if (!remove(w, "arm")) ++removed;
+        if (const auto refused = remove(w, "base"))
+          CHECK(refused->code == Code::lookup || refused->code == Code::invalid_argument);
+        std::this_thread::yield();
+      }
+    });
+    crowd.join();
+    CHECK(!remove(w, "map", true));
+    for (const char* name : {"map", "base", "arm"}) {
+      const FrameId id = w.id(name);
+      CHECK(id == 0 || w.tree.parent(id, kNoStamp) == 0 || w.id("base") != 0);
+    }
+  });
+}
+
+// Every commit of the new time that was acknowledged after the jump is still there.
+TEST(a_jump_back_is_cleared_once) {
+  for_each_concurrency([](Concurrency c) {
+    World w(Options{.cache_ns = 100, .concurrency = c, .clear_on_time_jump = true});
+    for (int round = 0; round < 200; ++round) {
+      const Stamp now = -1000 * round;
+      Crowd crowd;
+      for (int writer = 0; writer < 3; ++writer)
+        crowd.foreground([&, writer] { CHECK(w.set("map", "f" + std::to_string(writer), now)); });
+      // All three know the frame, and see the jump at the same time.
+      for (int writer = 0; writer < 2; ++writer)
+        crowd.foreground([&, writer] { CHECK(w.set("map", "shared", now + writer)); });
+      crowd.join();
+      CHECK(w.code(Op::at, "map", "shared", now) == Code::ok);
+      CHECK(w.code(Op::at, "map", "shared", now + 1) == Code::ok);
+    }
+    CHECK(w.tree.time_jumps() >= 199);
+  });
+}

@@ -1,0 +1,81 @@
+// What can be said about a commit without looking into the tree.
+//
+// Thread safety: functions of their arguments.
+#pragma once
+
+#include <cmath>
+#include <string>
+
+#include "tree.hpp"
+
+namespace ztf {
+
+inline std::string quoted(std::string_view name) {
+  return std::string("'").append(name).append("'");
+}
+
+// tf2's rule: one leading slash is stripped on insert.
+inline std::string_view stripped(std::string_view name) noexcept {
+  return name.starts_with('/') ? name.substr(1) : name;
+}
+
+[[noreturn]] inline void refuse(const CommitRequest& request, const Row& row, const char* field,
+                                const std::string& why) {
+  const std::string parent(stripped(request.names[row.parent]));
+  const std::string child(stripped(request.names[row.child]));
+  throw Refused{.code = Code::invalid_argument,
+                .message = "transform of child " + quoted(child) + " in parent " + quoted(parent) +
+                           " refused: " + why,
+                .frame = child,
+                .parent = parent,
+                .field = field,
+                .stamp = row.stamp};
+}
+
+inline void check_length(std::size_t bytes, const char* what, const Options& options) {
+  if (bytes <= options.max_name_bytes) return;
+  throw Refused{.code = Code::limit,
+                .message = std::string(what) + ": a name of " + std::to_string(bytes) +
+                           " bytes exceeds the limit of " + std::to_string(options.max_name_bytes),
+                .field = "max_name_bytes",
+                .limit = options.max_name_bytes,
+                .value = static_cast<std::int64_t>(bytes)};
+}
+
+inline void check_authority(const CommitRequest& request, const Options& options) {
+  check_length(request.authority.size(), "authority", options);
+}
+
+// The row's pose with its rotation normalised.
+inline Pose check_row(const CommitRequest& request, std::uint32_t i, const Options& options) {
+  const Row& row = request.rows[i];
+  const auto check_name = [&](std::uint32_t index, const char* field) {
+    const std::string_view name = stripped(request.names[index]);
+    if (name.empty()) refuse(request, row, field, "the name is empty");
+    check_length(name.size(), field, options);
+    return name;
+  };
+  const std::string_view parent = check_name(row.parent, "parent_frame");
+  const std::string_view child = check_name(row.child, "child_frame");
+  if (parent == child)
+    refuse(request, row, "child_frame", "a frame cannot be its own parent");
+  if (row.stamp == kNoStamp) refuse(request, row, "stamp_ns", "the stamp is out of range");
+  const double* values = &row.pose.x;
+  for (int k = 0; k < 7; ++k)
+    if (!std::isfinite(values[k]))
+      refuse(request, row, k < 3 ? "translation" : "rotation", "a value is not finite");
+  Pose pose = row.pose;
+  const double norm2 =
+      pose.qx * pose.qx + pose.qy * pose.qy + pose.qz * pose.qz + pose.qw * pose.qw;
+  if (!(std::abs(norm2 - 1.0) < 1e-2))
+    refuse(request, row, "rotation",
+           "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
+  const double scale = 1.0 / std::sqrt(norm2);
+  pose.qx *= scale;
+  pose.qy *= scale;
+  pose.qz *= scale;
+  pose.qw *= scale;
+  return pose;
+}
+
+}  // namespace ztf

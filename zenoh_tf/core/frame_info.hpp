@@ -1,0 +1,50 @@
+// What is known about frames and authorities beside their samples.
+//
+// Thread safety: the words of a frame are written by who holds it, those of an
+// authority by anyone; all may be read at any time. A FrameInfo is of one instant.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+#include "frame.hpp"
+
+namespace ztf {
+
+using AuthorityId = std::uint32_t;  // 1, 2, ...; 0: none was named
+
+// Rare events of a frame, counted, and the last of those that change its link.
+struct FrameEvents {
+  enum class Change : std::uint8_t { none, reparented, switched, authority };
+
+  std::atomic<std::uint32_t> rewritten, dropped, evicted, reparented, switched, authority_changes;
+
+  std::atomic<Stamp> change_stamp;  // of the row that did it
+  std::atomic<AuthorityId> change_authority;
+  std::atomic<FrameId> parent_before;
+  std::atomic<bool> static_before;
+  std::atomic<Change> change;
+};
+
+// What an authority has done; "" is not counted. A line each: authorities write
+// at the same time.
+struct alignas(64) AuthorityCounters {
+  std::atomic<std::uint64_t> commits, stored, dropped, rewritten, conflicts;
+};
+
+struct FrameInfo {
+  FrameId parent;
+  AuthorityId authority;
+  bool is_static;
+  std::uint32_t samples;
+  Stamp oldest, newest;
+  Version version;
+
+  FrameEvents::Change change;
+  Stamp change_stamp;
+  AuthorityId change_authority;
+  FrameId parent_before;
+  bool static_before;
+};
+
+}  // namespace ztf
