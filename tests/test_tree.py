@@ -87,7 +87,13 @@ def test_errors_and_their_facts(tree: TransformTree) -> None:
     tree.set_transform(link("elsewhere", "island", 15 * S))
     assert error(LookupException, "map", "nowhere")["frame"] == "nowhere"
     facts = error(ConnectivityException, "map", "island", 15 * S)
-    assert facts == {"target_frame": "map", "source_frame": "island", "stamp_ns": 15 * S}
+    assert facts == {
+        "target_frame": "map",
+        "source_frame": "island",
+        "target_root": "map",
+        "source_root": "elsewhere",
+        "stamp_ns": 15 * S,
+    }
     wanted = {"target_frame": "map", "source_frame": "arm", "frame": "arm", "parent_frame": "base"}
     span = {"oldest_stamp_ns": 12 * S, "newest_stamp_ns": 18 * S}
     facts = error(ForwardExtrapolationException, "map", "arm", 19 * S)
