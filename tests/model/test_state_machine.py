@@ -1,0 +1,126 @@
+"""The tree and the oracle side by side, driven by Hypothesis, which shrinks what it finds.
+
+The random histories find more for their time; this one draws its values from nowhere near a grid,
+and ends in the shortest program of calls that shows a difference.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+
+from zenoh_tf import TransformTree
+
+from .calls import Call, ask, same
+from .open_differences import is_open
+from .oracle import Oracle, Row
+from .poses import Pose
+
+Concurrency = Literal["optimistic", "2pl"]
+
+CACHE_NS = 1000
+MAX_DEPTH = 3
+
+frames = st.sampled_from(["map", "base", "arm", "tool", "camera"])
+asked = frames | st.sampled_from(["nowhere", "", "/map"])
+# Small, so that they repeat and interleave; or anything, as far apart as 64 bits allow.
+stamps = st.integers(-3000, 3000) | st.integers(-(2**63) + 1, 2**63 - 1)
+times = st.none() | stamps
+metres = st.floats(-1e3, 1e3)
+
+
+def _rotation(axis: tuple[float, float, float], angle: float) -> tuple[float, float, float, float]:
+    x, y, z = axis
+    norm = math.sqrt(x * x + y * y + z * z)
+    if norm < 1e-3:
+        return (0.0, 0.0, 0.0, 1.0)
+    s = math.sin(angle / 2) / norm
+    return (x * s, y * s, z * s, math.cos(angle / 2))
+
+
+axes = st.tuples(*[st.floats(-1, 1)] * 3)
+rotations = st.builds(_rotation, axes, st.floats(-3, 3) | st.floats(-1e-3, 1e-3))
+poses: st.SearchStrategy[Pose] = st.builds(
+    lambda x, y, z, q: (x, y, z, *q), metres, metres, metres, rotations
+)
+rows = st.builds(Row, frames, frames, stamps, poses)
+authorities = st.sampled_from(["", "odometry"])
+
+
+class TreeAndOracle(RuleBasedStateMachine):
+    concurrency: ClassVar[Concurrency]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.oracle = Oracle(CACHE_NS, MAX_DEPTH)
+        self.tree = TransformTree(
+            CACHE_NS / 1e9, self.concurrency, max_depth=MAX_DEPTH, max_frames=64
+        )
+
+    def both(self, method: str, *arguments: object) -> None:
+        call = Call(method, arguments)
+        right, given = ask(self.oracle, call), ask(self.tree, call)
+        assert same(right, given) or is_open(self.oracle, call, right, given), (right, given)
+
+    @rule(row=rows, authority=authorities, static=st.booleans())
+    def set_transform(self, row: Row, authority: str, static: bool) -> None:
+        self.both("set_transform", row, authority, static)
+
+    @rule(rows=st.lists(rows, max_size=4).map(tuple), static=st.booleans())
+    def set_transforms_xact(self, rows: tuple[Row, ...], static: bool) -> None:
+        self.both("set_transforms_xact", rows, "", static)
+
+    @rule(keep_static=st.booleans())
+    def clear(self, keep_static: bool) -> None:
+        self.both("clear", keep_static)
+
+    @rule(into=asked, out_of=asked, stamp_ns=times)
+    def look_up(self, into: str, out_of: str, stamp_ns: int | None) -> None:
+        self.both("lookup_transform", into, out_of, stamp_ns)
+        self.both("can_transform", into, out_of, stamp_ns)
+        self.both("chain", into, out_of, stamp_ns)
+        self.both("parent", into, stamp_ns)
+
+    @rule(into=asked, into_ns=times, out_of=asked, out_of_ns=times, fixed=asked)
+    def look_up_in_full(
+        self, into: str, into_ns: int | None, out_of: str, out_of_ns: int | None, fixed: str
+    ) -> None:
+        self.both("lookup_transform_full", into, into_ns, out_of, out_of_ns, fixed)
+
+    @rule(pairs=st.lists(st.tuples(asked, asked), max_size=3))
+    def look_up_latest(self, pairs: list[tuple[str, str]]) -> None:
+        self.both("lookup_latest_transforms_xact", pairs)
+        for pair in pairs:
+            self.both("lookup_latest_transform", *pair)
+            self.both("lookup_latest_transform_xact", *pair)
+            self.both("latest_common_time", *pair)
+
+    @rule(into=asked, out_of=asked, stamps_ns=st.lists(stamps, max_size=10))
+    def sample(self, into: str, out_of: str, stamps_ns: list[int]) -> None:
+        self.both("sample", into, out_of, stamps_ns)
+
+    @rule(name=asked)
+    def introspect(self, name: str) -> None:
+        self.both("frames")
+        self.both("frame", name)
+
+
+SETTINGS = settings(
+    max_examples=60,
+    stateful_step_count=30,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+
+
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+def test_every_program_of_calls(concurrency: Concurrency) -> None:
+    machine = type("Machine", (TreeAndOracle,), {"concurrency": concurrency})
+    run_state_machine_as_test(machine, settings=SETTINGS)
