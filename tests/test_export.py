@@ -224,8 +224,8 @@ def test_columns_stand_below_each_other_in_every_script() -> None:
     [
         (NOW_NS + S // 2, "delay -0.500 s"),
         (NOW_NS - 24 * 3600 * S, "delay 86400.000 s"),
-        (NOW_NS - 24 * 3600 * S - 1, None),
-        (NOW_NS + 24 * 3600 * S + 1, None),
+        (NOW_NS - 24 * 3601 * S, None),
+        (NOW_NS + 24 * 3601 * S, None),
         (5 * S, None),
     ],
 )

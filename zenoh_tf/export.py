@@ -26,10 +26,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from zenoh_tf.frame_info import FrameInfo
 
 #: A stamp farther than this from the clock is of another clock.
-CLOCK_RANGE_NS = 24 * 3600 * 10**9
+CLOCK_RANGE_S = 24 * 3600
 
 #: A delay from here on is drawn in the colour of warnings.
-_LATE_NS = 2 * 10**9
+_LATE_S = 2.0
 
 _EMPTY = "no frames"
 
@@ -185,9 +185,10 @@ def _cells(link: FrameInfo, now_ns: int) -> tuple[str, ...]:
     tail = (str(link.samples), printable(link.authority), ", ".join(_counted(link)))
     if link.static or link.newest_stamp_ns is None or link.oldest_stamp_ns is None:
         return ("static" if link.static else "", "", "", "", *tail)
+    delay_s = _delay_s(link, now_ns)
     return (
         "" if link.rate_hz is None else f"{link.rate_hz:.1f}",
-        _seconds(_delay_ns(link, now_ns)),
+        "" if delay_s is None else f"{delay_s:.3f}",
         _seconds(link.newest_stamp_ns),
         _seconds(link.newest_stamp_ns - link.oldest_stamp_ns),
         *tail,
@@ -213,8 +214,8 @@ def _sentences(link: FrameInfo, now_ns: int) -> list[str]:
 def _part(link: FrameInfo, now_ns: int) -> str:
     if link.static:
         return "static"
-    delay_ns = _delay_ns(link, now_ns)
-    return "fresh" if delay_ns is None or delay_ns < _LATE_NS else "late"
+    delay_s = _delay_s(link, now_ns)
+    return "fresh" if delay_s is None or delay_s < _LATE_S else "late"
 
 
 def _counted(link: FrameInfo) -> list[str]:
@@ -222,15 +223,14 @@ def _counted(link: FrameInfo) -> list[str]:
     return [f"{name} {count}" for count, name in counts if count]
 
 
-def _delay_ns(link: FrameInfo, now_ns: int) -> int | None:
-    if link.newest_stamp_ns is None or abs(now_ns - link.newest_stamp_ns) > CLOCK_RANGE_NS:
-        return None
-    return now_ns - link.newest_stamp_ns
+def _delay_s(link: FrameInfo, now_ns: int) -> float | None:
+    delay_s = link.delay_s(now_ns)
+    return None if delay_s is None or abs(delay_s) > CLOCK_RANGE_S else delay_s
 
 
-def _seconds(time_ns: int | None) -> str:
+def _seconds(time_ns: int) -> str:
     # Cut to milliseconds before the division: a double has no room for nanoseconds since 1970.
-    return "" if time_ns is None else f"{time_ns // 10**6 / 1e3:.3f}"
+    return f"{time_ns // 10**6 / 1e3:.3f}"
 
 
 def _now_ns(now_ns: int | None) -> int:

@@ -216,6 +216,9 @@ def test_frame(run: Run) -> None:
     assert facts["oldest"] == ["1.000000000", "s"]
     assert facts["samples"] == ["2"]
     assert (facts["rewritten"], facts["conflicts"]) == (["1"], ["1"])
+    assert "last change  authority by hand" in lines[-4]
+    assert "stamp      2.000000000 s" in lines[-3]
+    assert lines[-2].split() == ["before", "in", "map"]
 
 
 @pytest.mark.usefixtures("chain")
@@ -240,6 +243,44 @@ def test_stats_count(run: Run) -> None:
     counters = document(run("stats", "--json"))
     assert counters["frames"] == 3
     assert "frames" in succeeds(run("stats"))
+
+
+@pytest.mark.usefixtures("chain")
+def test_authorities(run: Run) -> None:
+    succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "2s", "--authority", "a hand"))
+    found = document(run("authorities", "--json"))["authorities"]
+    by_name = {record.pop("name"): record for record in found}
+    assert by_name["a hand"] == {
+        "frames": 1,
+        "commits": 1,
+        "stored": 1,
+        "dropped": 0,
+        "rewritten": 1,
+        "conflicts": 1,
+    }
+    assert (by_name["wheels"]["frames"], by_name["wheels"]["commits"]) == (1, 2)
+    header, *lines = succeeds(run("authorities")).splitlines()
+    assert header.split() == ["frames", "commits", "stored", "dropped", "rewritten", "conflicts"]
+    assert "a hand       1        1       1        0          1          1" in lines
+
+
+def test_authorities_of_an_empty_tree(run: Run) -> None:
+    assert succeeds(run("authorities")) == "no authorities\n"
+
+
+@pytest.mark.usefixtures("chain")
+def test_remove(run: Run) -> None:
+    assert "camera" in refusal(run("remove", "base"))  # its parent would be gone
+    assert succeeds(run("remove", "camera")) == "camera removed\n"
+    assert "camera" in refusal(run("frame", "camera"))
+    assert "LookupException" in refusal(run("remove", "camera"))
+
+
+@pytest.mark.usefixtures("chain")
+def test_remove_a_subtree(run: Run) -> None:
+    done = document(run("remove", "base", "--subtree", "--json"))
+    assert done == {"removed": "base", "subtree": True}
+    assert [frame["name"] for frame in document(run("frames", "--json"))["frames"]] == ["map"]
 
 
 @pytest.mark.usefixtures("chain")
@@ -312,7 +353,8 @@ def test_version(zenoh_tf: Run) -> None:
 def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
-    assert {"lookup", "latest", "velocity", "set", "frames", "frame", "stats"} <= {*commands}
+    reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
+    assert {*commands} == reading | {"set", "remove", "clear", "replay"}
     for command in commands:
         assert "--connect" in succeeds(zenoh_tf(command, "--help"))
 

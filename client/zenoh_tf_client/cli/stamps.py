@@ -7,7 +7,7 @@ import re
 import time
 from decimal import Decimal
 
-from zenoh_tf.export import CLOCK_RANGE_NS
+from zenoh_tf.export import CLOCK_RANGE_S
 
 _FORMS = "nanoseconds (1700000000500000000), seconds (1700000000.5 or 12s), now, or now-0.5s"
 _STAMP = re.compile(r"(?P<now>now)?(?P<number>[+-]?(\d+\.?\d*|\.\d+))?(?P<unit>s|ns)?")
@@ -42,7 +42,7 @@ def seconds(stamp_ns: int) -> str:
 
 def is_clock_time(stamp_ns: int) -> bool:
     """Whether ``stamp_ns`` can be read against this machine's clock."""
-    return abs(time.time_ns() - stamp_ns) < CLOCK_RANGE_NS
+    return abs(time.time_ns() - stamp_ns) <= CLOCK_RANGE_S * 10**9
 
 
 def age(age_ns: int) -> str:

@@ -1,11 +1,11 @@
-"""``zenoh-tf frames``, ``frame`` and ``stats``: what a server holds."""
+"""``zenoh-tf frames``, ``frame``, ``authorities`` and ``stats``: what a server holds."""
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, fields
 
-from zenoh_tf import FrameInfo, LookupException, export
+from zenoh_tf import AuthorityInfo, FrameInfo, LookupException, export
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
@@ -39,6 +39,16 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     frame.add_argument("name", metavar="NAME")
     frame.set_defaults(run=_frame)
 
+    authorities = commands.add_parser(
+        "authorities",
+        parents=[common],
+        help="who publishes, and how that goes",
+        description="Print what each authority has done: the frames whose newest writer it is, its "
+        "commits, transforms stored, dropped as too old and rewritten at an equal stamp, and the "
+        "times that it took over another's frame (conflicts).",
+    )
+    authorities.set_defaults(run=_authorities)
+
     stats = commands.add_parser(
         "stats", parents=[common], help="the server's counters", description="Print the counters."
     )
@@ -71,7 +81,7 @@ def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
 
 
 def _document(frame: FrameInfo) -> dict[str, object]:
-    return asdict(frame) | {"rate_hz": frame.rate_hz}
+    return asdict(frame) | {"rate_hz": frame.rate_hz, "delay_s": frame.delay_s()}
 
 
 def _frame(args: argparse.Namespace) -> int:
@@ -101,8 +111,35 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
     for counter in ("rewritten", "dropped", "evicted", "reparented", "switched"):
         facts[counter] = f"{getattr(frame, counter):,}"
     facts["conflicts"] = f"{frame.authority_changes:,}"
+    if frame.last_change is not None:
+        change = frame.last_change
+        before = "no parent" if change.parent_before is None else change.parent_before
+        facts["last change"] = export.printable(f"{change.kind} by {change.authority}")
+        facts["  stamp"] = output.when(change.stamp_ns)
+        facts["  before"] = ("static in " if change.static_before else "in ") + export.printable(
+            before
+        )
     facts["version"] = f"{frame.version:,}"
     return facts
+
+
+def _authorities(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        authorities = tf.authorities()
+    if args.json:
+        records = [asdict(authority) for authority in authorities]
+        output.print_json({"tree": args.tree, "authorities": records})
+        return 0
+    if not authorities:
+        print("no authorities")
+        return 0
+    columns = [field.name for field in fields(AuthorityInfo)][1:]
+    width = max(len(export.printable(authority.name)) for authority in authorities)
+    print(output.paint("header", "  ".join([" " * width, *columns])))
+    for authority in authorities:
+        counts = "".join(f"  {getattr(authority, name):>{len(name)},}" for name in columns)
+        print(export.printable(authority.name).ljust(width) + counts)
+    return 0
 
 
 def _stats(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""``zenoh-tf set`` and ``zenoh-tf clear``: change the tree."""
+"""``zenoh-tf set``, ``remove`` and ``clear``: change the tree."""
 
 from __future__ import annotations
 
@@ -40,6 +40,19 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     set_.set_defaults(run=_set, usage_error=set_.error)
 
+    remove = commands.add_parser(
+        "remove",
+        parents=[common],
+        help="forget a frame: its link, its history and its name",
+        description="Forget a frame: its link, its history and its name. Refused while it is the "
+        "parent of another frame, unless the frames below it are to go as well.",
+    )
+    remove.add_argument("frame", metavar="FRAME")
+    remove.add_argument(
+        "--subtree", action="store_true", help="and all frames below it, at the same instant"
+    )
+    remove.set_defaults(run=_remove)
+
     clear = commands.add_parser(
         "clear",
         parents=[common],
@@ -80,6 +93,17 @@ def _set(args: argparse.Namespace) -> int:
     else:
         kind = "static" if args.static else f"at {stamps.seconds(stamp_ns)} s"
         print(f"{printable(args.parent)} -> {printable(args.child)} stored, {kind}")
+    return 0
+
+
+def _remove(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        tf.remove_frame(args.frame, args.subtree)
+    if args.json:
+        output.print_json({"removed": args.frame, "subtree": args.subtree})
+    else:
+        below = " and all frames below it" if args.subtree else ""
+        print(f"{printable(args.frame)}{below} removed")
     return 0
 
 
