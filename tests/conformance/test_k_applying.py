@@ -38,7 +38,7 @@ def a_to_b(raw: Transform, tf: Tree) -> Transform:
 
 def assert_close(result: ArrayLike, expected: ArrayLike) -> None:
     apart = np.abs(np.asarray(result, np.float64) - np.asarray(expected, np.float64))
-    assert apart.max() <= TOLERANCE, f"{result}, not {expected}"
+    assert apart.max() <= TOLERANCE, f"{result!r}, not {expected!r}"
 
 
 def test_K01_points(raw: Transform, a_to_b: Transform) -> None:
