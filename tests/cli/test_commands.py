@@ -216,9 +216,9 @@ def test_frame(run: Run) -> None:
     assert facts["oldest"] == ["1.000000000", "s"]
     assert facts["samples"] == ["2"]
     assert (facts["rewritten"], facts["conflicts"]) == (["1"], ["1"])
-    assert "last change  authority by hand" in lines[-4]
+    assert "last change  taken over by hand" in lines[-4]
     assert "stamp      2.000000000 s" in lines[-3]
-    assert lines[-2].split() == ["before", "in", "map"]
+    assert lines[-2].split() == ["before", "parent", "map"]
 
 
 @pytest.mark.usefixtures("chain")

@@ -111,14 +111,13 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
     for counter in ("rewritten", "dropped", "evicted", "reparented", "switched"):
         facts[counter] = f"{getattr(frame, counter):,}"
     facts["conflicts"] = f"{frame.authority_changes:,}"
-    if frame.last_change is not None:
-        change = frame.last_change
-        before = "no parent" if change.parent_before is None else change.parent_before
-        facts["last change"] = export.printable(f"{change.kind} by {change.authority}")
+    change = frame.last_change
+    if change is not None:
+        what = {"authority": "taken over"}.get(change.kind, change.kind)
+        before = "none" if change.parent_before is None else export.printable(change.parent_before)
+        facts["last change"] = f"{what} by {export.printable(change.authority)}"
         facts["  stamp"] = output.when(change.stamp_ns)
-        facts["  before"] = ("static in " if change.static_before else "in ") + export.printable(
-            before
-        )
+        facts["  before"] = f"parent {before}" + (", static" if change.static_before else "")
     facts["version"] = f"{frame.version:,}"
     return facts
 
