@@ -20,7 +20,6 @@ from zenoh_tf import (
 from .oracle import Answer, Oracle, Row
 
 TOLERANCE = 1e-9
-WRITES = ("set_transform", "set_transforms_xact", "clear")
 
 
 class Call(NamedTuple):
@@ -73,7 +72,7 @@ def _as_stamped(argument: Any) -> Any:
     return argument
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> object:
     match value:
         case LatestTransform():
             return Answer(value.stamp_ns, value.newest_stamp_ns, value.transform.pose())
@@ -91,13 +90,15 @@ def _plain(value: object) -> object:
             if value.samples:
                 fields += ["oldest_stamp_ns", "newest_stamp_ns"]
             return {field: getattr(value, field) for field in fields}
+        case {"time_jumps": _, "samples": _}:
+            return {key: value[key] for key in ("frames", "static_links", "samples", "time_jumps")}
         case list():
             return [_plain(item) for item in value]
     return value
 
 
 _EXTRAPOLATION = ("frame", "parent_frame", "stamp_ns", "oldest_stamp_ns", "newest_stamp_ns")
-_CONNECTIVITY = ("stamp_ns",)
+_CONNECTIVITY = ("target_root", "source_root", "stamp_ns")
 
 
 def _fault(error: TransformException) -> Fault:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 import random
-from typing import NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 from .calls import Call
 from .oracle import Row
@@ -35,10 +35,11 @@ Step = tuple[Call, list[Call]]  # a write, and what is asked after it
 class History(NamedTuple):
     seed: int
     max_depth: int
+    time_jump: Literal["reject", "clear"]
     steps: list[Step]
 
     def __str__(self) -> str:
-        lines = [f"seed {self.seed}, max_depth {self.max_depth}"]
+        lines = [f"seed {self.seed}, max_depth {self.max_depth}, time_jump {self.time_jump}"]
         for number, (write, _) in enumerate(self.steps):
             lines.append(f"{number:4} {write}")
         return "\n".join(lines)
@@ -58,23 +59,27 @@ class _Making:
 
     def history(self, writes: int) -> History:
         max_depth = SHALLOW if self.random.random() < 0.2 else DEEP
+        time_jump: Literal["reject", "clear"] = "clear" if self.random.random() < 0.2 else "reject"
+        back = -40 if time_jump == "clear" else 40
         steps = []
         for _ in range(writes):
-            self.clock_ns += self._one_of({0: 5, 1: 8, 2: 2, 40: 0.3}) * GRID_NS
+            self.clock_ns += self._one_of({0: 5, 1: 8, 2: 2, back: 0.3}) * GRID_NS
             steps.append((self._write(), [self._question() for _ in range(4)]))
-        return History(self.seed, max_depth, steps)
+        return History(self.seed, max_depth, time_jump, steps)
 
     def _one_of(self, weights: dict[T, float]) -> T:
         return self.random.choices(list(weights), list(weights.values()))[0]
 
     def _write(self) -> Call:
         authority = self.random.choice(("", "odometry", "camera"))
-        match self._one_of({"set": 30, "xact": 8, "clear": 0.7}):
+        match self._one_of({"set": 30, "xact": 8, "clear": 0.7, "remove": 1}):
             case "set":
                 return Call("set_transform", (self._row(), authority, self.random.random() < 0.12))
             case "xact":
                 rows = tuple(self._row() for _ in range(self.random.randint(0, 4)))
                 return Call("set_transforms_xact", (rows, authority, self.random.random() < 0.1))
+            case "remove":
+                return Call("remove_frame", (self._frame(), self.random.random() < 0.5))
         return Call("clear", (self.random.random() < 0.7,))
 
     def _row(self) -> Row:
@@ -101,7 +106,7 @@ class _Making:
                 row._replace(pose=(*row.pose[:1], math.inf, *row.pose[2:])),
                 row._replace(pose=(*row.pose[:3], math.nan, *row.pose[4:])),
                 row._replace(pose=scaled(0.0)),
-                row._replace(pose=scaled(1.01)),
+                row._replace(pose=scaled(1.006)),
                 row._replace(pose=scaled(1.004)),  # is good
             ]
         )
@@ -128,7 +133,7 @@ class _Making:
         a, b = self._frame(), self._frame()
         match self._one_of(
             {"at": 14, "latest": 4, "several": 1, "full": 4, "time": 2, "sample": 2}
-            | {"can": 2, "chain": 2, "parent": 2, "frame": 2, "frames": 0.5}
+            | {"can": 2, "chain": 2, "parent": 2, "frame": 2, "frames": 0.5, "stats": 0.5}
         ):
             case "at":
                 return Call("lookup_transform", (a, b, self._stamp_to_ask()))
@@ -155,6 +160,8 @@ class _Making:
                 return Call("parent", (a, self._stamp_to_ask()))
             case "frame":
                 return Call("frame", (a,))
+            case "stats":
+                return Call("stats", ())
         return Call("frames", ())
 
     def _frame(self) -> str:

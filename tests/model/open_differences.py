@@ -12,22 +12,9 @@ from collections.abc import Callable
 from zenoh_tf import LookupException, TransformException
 
 from .calls import Call, Fault
-from .oracle import Answer, Oracle, Way
+from .oracle import Answer, Oracle, Row, Way
 
 NOT_LOOKUP = ("ConnectivityException", "NoDataFor", "Backward", "Forward")
-
-
-def parent_at_a_time_without_data(o: Oracle, call: Call, right: object, given: object) -> bool:
-    """``parent(frame, stamp_ns)`` outside of the frame's history names its newest parent."""
-    return call.method == "parent" and right is None and given == o.parent(call.arguments[0])
-
-
-def link_of_the_newest_sample(o: Oracle, call: Call, right: object, given: object) -> bool:
-    """A backward extrapolation names the newest parent, not the oldest sample's."""
-    if not (isinstance(right, Fault) and right.kind == "BackwardExtrapolationException"):
-        return False
-    newest = {**right.facts, "parent_frame": o.parent(str(right.facts["frame"]))}
-    return given == (right.kind, newest)
 
 
 def depth_that_is_just_reached(o: Oracle, call: Call, right: object, given: object) -> bool:
@@ -70,9 +57,23 @@ def is_open(o: Oracle, call: Call, right: object, given: object) -> bool:
     return any(difference(o, call, right, given) for difference in OPEN)
 
 
+def refused_after_a_time_jump(o: Oracle, call: Call, right: object) -> bool:
+    """With ``time_jump="clear"`` a write that jumps back and is then refused (a cycle) has cleared
+    the tree all the same. From there on the two have nothing in common."""
+    if o.time_jump != "clear" or not isinstance(right, Fault):
+        return False
+    if call.method not in {"set_transform", "set_transforms_xact"}:
+        return False
+    rows, _, static = call.arguments
+    rows = [rows] if isinstance(rows, Row) else rows
+    try:
+        _, happened = o.with_rows(o.links, [o.checked(row) for row in rows], static)
+    except TransformException:
+        return False
+    return any(what == "dropped" for _, what in happened)
+
+
 OPEN: list[Callable[[Oracle, Call, object, object], bool]] = [
-    parent_at_a_time_without_data,
-    link_of_the_newest_sample,
     depth_that_is_just_reached,
     own_newest_stamp_of_zero,
     two_ways_in_a_past_loop,

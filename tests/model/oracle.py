@@ -51,10 +51,12 @@ class Way(NamedTuple):
 
 
 class Oracle:
-    def __init__(self, cache_ns: int, max_depth: int = 1000) -> None:
+    def __init__(self, cache_ns: int, max_depth: int = 1000, time_jump: str = "reject") -> None:
         self.cache_ns = cache_ns
         self.max_depth = max_depth
+        self.time_jump = time_jump
         self.names: list[str] = []  # in order of creation
+        self.removed: set[str] = set()  # of these
         self.links: dict[str, Link] = {}  # by child; a list, once in here, is not changed
         self.counts: dict[str, Counter[str]] = {}  # by child: what its rows did
         self.events: Counter[str] = Counter()  # what has happened at all
@@ -72,12 +74,25 @@ class Oracle:
     def clear(self, keep_static: bool = True) -> None:
         self.links = {c: link for c, link in self.links.items() if keep_static and link.static}
 
+    def remove_frame(self, name: str, subtree: bool = False) -> None:
+        self.known(name)
+        children = [c for c, link in self.links.items() if link.samples[-1].parent == name]
+        if children and not subtree:
+            self._refuse("parent of others")
+        for child in children:
+            self.remove_frame(child, subtree=True)
+        self.removed.add(name)
+        self.links.pop(name, None)
+        self.events["removed"] += 1
+
     def _commit(self, rows: Sequence[Row], static: bool, drop_old: bool) -> bool:
         rows = [self.checked(row) for row in rows]
-        links = dict(self.links)  # what a refusal leaves alone
-        happened = []
-        for row in sorted(rows, key=lambda row: row.stamp_ns):
-            happened += [(row.child, what) for what in self.insert(links, row, static)]
+        before = self.links
+        links, happened = self.with_rows(before, rows, static)
+        if self.time_jump == "clear" and any(what == "dropped" for _, what in happened):
+            before = {child: link for child, link in before.items() if link.static}
+            links, happened = self.with_rows(before, rows, static)
+            happened.append((rows[0].child, "time jump"))
         dropped = [child for child, what in happened if what == "dropped"]
         if dropped and not drop_old:
             self._refuse("too old in a transaction")
@@ -88,19 +103,31 @@ class Oracle:
                 frame = links[frame].samples[-1].parent
                 if frame in seen:
                     self._refuse("cycle")
-        for child in {row.child for row in rows} & self.links.keys():
-            before, after = self.links[child], links[child]
-            if before.static != after.static:
+        for child in {row.child for row in rows} & before.keys():
+            old, new = before[child], links[child]
+            if old.static != new.static:
                 happened.append((child, "switched"))
-            if before.samples[-1].parent != after.samples[-1].parent:
+            if old.samples[-1].parent != new.samples[-1].parent:
                 happened.append((child, "reparented"))
         self.links = links
         for row in rows:
             self.names += [n for n in (row.child, row.parent) if n not in self.names]
+            self.events["come back"] += len(self.removed & {row.child, row.parent})
+            self.removed -= {row.child, row.parent}
         for child, what in happened:
             self.counts.setdefault(child, Counter())[what] += 1
             self.events[what] += 1
         return not dropped
+
+    def with_rows(
+        self, links: dict[str, Link], rows: Sequence[Row], static: bool
+    ) -> tuple[dict[str, Link], list[tuple[str, str]]]:
+        """The links with these rows put in, and what happened to whom."""
+        links = dict(links)
+        happened = []
+        for row in sorted(rows, key=lambda row: row.stamp_ns):
+            happened += [(row.child, what) for what in self.insert(links, row, static)]
+        return links, happened
 
     def checked(self, row: Row) -> Row:
         """The row as it is stored."""
@@ -211,7 +238,9 @@ class Oracle:
             for end in ends:
                 if isinstance(end, kind):
                     raise end
-        raise errors.ConnectivityException(stamp_ns=stamp_ns)
+        raise errors.ConnectivityException(
+            target_root=up.frames[-1], source_root=other.frames[-1], stamp_ns=stamp_ns
+        )
 
     def _join(self, target: str, source: str, stamp_ns: int | None) -> Pose:
         up, other = self.ways(target, source, stamp_ns)
@@ -296,7 +325,16 @@ class Oracle:
         return link.parent if link else None
 
     def frames(self) -> list[str]:
-        return self.names
+        return [name for name in self.names if name not in self.removed]
+
+    def stats(self) -> dict[str, int]:
+        links = self.links.values()
+        return {
+            "frames": len(self.frames()),
+            "static_links": sum(link.static for link in links),
+            "samples": sum(len(link.samples) for link in links if not link.static),
+            "time_jumps": self.events["time jump"],
+        }
 
     def frame(self, frame: str) -> dict[str, object]:
         self.known(frame)
@@ -322,7 +360,7 @@ class Oracle:
     def known(self, *frames: str) -> None:
         self.check_names(*frames)
         for frame in frames:
-            if frame not in self.names:
+            if frame not in self.frames():
                 raise errors.LookupException(frame=frame)
 
 

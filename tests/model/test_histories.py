@@ -12,7 +12,7 @@ from zenoh_tf import TransformTree
 
 from .calls import Fault, ask, same
 from .histories import CACHE_NS, SEEDS, History, history
-from .open_differences import is_open
+from .open_differences import is_open, refused_after_a_time_jump
 from .oracle import Oracle
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
@@ -57,17 +57,30 @@ EVENTS = {
     "parent: done",
     "frame: done",
     "frames: done",
+    "stats: done",
+    "removed",
+    "come back",
+    "refused: parent of others",
+    "time jump",
 }
 
 
 def compare(told: History, concurrency: Concurrency, events: Counter[str]) -> str | None:
     """The first difference, or None."""
-    oracle = Oracle(CACHE_NS, told.max_depth)
-    tree = TransformTree(CACHE_NS / 1e9, concurrency, max_depth=told.max_depth, max_frames=64)
+    oracle = Oracle(CACHE_NS, told.max_depth, told.time_jump)
+    tree = TransformTree(
+        CACHE_NS / 1e9,
+        concurrency,
+        time_jump=told.time_jump,
+        max_depth=told.max_depth,
+        max_frames=64,
+    )
     for number, (write, questions) in enumerate(told.steps):
         for call in [write, *questions]:
             right, given = ask(oracle, call), ask(tree, call)
             events[f"{call.method}: {right.kind if isinstance(right, Fault) else 'done'}"] += 1
+            if refused_after_a_time_jump(oracle, call, right):
+                return None
             if same(right, given):
                 continue
             if not is_open(oracle, call, right, given):

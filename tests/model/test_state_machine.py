@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
 from zenoh_tf import TransformTree
 
@@ -26,10 +26,13 @@ Concurrency = Literal["optimistic", "2pl"]
 CACHE_NS = 1000
 MAX_DEPTH = 3
 
-frames = st.sampled_from(["map", "base", "arm", "tool", "camera"])
-asked = frames | st.sampled_from(["nowhere", "", "/map"])
-# Small, so that they repeat and interleave; or anything, as far apart as 64 bits allow.
-stamps = st.integers(-3000, 3000) | st.integers(-(2**63) + 1, 2**63 - 1)
+NAMES = ["map", "base", "arm", "tool"]
+frames = st.sampled_from(NAMES)
+asked = frames | frames | frames | st.sampled_from(["nowhere", "", "/map"])
+# On a grid, so that they repeat and interleave; or anything, as far apart as 64 bits allow.
+grid = st.integers(-8, 12).map(lambda step: step * 100)
+stamps = grid | grid | grid | st.integers(-800, 1200) | st.integers(-(2**63) + 1, 2**63 - 1)
+PROBES = [*range(-850, 1300, 50), 1, -(2**63) + 1, 2**63 - 1]
 times = st.none() | stamps
 metres = st.floats(-1e3, 1e3)
 
@@ -44,11 +47,12 @@ def _rotation(axis: tuple[float, float, float], angle: float) -> tuple[float, fl
 
 
 axes = st.tuples(*[st.floats(-1, 1)] * 3)
-rotations = st.builds(_rotation, axes, st.floats(-3, 3) | st.floats(-1e-3, 1e-3))
+rotations = st.builds(_rotation, axes, st.floats(-6, 6) | st.floats(-1e-3, 1e-3))
 poses: st.SearchStrategy[Pose] = st.builds(
     lambda x, y, z, q: (x, y, z, *q), metres, metres, metres, rotations
 )
 rows = st.builds(Row, frames, frames, stamps, poses)
+rarely = st.sampled_from([False] * 5 + [True])
 authorities = st.sampled_from(["", "odometry"])
 
 
@@ -67,14 +71,24 @@ class TreeAndOracle(RuleBasedStateMachine):
         right, given = ask(self.oracle, call), ask(self.tree, call)
         assert same(right, given) or is_open(self.oracle, call, right, given), (right, given)
 
-    @rule(row=rows, authority=authorities, static=st.booleans())
-    def set_transform(self, row: Row, authority: str, static: bool) -> None:
+    @rule(row=rows, authority=authorities, static=rarely, other=frames)
+    def set_transform(self, row: Row, authority: str, static: bool, other: str) -> None:
         self.both("set_transform", row, authority, static)
+        for source in (row.child, other):
+            self.both("sample", row.parent, source, PROBES)
+            self.both("lookup_transform", row.parent, source, None)
+            self.both("lookup_latest_transform_xact", source, row.parent)
 
-    @rule(rows=st.lists(rows, max_size=4).map(tuple), static=st.booleans())
+    @rule(rows=st.lists(rows, max_size=4).map(tuple), static=rarely)
     def set_transforms_xact(self, rows: tuple[Row, ...], static: bool) -> None:
         self.both("set_transforms_xact", rows, "", static)
 
+    @precondition(lambda self: self.oracle.links)
+    @rule(name=asked, subtree=st.booleans())
+    def remove_frame(self, name: str, subtree: bool) -> None:
+        self.both("remove_frame", name, subtree)
+
+    @precondition(lambda self: self.oracle.links)
     @rule(keep_static=st.booleans())
     def clear(self, keep_static: bool) -> None:
         self.both("clear", keep_static)
@@ -107,6 +121,7 @@ class TreeAndOracle(RuleBasedStateMachine):
     @rule(name=asked)
     def introspect(self, name: str) -> None:
         self.both("frames")
+        self.both("stats")
         self.both("frame", name)
 
 
