@@ -39,6 +39,7 @@ class LiveServer:
             "cache_time_s": 10.0,
             "concurrency": concurrency,
             "one_authority_per_frame": False,
+            "time_jump": "reject",
             "workers": 2,
             "limits": Limits(),
         }
