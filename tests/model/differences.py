@@ -32,8 +32,8 @@ DECISIONS = {
 
 
 class AsTf2(Oracle):
-    def __init__(self, cache_ns: int) -> None:
-        super().__init__(cache_ns)
+    def __init__(self, cache_ns: int, max_depth: int) -> None:
+        super().__init__(cache_ns, max_depth)
         self.static: dict[str, bool] = {}  # by child, as of its first write
         self.marks: dict[str, set[str]] = {}  # by child: decisions that its history rests on
         self.fired: set[str] = set()  # decisions that the last answers rest on

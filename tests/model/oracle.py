@@ -64,12 +64,12 @@ class Oracle:
     # Writing
 
     def set_transform(self, row: Row, authority: str = "", static: bool = False) -> bool:
-        return self._commit([row], static, drop_old=True)
+        return self.commit([row], static, drop_old=True)
 
     def set_transforms_xact(
         self, rows: Sequence[Row], authority: str = "", static: bool = False
     ) -> None:
-        self._commit(rows, static, drop_old=False)
+        self.commit(rows, static, drop_old=False)
 
     def clear(self, keep_static: bool = True) -> None:
         self.links = {c: link for c, link in self.links.items() if keep_static and link.static}
@@ -85,7 +85,7 @@ class Oracle:
         self.links.pop(name, None)
         self.events["removed"] += 1
 
-    def _commit(self, rows: Sequence[Row], static: bool, drop_old: bool) -> bool:
+    def commit(self, rows: Sequence[Row], static: bool, drop_old: bool) -> bool:
         rows = [self.checked(row) for row in rows]
         before = self.links
         links, happened = self.with_rows(before, rows, static)
@@ -96,13 +96,8 @@ class Oracle:
         dropped = [child for child, what in happened if what == "dropped"]
         if dropped and not drop_old:
             self._refuse("too old in a transaction")
-        for child in links:
-            frame, seen = child, set()
-            while frame in links:
-                seen.add(frame)
-                frame = links[frame].samples[-1].parent
-                if frame in seen:
-                    self._refuse("cycle")
+        if self.has_cycle(links):
+            self._refuse("cycle")
         for child in {row.child for row in rows} & before.keys():
             old, new = before[child], links[child]
             if old.static != new.static:
@@ -118,6 +113,18 @@ class Oracle:
             self.counts.setdefault(child, Counter())[what] += 1
             self.events[what] += 1
         return not dropped
+
+    @staticmethod
+    def has_cycle(links: dict[str, Link]) -> bool:
+        """Among the newest parents."""
+        for child in links:
+            frame, seen = child, set()
+            while frame in links:
+                seen.add(frame)
+                frame = links[frame].samples[-1].parent
+                if frame in seen:
+                    return True
+        return False
 
     def with_rows(
         self, links: dict[str, Link], rows: Sequence[Row], static: bool
