@@ -8,7 +8,8 @@ a link of its way, or on the question itself (``reasons``).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+from collections.abc import Iterable, Sequence
 
 from zenoh_tf import errors
 
@@ -37,6 +38,12 @@ class AsTf2(Oracle):
         self.static: dict[str, bool] = {}  # by child, as of its first write
         self.marks: dict[str, set[str]] = {}  # by child: decisions that its history rests on
         self.fired: set[str] = set()  # decisions that the last answers rest on
+
+    def closes_cycle(self, rows: Sequence[Row], static: bool) -> bool:
+        """Would these rows? Says so and leaves no trace."""
+        trial = copy.copy(self)
+        trial.static, trial.marks = dict(self.static), copy.deepcopy(self.marks)
+        return self.has_cycle(trial.with_rows(self.links, rows, static)[0])
 
     def insert(self, links: dict[str, Link], row: Row, static: bool) -> list[str]:
         as_static = self.static.setdefault(row.child, static)
