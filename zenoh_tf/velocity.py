@@ -32,7 +32,8 @@ class Velocity:
         stamp_ns: The time asked for, or the latest common time of tracking and observation
             frame; 0 where all links between them are static.
         start_ns, end_ns: The window: the averaging interval around ``stamp_ns``, moved back
-            where it would end after the latest common time. As in tf2; the linear part of
+            where it would end after the latest common time, cut off where it would begin
+            before time zero. As in tf2; the linear part of
             tf2's result is another where a body turns.
         tracking_frame, observation_frame, reference_frame: As asked for.
     """

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import zenoh
+from zenoh.handlers import FifoChannel
 
 from zenoh_tf import StampedTransform, keys, wire
 from zenoh_tf.errors import LimitExceeded, ServerUnavailable
@@ -17,6 +18,8 @@ from . import columns
 
 #: A server's token may arrive before the news of its subscribers does.
 _MATCHING_TIMEOUT_S = 2.0
+#: News of servers that are not yet handled.
+_TOKENS = 16
 
 
 class Broadcaster:
@@ -32,7 +35,7 @@ class Broadcaster:
         self._tree = tree
         self._lock = threading.Lock()
         self._statics: dict[str, StampedTransform] = {}
-        self._servers: zenoh.Subscriber[None] | None = None
+        self._servers: zenoh.Subscriber[Any] | None = None
         self._closed = False
         self._dynamic = self._publisher(static=False)
         self._static = self._publisher(static=True)
@@ -60,9 +63,7 @@ class Broadcaster:
             if self._closed:
                 raise ServerUnavailable("the broadcaster is closed")
             if self._servers is None:
-                self._servers = self._session.liveliness().declare_subscriber(
-                    keys.servers(self._tree), self._on_server, history=False
-                )
+                self._watch_servers()
             self._put(self._static, rows)
             self._statics.update((row.child_frame, row) for row in rows)
 
@@ -73,7 +74,7 @@ class Broadcaster:
                 return
             self._closed = True
             servers = self._servers
-        # Outside of the lock, which the callback of `servers` may be waiting for.
+        # Outside of the lock, for which the thread behind `servers` may be waiting.
         if servers is not None:
             servers.undeclare()
         self._dynamic.undeclare()
@@ -103,10 +104,28 @@ class Broadcaster:
         except zenoh.ZError as error:
             raise ServerUnavailable(f"cannot publish: {error}") from error
 
-    def _on_server(self, token: Any) -> None:
-        """A server's token came or went; runs on a thread of Zenoh's."""
-        if token.kind != zenoh.SampleKind.PUT:
-            return
+    def _watch_servers(self) -> None:
+        # A thread of our own, not a callback of Zenoh's: that runs on a thread which a
+        # process that ends without closing would wait for, for ever.
+        tokens: FifoChannel[zenoh.Sample] = FifoChannel(_TOKENS)
+        self._servers = self._session.liveliness().declare_subscriber(
+            keys.servers(self._tree), tokens, history=False
+        )
+        handler = self._servers.handler
+        threading.Thread(
+            target=self._announce_to_servers, args=(handler,), name="statics", daemon=True
+        ).start()
+
+    def _announce_to_servers(self, handler: Any) -> None:
+        while True:
+            try:
+                token = handler.recv()
+            except zenoh.ZError:  # undeclared
+                return
+            if token.kind == zenoh.SampleKind.PUT:
+                self._announce()
+
+    def _announce(self) -> None:
         deadline_s = time.monotonic() + _MATCHING_TIMEOUT_S
         while not _matches(self._static) and time.monotonic() < deadline_s:
             time.sleep(0.01)

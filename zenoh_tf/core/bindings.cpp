@@ -1,7 +1,10 @@
 // The Python module, and what its files share.
 #include "bindings.hpp"
 
+#include <atomic>
+#include <chrono>
 #include <cstdio>
+#include <thread>
 
 namespace ztf {
 
@@ -195,12 +198,32 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
   }
 }
 
+namespace {
+
+std::atomic<bool> exiting{false};
+
+}  // namespace
+
+bool is_main_thread() {
+  const nb::module_ threading = nb::module_::import_("threading");
+  return threading.attr("current_thread")().is(threading.attr("main_thread")());
+}
+
+Unlocked::Unlocked() : main_thread_(is_main_thread()), state_(PyEval_SaveThread()) {}
+
+Unlocked::~Unlocked() {
+  while (exiting && !main_thread_) std::this_thread::sleep_for(std::chrono::hours(1));
+  PyEval_RestoreThread(state_);
+}
+
 }  // namespace ztf
 
 NB_MODULE(_core, m) {
   m.doc() = "The native tree of zenoh-tf; use it through zenoh_tf.";
   // At exit, what daemon threads or a traceback still hold is no leak to tell a user about.
   nanobind::set_leak_warnings(false);
+  nanobind::module_::import_("atexit").attr("register")(
+      nanobind::cpp_function([] { ztf::exiting = true; }));
   ztf::bind_values(m);
   ztf::bind_tree(m);
   ztf::bind_waiting(m);

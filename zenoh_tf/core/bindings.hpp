@@ -41,6 +41,22 @@ std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
 
+bool is_main_thread();  // Python's
+// Without the interpreter lock, for as long as it takes. Python ends daemon
+// threads that want the lock back while the process ends, by unwinding them,
+// which C++ takes for an exception and aborts: such a thread stays here.
+class Unlocked {
+ public:
+  Unlocked();
+  ~Unlocked();
+  Unlocked(const Unlocked&) = delete;
+  Unlocked& operator=(const Unlocked&) = delete;
+
+ private:
+  const bool main_thread_;
+  PyThreadState* const state_;
+};
+
 // A str's UTF-8, which lives as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
 // A frame's id, 0 where there is none; names that no frame can have are errors.

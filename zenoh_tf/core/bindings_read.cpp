@@ -83,7 +83,7 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
   // What does not exist was read too: it must still not be there.
   std::size_t unknown = 0;
   for (std::size_t i = 0; i < rows.ids.size(); ++i)
-    if (rows.ids[i] == 0 && !rows.bad_name[i].is_valid()) {
+    if (rows.ids[i] == 0 && !rows.bad_name[i]) {
       read_names.append(rows.held[i]);
       ++unknown;
     }
@@ -178,8 +178,8 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
   for (std::size_t i = 0; i < held.size(); ++i) {
     try {
       ids.push_back(frame_of(tree, held[i], "frame"));
-    } catch (nb::python_error& error) {
-      bad_name[i] = nb::borrow(error.value());
+    } catch (nb::python_error&) {
+      bad_name[i] = true;
       ids.push_back(0);
     }
   }
@@ -209,11 +209,21 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
   }
 }
 
-nb::object ReadRows::name_error(std::size_t row) const {
+bool ReadRows::has_bad_name(std::size_t row) const {
   const auto [target, source, fixed] = names[row];
-  for (const std::uint32_t name : {target, source})
-    if (bad_name[name].is_valid()) return bad_name[name];
-  return queries[row].op == Op::full ? bad_name[fixed] : nb::object();
+  return bad_name[target] || bad_name[source] || (queries[row].op == Op::full && bad_name[fixed]);
+}
+
+nb::object ReadRows::name_error(const Tree& tree, std::size_t row) const {
+  const auto [target, source, fixed] = names[row];
+  try {
+    (void)frame_of(tree, held[target], "target_frame");
+    (void)frame_of(tree, held[source], "source_frame");
+    (void)frame_of(tree, held[fixed], "fixed_frame");
+  } catch (nb::python_error& error) {
+    return nb::borrow(error.value());
+  }
+  return nb::object();
 }
 
 nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
@@ -223,9 +233,10 @@ nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& ans
     Answer& a = answers[i];
     if (a.failure.code == Code::ok) [[likely]]
       continue;
-    nb::object error = rows.name_error(i);
-    if (error.is_valid()) {
+    nb::object error;
+    if (rows.has_bad_name(i)) {
       a.failure.code = Code::invalid_argument;
+      error = rows.name_error(tree, i);
     } else {
       auto [target, source, fixed] = rows.names[i];
       if (rows.queries[i].op == Op::full)  // the leg that failed: source in fixed, or fixed in target

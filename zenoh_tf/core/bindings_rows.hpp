@@ -33,12 +33,13 @@ struct ReadRows {
   std::vector<std::string_view> texts;
   std::vector<nb::object> held;      // the names
   std::vector<FrameId> ids;          // 0 where there is no such frame
-  std::vector<nb::object> bad_name;  // an error, where a name can be no frame's
+  std::vector<bool> bad_name;        // it can be no frame's
   std::vector<Names> names;
   std::vector<Query> queries;
 
-  // The error of a row whose names can be no frames', or nothing.
-  [[nodiscard]] nb::object name_error(std::size_t row) const;
+  // Whether a row's names can be frames', and why not.
+  [[nodiscard]] bool has_bad_name(std::size_t row) const;
+  [[nodiscard]] nb::object name_error(const Tree& tree, std::size_t row) const;
 };
 
 // (status, stamps, newest stamps, poses, [(row, error)], reads); poses of rows

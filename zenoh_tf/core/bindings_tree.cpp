@@ -17,13 +17,6 @@ struct Asked : Answer {
   std::string note;  // for the message of its failure
 };
 
-// Signals are heard by Python's main thread only, and only while it holds the
-// interpreter lock: that thread wakes up to look.
-bool is_main_thread() {
-  const nb::module_ threading = nb::module_::import_("threading");
-  return threading.attr("current_thread")().is(threading.attr("main_thread")());
-}
-
 // Sleeps until there is an answer, none can come, or the time is over.
 [[gnu::noinline]] Asked wait(const Tree& tree, const Query& query, nb::handle target,
                              nb::handle source, nb::handle fixed, double timeout_s) {
@@ -31,6 +24,8 @@ bool is_main_thread() {
   const auto time = std::chrono::duration<double>(std::min(timeout_s, 1e9));
   const Clock::time_point deadline =
       Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
+  // Signals are heard by Python's main thread only, and only while it holds the
+  // interpreter lock: that thread wakes up to look.
   const auto slice = is_main_thread() ? Clock::duration(std::chrono::milliseconds(100))
                                       : Clock::duration::max();
   Sleeper sleeper(tree.room(), query, text_of(target, "target_frame"),
@@ -39,7 +34,7 @@ bool is_main_thread() {
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
     bool over;
     {
-      nb::gil_scoped_release release;
+      const Unlocked unlocked;
       over = sleeper.wait(deadline - now < slice ? deadline : now + slice);
     }
     if (PyErr_CheckSignals() != 0) throw nb::python_error();

@@ -99,7 +99,7 @@ class WaitingRows : public std::enable_shared_from_this<WaitingRows> {
     Row(WaitingRows& of, std::size_t index, const Query& query, std::string_view target,
         std::string_view source, std::string_view fixed)
         : Waiter(query, target, source, fixed),
-          hopeless(of.rows_.name_error(index).is_valid()), of(of), index(index) {}
+          hopeless(of.rows_.has_bad_name(index)), of(of), index(index) {}
     void woken() noexcept override {
       if (auto rows = of.weak_from_this().lock()) of.queue_.push({std::move(rows), index});
     }
@@ -153,7 +153,7 @@ void bind_waiting(nb::module_& m) {
       .def("take",
            [](WaitQueue& queue) {
              std::deque<WaitQueue::Woken> held;
-             nb::gil_scoped_release release;
+             const Unlocked unlocked;
              return queue.take(held);
            })
       .def("close", &WaitQueue::close);

@@ -1,7 +1,8 @@
 // Velocities from the history of poses.
 //
 // The window is tf2's: as long as the averaging interval, its middle at the time
-// asked for, and moved back where it would end after the latest common time.
+// asked for, moved back where it would end after the latest common time, and cut
+// off where it would begin before time zero.
 #include "tree_read.hpp"
 
 namespace ztf {
@@ -37,6 +38,7 @@ bool measure(Reader<Guard>& reader, const VelocityQuery& q, VelocityAnswer& a) {
   a.end = later(a.stamp, q.interval / 2);
   if (!timeless) a.end = std::min(a.end, latest.stamp);
   a.start = earlier(a.end, q.interval);
+  if (a.end > 0) a.start = std::max(a.start, Stamp{0});
 
   struct Wanted {
     Leg leg;
