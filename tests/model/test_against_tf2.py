@@ -192,3 +192,21 @@ def test_tf2_differs_only_where_a_decision_says_so(tf2: Peer) -> None:
     if len(SEEDS) > 1:
         assert sorted(DECISIONS.keys() - counts.keys()) == []
         assert counts["differ"] < counts["answers"] / 2
+
+
+def test_what_is_kept_from_tf2_is_what_it_accepts(tf2: Peer) -> None:
+    """The writes that the histories do not give to it, or not as they are."""
+
+    def row(parent: str, child: str, x: float = 0.0, w: float = 1.0) -> Call:
+        stored = Row(parent, child, START_NS, (x, 0.0, 0.0, 0.0, 0.0, 0.0, w))
+        return Call("set_transform", (stored, "", False))
+
+    def after(*writes: Call, frames: tuple[str, str] = ("a", "b")) -> object:
+        return tf2.ask([*writes, Call("lookup_transform", (*frames, START_NS))])[-1]
+
+    raw, infinite = after(row("a", "b", w=1.004)), after(row("a", "b", x=math.inf))
+    assert isinstance(raw, Answer) and raw.pose[6] == 1.004  # A08
+    assert isinstance(infinite, Answer) and not math.isfinite(infinite.pose[0])  # A08b
+    cycle = after(row("a", "b"), row("b", "a"), row("c", "d"), frames=("c", "b"))
+    assert cycle == Fault("LookupException", {})  # F07
+    assert isinstance(after(row("a", "b"), row("b", "a")), Answer)
