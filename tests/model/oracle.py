@@ -1,39 +1,22 @@
 """What the tree must answer, said as plainly as possible: lists, searched from the start.
 
 One thread, no locks, nothing shared with the product but its exceptions. The rules are those of
-``docs/`` and of ``zenoh_tf/core/history.hpp``; stamps are integer nanoseconds.
+``docs/`` and of ``zenoh_tf/core/history.hpp``; stamps are integer nanoseconds. ``stored.py`` has
+the writes, this file the reads.
 """
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 from zenoh_tf import errors
 
-from .poses import IDENTITY, Pose, compose, interpolated, inverse, normalised
+from .poses import IDENTITY, Pose, compose, interpolated, inverse
+from .stored import Link, Row, Sample, Stored
 
-
-class Row(NamedTuple):
-    """A write: the pose of child in parent."""
-
-    parent: str
-    child: str
-    stamp_ns: int
-    pose: Pose
-
-
-class Sample(NamedTuple):
-    stamp_ns: int
-    parent: str
-    pose: Pose
-
-
-class Link(NamedTuple):
-    static: bool
-    samples: list[Sample]  # by stamp, never empty; one where static
+__all__ = ["Answer", "Link", "Oracle", "Row", "Sample", "Way"]
 
 
 class Answer(NamedTuple):
@@ -50,131 +33,7 @@ class Way(NamedTuple):
     end: errors.TransformException | None  # None: a root
 
 
-class Oracle:
-    def __init__(self, cache_ns: int, max_depth: int = 1000, time_jump: str = "reject") -> None:
-        self.cache_ns = cache_ns
-        self.max_depth = max_depth
-        self.time_jump = time_jump
-        self.names: list[str] = []  # in order of creation
-        self.removed: set[str] = set()  # of these
-        self.links: dict[str, Link] = {}  # by child; a list, once in here, is not changed
-        self.counts: dict[str, Counter[str]] = {}  # by child: what its rows did
-        self.events: Counter[str] = Counter()  # what has happened at all
-
-    # Writing
-
-    def set_transform(self, row: Row, authority: str = "", static: bool = False) -> bool:
-        return self.commit([row], static, drop_old=True)
-
-    def set_transforms_xact(
-        self, rows: Sequence[Row], authority: str = "", static: bool = False
-    ) -> None:
-        self.commit(rows, static, drop_old=False)
-
-    def clear(self, keep_static: bool = True) -> None:
-        self.links = {c: link for c, link in self.links.items() if keep_static and link.static}
-
-    def remove_frame(self, name: str, subtree: bool = False) -> None:
-        self.known(name)
-        children = [c for c, link in self.links.items() if link.samples[-1].parent == name]
-        if children and not subtree:
-            self._refuse("parent of others")
-        for child in children:
-            self.remove_frame(child, subtree=True)
-        self.removed.add(name)
-        self.links.pop(name, None)
-        self.events["removed"] += 1
-
-    def commit(self, rows: Sequence[Row], static: bool, drop_old: bool) -> bool:
-        rows = [self.checked(row) for row in rows]
-        before = self.links
-        links, happened = self.with_rows(before, rows, static)
-        if self.time_jump == "clear" and any(what == "dropped" for _, what in happened):
-            before = {child: link for child, link in before.items() if link.static}
-            links, happened = self.with_rows(before, rows, static)
-            happened.append((rows[0].child, "time jump"))
-        dropped = [child for child, what in happened if what == "dropped"]
-        if dropped and not drop_old:
-            self._refuse("too old in a transaction")
-        if self.has_cycle(links):
-            self._refuse("cycle")
-        for child in {row.child for row in rows} & before.keys():
-            old, new = before[child], links[child]
-            if old.static != new.static:
-                happened.append((child, "switched"))
-            if old.samples[-1].parent != new.samples[-1].parent:
-                happened.append((child, "reparented"))
-        self.links = links
-        for row in rows:
-            self.names += [n for n in (row.child, row.parent) if n not in self.names]
-            self.events["come back"] += len(self.removed & {row.child, row.parent})
-            self.removed -= {row.child, row.parent}
-        for child, what in happened:
-            self.counts.setdefault(child, Counter())[what] += 1
-            self.events[what] += 1
-        return not dropped
-
-    @staticmethod
-    def has_cycle(links: dict[str, Link]) -> bool:
-        """Among the newest parents."""
-        for child in links:
-            frame, seen = child, set()
-            while frame in links:
-                seen.add(frame)
-                frame = links[frame].samples[-1].parent
-                if frame in seen:
-                    return True
-        return False
-
-    def with_rows(
-        self, links: dict[str, Link], rows: Sequence[Row], static: bool
-    ) -> tuple[dict[str, Link], list[tuple[str, str]]]:
-        """The links with these rows put in, and what happened to whom."""
-        links = dict(links)
-        happened = []
-        for row in sorted(rows, key=lambda row: row.stamp_ns):
-            happened += [(row.child, what) for what in self.insert(links, row, static)]
-        return links, happened
-
-    def checked(self, row: Row) -> Row:
-        """The row as it is stored."""
-        parent, child = row.parent.removeprefix("/"), row.child.removeprefix("/")
-        if not parent or not child:
-            self._refuse("empty name")
-        if parent == child:
-            self._refuse("own parent")
-        if not all(map(math.isfinite, row.pose)):
-            self._refuse("not finite")
-        if abs(sum(v * v for v in row.pose[3:]) - 1.0) >= 1e-2:
-            self._refuse("not a rotation")
-        return Row(parent, child, row.stamp_ns, normalised(row.pose))
-
-    def insert(self, links: dict[str, Link], row: Row, static: bool) -> list[str]:
-        """Put a row in where it belongs; what happened."""
-        sample = Sample(row.stamp_ns, row.parent, row.pose)
-        link = links.get(row.child)
-        if static:
-            links[row.child] = Link(True, [sample])
-            return ["static"]
-        samples = [] if link is None or link.static else link.samples
-        if samples and row.stamp_ns < samples[-1].stamp_ns - self.cache_ns:
-            return ["dropped"]
-        others = [s for s in samples if s.stamp_ns != row.stamp_ns]
-        everything = sorted([*others, sample], key=lambda s: s.stamp_ns)
-        oldest_ns = everything[-1].stamp_ns - self.cache_ns
-        kept = [s for s in everything if s.stamp_ns >= oldest_ns]
-        links[row.child] = Link(False, kept)
-        facts = {
-            "rewritten": len(others) < len(samples),
-            "out of order": kept[-1] is not sample,
-            "pruned": len(kept) < len(everything),
-        }
-        return ["stored", *(what for what, is_so in facts.items() if is_so)]
-
-    def _refuse(self, why: str) -> NoReturn:
-        self.events[f"refused: {why}"] += 1
-        raise errors.InvalidArgumentException(why)
-
+class Oracle(Stored):
     # Walking; a time of None is the newest of every link
 
     def at(self, frame: str, stamp_ns: int | None) -> Sample | None:
@@ -331,9 +190,6 @@ class Oracle:
             return None
         return link.parent if link else None
 
-    def frames(self) -> list[str]:
-        return [name for name in self.names if name not in self.removed]
-
     def stats(self) -> dict[str, int]:
         links = self.links.values()
         return {
@@ -358,17 +214,6 @@ class Oracle:
             "newest_stamp_ns": samples[-1].stamp_ns,
             **counted,
         }
-
-    def check_names(self, *frames: str) -> None:
-        for frame in frames:
-            if not frame or frame.startswith("/"):
-                raise errors.InvalidArgumentException(frame)
-
-    def known(self, *frames: str) -> None:
-        self.check_names(*frames)
-        for frame in frames:
-            if frame not in self.frames():
-                raise errors.LookupException(frame=frame)
 
 
 def _product(way: Way) -> Pose:
