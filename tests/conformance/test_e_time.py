@@ -240,6 +240,7 @@ def test_E12_stamp_zero(tf: Tree) -> None:
     put(tf, "parent", "a", 0, (1, 0, 0))
     put(tf, "parent", "b", 5, (2, 0, 0))
     assert tf.latest_common_time("a", "b") == 0
+    assert tf.latest_common_time("a", "a") == 0
     put(tf, "parent", "a", 5, (3, 0, 0))
     assert x_of(look(tf, "parent", "a", 0)) == 1.0
     assert x_of(look(tf, "parent", "a")) == 3.0

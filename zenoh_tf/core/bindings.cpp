@@ -1,17 +1,42 @@
 // The Python module, and what its files share.
 #include "bindings.hpp"
 
-#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <thread>
 
+#if defined(__GLIBCXX__)
+#include <cxxabi.h>
+#endif
+
 namespace ztf {
+
+namespace {
+
+// Python ends daemon threads that want the interpreter lock while the process
+// ends: it unwinds them, which nanobind takes for an exception of its own, and
+// aborts. What may take the lock back stays here instead, until the end.
+template <class Body>
+void or_stay(Body&& body) {
+#if defined(__GLIBCXX__)
+  try {
+    body();
+  } catch (abi::__forced_unwind&) {
+    for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+  }
+#else
+  body();
+#endif
+}
+
+}  // namespace
 
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts) {
   const nb::object by_code = nb::module_::import_("zenoh_tf.errors").attr("BY_CODE");
   const nb::object kind = by_code[nb::int_(static_cast<int>(code))];
-  nb::object error = nb::steal(PyObject_Call(kind.ptr(), nb::make_tuple(message).ptr(), facts.ptr()));
+  const nb::tuple arguments = nb::make_tuple(message);
+  nb::object error;
+  or_stay([&] { error = nb::steal(PyObject_Call(kind.ptr(), arguments.ptr(), facts.ptr())); });
   if (!error.is_valid()) throw nb::python_error();
   return error;
 }
@@ -198,22 +223,15 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
   }
 }
 
-namespace {
-
-std::atomic<bool> exiting{false};
-
-}  // namespace
-
 bool is_main_thread() {
   const nb::module_ threading = nb::module_::import_("threading");
   return threading.attr("current_thread")().is(threading.attr("main_thread")());
 }
 
-Unlocked::Unlocked() : main_thread_(is_main_thread()), state_(PyEval_SaveThread()) {}
+Unlocked::Unlocked() : state_(PyEval_SaveThread()) {}
 
 Unlocked::~Unlocked() {
-  while (exiting && !main_thread_) std::this_thread::sleep_for(std::chrono::hours(1));
-  PyEval_RestoreThread(state_);
+  or_stay([&] { PyEval_RestoreThread(state_); });
 }
 
 }  // namespace ztf
@@ -222,8 +240,6 @@ NB_MODULE(_core, m) {
   m.doc() = "The native tree of zenoh-tf; use it through zenoh_tf.";
   // At exit, what daemon threads or a traceback still hold is no leak to tell a user about.
   nanobind::set_leak_warnings(false);
-  nanobind::module_::import_("atexit").attr("register")(
-      nanobind::cpp_function([] { ztf::exiting = true; }));
   ztf::bind_values(m);
   ztf::bind_tree(m);
   ztf::bind_waiting(m);

@@ -42,9 +42,8 @@ std::string waited(double timeout_s);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
 
 bool is_main_thread();  // Python's
-// Without the interpreter lock, for as long as it takes. Python ends daemon
-// threads that want the lock back while the process ends, by unwinding them,
-// which C++ takes for an exception and aborts: such a thread stays here.
+// Without the interpreter lock, for as long as it takes: also where the process
+// ends meanwhile.
 class Unlocked {
  public:
   Unlocked();
@@ -53,7 +52,6 @@ class Unlocked {
   Unlocked& operator=(const Unlocked&) = delete;
 
  private:
-  const bool main_thread_;
   PyThreadState* const state_;
 };
 

@@ -199,7 +199,7 @@ class Reader {
   }
 
   bool common(FrameId target, FrameId source, Answer& a) {
-    if (target == source) return itself(target, a);
+    if (target == source) return itself(target, 0, a);
     if (ascend<true>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       const StampRange stamps(chain);
@@ -231,7 +231,7 @@ class Reader {
   }
 
   bool latest(FrameId target, FrameId source, Answer& a) {
-    if (target == source) return itself(target, a);
+    if (target == source) return itself(target, 0, a);
     if (ascend<false>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       give_range(StampRange(chain), a);
@@ -261,11 +261,7 @@ class Reader {
 
   bool common_time(FrameId target, FrameId source, Answer& a) {
     a.pose = Pose{};
-    if (target == source) {
-      if (!itself(target, a)) return false;
-      if (a.stamp == 0) a.stamp = kNoStamp;
-      return true;
-    }
+    if (target == source) return itself(target, kNoStamp, a);
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       a.stamp = StampRange(chain).oldest();
       return true;
@@ -289,14 +285,14 @@ class Reader {
     return true;
   }
 
-  // A frame in itself: the identity, as of its own newest sample.
-  bool itself(FrameId id, Answer& a) {
+  // A frame in itself: the identity, as of its own newest sample, if it has one.
+  bool itself(FrameId id, Stamp timeless_stamp, Answer& a) {
     const Frame& frame = frames_[id];
     Version version;
     if (!guard_.enter(frame, version)) return false;
     const Link link = NewestLink{}(frame);
     const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
-    a.stamp = a.newest = timeless ? 0 : link.stamp;
+    a.stamp = a.newest = timeless ? timeless_stamp : link.stamp;
     a.pose = Pose{};
     const Step step{&frame, version, link.stamp, link.slot};
     return guard_.rest(&step, 1);
