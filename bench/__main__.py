@@ -1,4 +1,4 @@
-"""``python -m bench [native] [embedded] [remote] [--results FILE]``
+"""``python -m bench [native] [embedded] [remote] [waiting] [--results FILE]``
 
 Medians of repetitions, with the lowest and the highest. What is compared is measured by turns in
 one run and compared pair by pair, for other work on the machine meets both; figures of different
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench import embedded, machine, native, remote
+from bench import embedded, machine, native, remote, waiting
 from bench.figures import Figure
 
 
@@ -33,6 +33,7 @@ PARTS: dict[str, Callable[[], Any]] = {
     "native": native.measure,
     "embedded": _printed(embedded.measure),
     "remote": _printed(remote.measure),
+    "waiting": _printed(waiting.measure),
 }
 
 

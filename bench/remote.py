@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
-import socket
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 
@@ -16,7 +11,7 @@ import zenoh
 
 from bench import empty_server, workload
 from bench.figures import REPETITIONS, Bar, Figure
-from bench.machine import ROOT
+from bench.processes import free_endpoint, open_session, running
 from bench.workload import ROWS, SOURCE, TARGET
 from zenoh_tf import StampedTransform, Transform, keys, wire
 from zenoh_tf_client import TransformClient, requests
@@ -36,9 +31,9 @@ Call = Callable[[], object]
 
 def measure() -> Iterator[Figure]:
     """Microseconds a round trip; lookups and transforms a second."""
-    endpoint = _free_endpoint()
+    endpoint = free_endpoint()
     command = ["zenoh_tf_server", "--listen", endpoint, "--tree", TREE, "--log-level", "error"]
-    with _process(*command), TransformClient.connect(endpoint, TREE) as tf:
+    with running(*command), TransformClient.connect(endpoint, TREE) as tf:
         tf.set_transforms_xact([_stamped(*row) for row in workload.history()])
         yield from _round_trips(tf, endpoint)
         yield from _batches(tf)
@@ -50,12 +45,12 @@ def _round_trips(tf: TransformClient, endpoint: str) -> Iterator[Figure]:
     query that sends and receives as many bytes."""
     request = wire.pack(requests.lookup_transform(TARGET, SOURCE).body())
     key = zenoh.KeyExpr(keys.operation(TREE, "lookup"))
-    empty_endpoint = _free_endpoint()
-    with _session(endpoint) as session:
+    empty_endpoint = free_endpoint()
+    with open_session(endpoint) as session:
         reply_bytes = _ask(session, key, request)
         with (
-            _process("bench.empty_server", empty_endpoint, str(reply_bytes)),
-            _session(empty_endpoint) as empty_session,
+            running("bench.empty_server", empty_endpoint, str(reply_bytes)),
+            open_session(empty_endpoint) as empty_session,
         ):
             empty_key, payload = zenoh.KeyExpr(empty_server.KEY), bytes(len(request))
             calls: list[Call] = [
@@ -175,20 +170,6 @@ def _ask(session: zenoh.Session, key: zenoh.KeyExpr, payload: bytes) -> int:
     raise SystemExit(f"no answer on {key}")
 
 
-def _session(endpoint: str) -> zenoh.Session:
-    """Set up as the client's is."""
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
-
-
 def _stamped(
     parent: str,
     child: str,
@@ -197,28 +178,3 @@ def _stamped(
     rotation: workload.Quaternion,
 ) -> StampedTransform:
     return StampedTransform(parent, child, stamp_ns, Transform(translation, rotation))
-
-
-@contextlib.contextmanager
-def _process(module: str, *arguments: str) -> Iterator[None]:
-    """A Python module as a process that has said its first line and ends with the block."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    with process:
-        assert process.stdout is not None
-        if not process.stdout.readline():
-            raise SystemExit(f"{module} did not start")
-        try:
-            yield
-        finally:
-            process.terminate()
-
-
-def _free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
