@@ -11,6 +11,7 @@ namespace ztf {
 namespace {
 
 constexpr std::size_t kLongColumn = 16;  // rows from which releasing the lock pays
+constexpr std::size_t kPortion = 256;    // rows at a time, whose answers stay in the processor's cache
 
 // One lookup per row; a single name, stamp or None stands for every row.
 nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle sources,
@@ -45,6 +46,8 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle source
   const bool has_one_stamp = stamps.is_none() || PyLong_Check(stamps.ptr());
   if (has_one_stamp) {
     one_stamp = stamp_of(stamps, "stamps_ns");
+  } else if (nb::try_cast(stamps, stamp_rows, false)) {
+    fit(stamp_rows.shape(0), "stamps_ns");
   } else {
     const nb::module_ numpy = nb::module_::import_("numpy");
     nb::object array = numpy.attr("asarray")(stamps);
@@ -57,19 +60,35 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle source
     fit(stamp_rows.shape(0), "stamps_ns");
   }
   const std::size_t n = rows.value_or(1);
-  std::vector<Answer> answers(n);
+  std::uint8_t* status;
+  Stamp* stamp;
+  double* pose;
+  const nb::object out[] = {make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { status = d; }),
+                            make_array<Stamp>({n}, [&](Stamp* d) { stamp = d; }),
+                            make_array<double>({n, 7}, [&](double* d) { pose = d; })};
   {
     nb::gil_scoped_release release;
-    for (std::size_t i = 0; i < n; ++i) {
-      const Stamp stamp = has_one_stamp ? one_stamp : stamp_rows(i);
-      const Query query{stamp == kNoStamp ? Op::common : Op::at, target_ids[one_target ? 0 : i],
-                        source_ids[one_source ? 0 : i], stamp};
-      tree.lookup(query, answers[i]);
-      if (answers[i].failure.code != Code::ok) answers[i].pose = Pose{};
+    std::vector<Query> queries(std::min(n, kPortion));
+    std::vector<Answer> answers(queries.size());
+    for (std::size_t done = 0; done < n; done += queries.size()) {
+      const std::size_t portion = std::min(queries.size(), n - done);
+      for (std::size_t i = 0; i < portion; ++i) {
+        const std::size_t row = done + i;
+        const Stamp time = has_one_stamp ? one_stamp : stamp_rows(row);
+        queries[i] = {time == kNoStamp ? Op::common : Op::at, target_ids[one_target ? 0 : row],
+                      source_ids[one_source ? 0 : row], time};
+      }
+      tree.lookup_each({queries.data(), portion}, {answers.data(), portion});
+      for (std::size_t i = 0; i < portion; ++i) {
+        const Answer& a = answers[i];
+        const Pose& answered = a.failure.code == Code::ok ? a.pose : Pose{};
+        *status++ = static_cast<std::uint8_t>(a.failure.code);
+        *stamp++ = a.stamp;
+        pose = std::copy_n(&answered.x, 7, pose);
+      }
     }
   }
-  return nb::make_tuple(status_column(answers), stamp_column(answers, &Answer::stamp),
-                        pose_column(answers));
+  return nb::make_tuple(out[0], out[1], out[2]);
 }
 
 // What was read: names and their versions.
@@ -110,12 +129,10 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
     if (atomic) {
       tree.lookup_all(queries, answers, reads);
       if (versions) read_set.assign(reads.begin(), reads.end());
+    } else if (!versions) {
+      tree.lookup_each(queries, answers);
     } else {
       for (std::size_t i = 0; i < n; ++i) {
-        if (!versions) {
-          tree.lookup(queries[i], answers[i]);
-          continue;
-        }
         tree.lookup_all({&queries[i], 1}, {&answers[i], 1}, reads);
         read_set.insert(read_set.end(), reads.begin(), reads.end());
       }

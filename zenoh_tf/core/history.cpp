@@ -5,13 +5,6 @@ namespace ztf {
 
 namespace {
 
-// How far a time lies between two stamps of one history, from 0 to 1. A history
-// is shorter than the signed range, which converts faster than the unsigned.
-double share(Stamp older, Stamp time, Stamp newer) noexcept {
-  return static_cast<double>(static_cast<Stamp>(span_ns(older, time))) /
-         static_cast<double>(static_cast<Stamp>(span_ns(older, newer)));
-}
-
 constexpr std::uint32_t kSteps = 8;
 
 }  // namespace

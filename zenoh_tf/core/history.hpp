@@ -40,6 +40,13 @@ ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
   return search(frame, stamp);
 }
 
+// How far a time lies between two stamps of one history, from 0 to 1. A history
+// is shorter than the signed range, which converts faster than the unsigned.
+inline double share(Stamp older, Stamp time, Stamp newer) noexcept {
+  return static_cast<double>(static_cast<Stamp>(span_ns(older, time))) /
+         static_cast<double>(static_cast<Stamp>(span_ns(older, newer)));
+}
+
 // The pose at a time from the ring, for a slot that search() has found.
 Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept;
 

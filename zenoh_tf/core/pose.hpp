@@ -7,35 +7,45 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 // For the few functions whose calls would cost as much as their work.
 #define ZTF_HOT [[gnu::always_inline]] inline
 
 namespace ztf {
 
-struct Pose {
-  double x = 0, y = 0, z = 0;             // translation, metres
-  double qx = 0, qy = 0, qz = 0, qw = 1;  // rotation
+// Of doubles; or of several in each component, for as many poses at once
+// (sample.cpp): the same operations, so the same bits.
+template <class T>
+struct PoseOf {
+  T x = {}, y = {}, z = {};                      // translation, metres
+  T qx = {}, qy = {}, qz = {}, qw = T{} + 1.0;  // rotation
 };
+using Pose = PoseOf<double>;
 
-struct Vec3 {
-  double x, y, z;
+template <class T>
+struct Vec3Of {
+  T x, y, z;
 };
+using Vec3 = Vec3Of<double>;
 
 // Rotates v by the pose's rotation: v + 2 w (q x v) + 2 q x (q x v).
-ZTF_HOT Vec3 rotate(const Pose& p, double vx, double vy, double vz) noexcept {
-  const double ux = p.qy * vz - p.qz * vy;
-  const double uy = p.qz * vx - p.qx * vz;
-  const double uz = p.qx * vy - p.qy * vx;
-  const double x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz, w2 = p.qw + p.qw;
+template <class T>
+ZTF_HOT Vec3Of<T> rotate(const PoseOf<T>& p, std::type_identity_t<T> vx, std::type_identity_t<T> vy,
+                         std::type_identity_t<T> vz) noexcept {
+  const T ux = p.qy * vz - p.qz * vy;
+  const T uy = p.qz * vx - p.qx * vz;
+  const T uz = p.qx * vy - p.qy * vx;
+  const T x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz, w2 = p.qw + p.qw;
   return {(vx + w2 * ux) + (y2 * uz - z2 * uy),  //
           (vy + w2 * uy) + (z2 * ux - x2 * uz),  //
           (vz + w2 * uz) + (x2 * uy - y2 * ux)};
 }
 
 // X_ac = X_ab * X_bc
-ZTF_HOT Pose operator*(const Pose& ab, const Pose& bc) noexcept {
-  const Vec3 t = rotate(ab, bc.x, bc.y, bc.z);
+template <class T>
+ZTF_HOT PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
+  const Vec3Of<T> t = rotate(ab, bc.x, bc.y, bc.z);
   return {ab.x + t.x,
           ab.y + t.y,
           ab.z + t.z,
@@ -46,9 +56,10 @@ ZTF_HOT Pose operator*(const Pose& ab, const Pose& bc) noexcept {
 }
 
 // X_ba from X_ab, for a unit rotation.
-inline Pose inverse(const Pose& ab) noexcept {
-  Pose ba{0, 0, 0, -ab.qx, -ab.qy, -ab.qz, ab.qw};
-  const Vec3 t = rotate(ba, -ab.x, -ab.y, -ab.z);
+template <class T>
+inline PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
+  PoseOf<T> ba{{}, {}, {}, -ab.qx, -ab.qy, -ab.qz, ab.qw};
+  const Vec3Of<T> t = rotate(ba, -ab.x, -ab.y, -ab.z);
   ba.x = t.x;
   ba.y = t.y;
   ba.z = t.z;
@@ -59,34 +70,32 @@ namespace detail {
 
 // sin(a * h) / sin(h) for 0 <= a <= 1 and h2 = h * h <= 0.002, by its series in
 // h2; truncation below 1e-14.
-inline double sine_ratio(double a, double h2) noexcept {
-  const double b = a * a;
-  const double second = (7.0 - 3.0 * b) * (1.0 / 360);
-  const double third = (31.0 + b * (3.0 * b - 18.0)) * (1.0 / 15120);
+template <class T>
+inline T sine_ratio(T a, T h2) noexcept {
+  const T b = a * a;
+  const T second = (7.0 - 3.0 * b) * (1.0 / 360);
+  const T third = (31.0 + b * (3.0 * b - 18.0)) * (1.0 / 15120);
   return a * (1.0 + (1.0 - b) * h2 * (1.0 / 6 + h2 * (second + h2 * third)));
 }
 
-}  // namespace detail
+// Where the rotations are close (rest = 1 - cosine of the half angle, below kClose): the two
+// quaternions' weights, without trigonometry.
+constexpr double kClose = 0.001;
+template <class T>
+inline void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
+  // The square of the half angle from its cosine: 2 r + r^2/3 + 4 r^3/45 + ...
+  const T h2 = rest * (2.0 + rest * (1.0 / 3 + rest * (4.0 / 45)));
+  wa = sine_ratio(1.0 - ratio, h2);
+  wb = sine_ratio(ratio, h2);
+}
 
-// Linear in translation, slerp along the shorter arc in rotation; ratio in [0, 1].
-inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
-  const double dot = a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
-  const double sign = dot < 0 ? -1.0 : 1.0;  // q and -q are one rotation
-  const double cosine = std::min(std::abs(dot), 1.0);
-  const double rest = 1.0 - cosine;
-  double wa, wb;
-  if (rest < 0.001) [[likely]] {
-    // The square of the half angle from its cosine, without acos: 2 r + r^2/3 + 4 r^3/45 + ...
-    const double h2 = rest * (2.0 + rest * (1.0 / 3 + rest * (4.0 / 45)));
-    wa = detail::sine_ratio(1.0 - ratio, h2);
-    wb = detail::sine_ratio(ratio, h2);
-  } else {
-    const double half = std::acos(cosine);
-    const double scale = 1.0 / std::sin(half);
-    wa = std::sin((1.0 - ratio) * half) * scale;
-    wb = std::sin(ratio * half) * scale;
-  }
-  wb *= sign;
+template <class T>
+inline T dot(const PoseOf<T>& a, const PoseOf<T>& b) noexcept {
+  return a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
+}
+
+template <class T>
+inline PoseOf<T> mix(const PoseOf<T>& a, const PoseOf<T>& b, T ratio, T wa, T wb) noexcept {
   return {a.x + (b.x - a.x) * ratio,   //
           a.y + (b.y - a.y) * ratio,   //
           a.z + (b.z - a.z) * ratio,   //
@@ -94,6 +103,26 @@ inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
           wa * a.qy + wb * b.qy,       //
           wa * a.qz + wb * b.qz,       //
           wa * a.qw + wb * b.qw};
+}
+
+}  // namespace detail
+
+// Linear in translation, slerp along the shorter arc in rotation; ratio in [0, 1].
+inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
+  const double dot = detail::dot(a, b);
+  const double sign = dot < 0 ? -1.0 : 1.0;  // q and -q are one rotation
+  const double cosine = std::min(std::abs(dot), 1.0);
+  const double rest = 1.0 - cosine;
+  double wa, wb;
+  if (rest < detail::kClose) [[likely]] {
+    detail::weights_if_close(rest, ratio, wa, wb);
+  } else {
+    const double half = std::acos(cosine);
+    const double scale = 1.0 / std::sin(half);
+    wa = std::sin((1.0 - ratio) * half) * scale;
+    wb = std::sin(ratio * half) * scale;
+  }
+  return detail::mix(a, b, ratio, wa, wb * sign);
 }
 
 }  // namespace ztf

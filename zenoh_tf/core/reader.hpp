@@ -9,7 +9,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "walk.hpp"
+#include "sample.hpp"
 
 namespace ztf {
 
@@ -76,6 +76,17 @@ class Reader {
     };
     return q.stamp == kNoStamp ? between(q.target, q.source, NewestLink{}, kNoStamp, a, list)
                                : between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, list);
+  }
+
+  // A block of times in one go; where the first has no answer, only that is said.
+  bool sample(SampleBlock& block) {
+    const Query& q = block.first();
+    Answer& a = block.first_answer();
+    a.failure.code = Code::ok;
+    return between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
+      block.answer(chain, frames_);
+      return true;
+    });
   }
 
   // The newest of every link, each link consistent by itself and nothing more.

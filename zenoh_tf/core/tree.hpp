@@ -87,6 +87,9 @@ class Tree {
 
   // One query as a transaction of its own.
   void lookup(const Query& query, Answer& answer) const;
+  // Each query as a transaction of its own, or together with its neighbours: one
+  // pair of frames at many times takes a fraction of the time.
+  void lookup_each(std::span<const Query> queries, std::span<Answer> answers) const;
   // All queries in one transaction: one instant for all. `reads`: what they rest on.
   void lookup_all(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads) const;
 
@@ -138,6 +141,7 @@ class Tree {
   void read(ReadSet& reads, Body&& body) const;
 
   bool latest_each(const Query& query, Answer& answer) const;
+  std::size_t sample(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
   // For a row that is too old because time was set back.

@@ -1,0 +1,146 @@
+// One pair of frames at many times: the same answers as one lookup after the other.
+#include <algorithm>
+#include <random>
+
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+void check_same(const World& w, const std::vector<Query>& queries) {
+  std::vector<Answer> answers(queries.size());
+  w.tree.lookup_each(queries, answers);
+  for (std::size_t i = 0; i < queries.size(); ++i) {
+    const Answer& a = answers[i];
+    Answer one;
+    w.tree.lookup(queries[i], one);
+    const Failure &f = a.failure, &g = one.failure;
+    CHECK_EQ(f.code, g.code);
+    if (g.code != Code::ok) {
+      CHECK(f.target == g.target && f.source == g.source && f.frame == g.frame &&
+            f.parent == g.parent && f.target_root == g.target_root &&
+            f.source_root == g.source_root && f.stamp == g.stamp && f.oldest == g.oldest &&
+            f.newest == g.newest);
+      continue;
+    }
+    CHECK_EQ(a.stamp, one.stamp);
+    const double *x = &a.pose.x, *y = &one.pose.x;
+    for (int k = 0; k < 7; ++k) CHECK_EQ(x[k], y[k]);
+  }
+}
+
+std::vector<Query> at_times(const World& w, const std::string& target, const std::string& source,
+                            const std::vector<Stamp>& stamps) {
+  std::vector<Query> queries;
+  for (const Stamp stamp : stamps) queries.push_back(w.query(Op::at, target, source, stamp));
+  return queries;
+}
+
+// root -> a -> b -> c -> d with a static link, root -> l; irregular samples from 100 to 1100 or so.
+// `d` hung below `l` until 600. All kinds of angles between samples, quaternions of either sign.
+void fill(World& w) {
+  std::mt19937 random(3);
+  const auto samples = [&](const char* parent, const char* child, Stamp from, Stamp to, Stamp step) {
+    for (Stamp t = from; t <= to; t += 1 + static_cast<Stamp>(random() % static_cast<unsigned>(step))) {
+      Pose pose = some_pose(static_cast<int>(t % 7));
+      if (t % 3 == 0) pose = {1e-3 * static_cast<double>(t), 0, 1, 0, 0, std::sin(t * 1e-4), std::cos(t * 1e-4)};
+      if (random() % 2)
+        for (double* q : {&pose.qx, &pose.qy, &pose.qz, &pose.qw}) *q = -*q;
+      w.set(parent, child, t, pose);
+    }
+  };
+  samples("root", "a", 100, 1100, 20);
+  samples("a", "b", 90, 1090, 3);
+  w.set("b", "c", 0, some_pose(4), true);
+  samples("l", "d", 80, 600, 9);
+  samples("c", "d", 601, 1110, 9);
+  samples("root", "l", 100, 1000, 200);
+  w.set("root", "once", 500, some_pose(2));
+  w.set("island", "shore", 500, some_pose(2));
+}
+
+}  // namespace
+
+TEST(as_one_lookup_after_the_other) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    fill(w);
+    std::mt19937 random(5);
+    const auto some = [&](std::size_t n, Stamp from, Stamp to) {
+      std::vector<Stamp> stamps(n);
+      for (Stamp& t : stamps) t = from + static_cast<Stamp>(random() % static_cast<unsigned>(to - from));
+      return stamps;
+    };
+    const std::pair<const char*, const char*> pairs[] = {
+        {"root", "d"}, {"d", "root"}, {"l", "d"}, {"d", "l"}, {"a", "c"}, {"b", "c"}, {"c", "b"},
+        {"root", "a"}, {"l", "c"}, {"d", "d"}, {"root", "once"}, {"root", "shore"}, {"d", "nowhere"}};
+    for (const auto& [target, source] : pairs) {
+      for (const std::size_t n : {1, 7, 8, 9, 63, 64, 65, 300}) {
+        std::vector<Stamp> stamps = some(n, 0, 1200);
+        check_same(w, at_times(w, target, source, stamps));
+        std::sort(stamps.begin(), stamps.end());
+        check_same(w, at_times(w, target, source, stamps));
+        std::reverse(stamps.begin(), stamps.end());
+        check_same(w, at_times(w, target, source, stamps));
+        std::sort(stamps.begin(), stamps.end());
+        for (Stamp& t : stamps) t = 600 + t / 20;  // many between two samples, across the new parent
+        check_same(w, at_times(w, target, source, stamps));
+      }
+      std::vector<Stamp> every(1300);
+      for (std::size_t i = 0; i < every.size(); ++i) every[i] = static_cast<Stamp>(i);
+      check_same(w, at_times(w, target, source, every));  // exactly at samples, too
+      check_same(w, at_times(w, target, source, some(100, 1200, 1300)));
+      check_same(w, at_times(w, target, source, std::vector<Stamp>(100, 500)));
+      check_same(w, at_times(w, target, source, std::vector<Stamp>(20, kNoStamp + 1)));
+    }
+    CHECK_EQ(w.at("root", "d", 700).failure.code, Code::ok);
+    CHECK_EQ(w.at("root", "d", 300).failure.code, Code::ok);
+  });
+}
+
+TEST(rows_of_all_kinds_beside_each_other) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    fill(w);
+    std::mt19937 random(7);
+    const char* names[] = {"root", "d", "l", "nowhere"};
+    std::vector<Query> queries;
+    for (int run = 0; run < 60; ++run) {
+      const Query query = w.query(random() % 4 ? Op::at : Op::common, names[random() % 4],
+                                  names[random() % 4], 0);
+      for (unsigned i = 0, n = random() % 80; i < n; ++i) {
+        queries.push_back(query);
+        queries.back().stamp = query.op == Op::common ? kNoStamp : 200 + static_cast<Stamp>(random() % 800);
+      }
+    }
+    check_same(w, queries);
+  });
+}
+
+TEST(after_a_switch_or_a_clear_nothing_is_left) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    fill(w);
+    std::vector<Stamp> stamps(70);
+    for (std::size_t i = 0; i < stamps.size(); ++i) stamps[i] = 400 + 7 * static_cast<Stamp>(i);
+    w.set("a", "b", 0, some_pose(1), true);  // was dynamic, has a ring
+    check_same(w, at_times(w, "root", "d", stamps));
+    w.set("a", "b", 550, some_pose(1));  // and is again, with one sample
+    check_same(w, at_times(w, "root", "d", stamps));
+    w.tree.clear(true);
+    check_same(w, at_times(w, "root", "d", stamps));
+    check_same(w, at_times(w, "b", "c", stamps));
+  });
+}
+
+TEST(a_chain_longer_than_the_first_climb) {
+  World w;
+  for (int i = 0; i < 70; ++i)
+    for (const Stamp t : {0, 10, 20})
+      w.set("f" + std::to_string(i), "f" + std::to_string(i + 1), t, some_pose(i + static_cast<int>(t)));
+  std::vector<Stamp> stamps(100);
+  for (std::size_t i = 0; i < stamps.size(); ++i) stamps[i] = static_cast<Stamp>(i / 5);
+  check_same(w, at_times(w, "f0", "f70", stamps));
+  check_same(w, at_times(w, "f70", "f0", stamps));
+}

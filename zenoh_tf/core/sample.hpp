@@ -1,0 +1,55 @@
+// One pair of frames at many times: a block of times in one transaction.
+//
+// The chain between the two is found once, for the block's first time. Each of
+// its links is then followed through all times with a cursor into its history,
+// which for sorted times is a few steps instead of a search, and the poses of
+// two times are computed at once. A time at which a link led elsewhere, or has
+// no sample, is left to an ordinary lookup, which says why.
+//
+// Thread safety: a block lives on one thread's stack. What answer() gives is
+// good only once the guard says so (guards.hpp).
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "walk.hpp"
+
+namespace ztf {
+
+// Two numbers that are computed with as one, and the poses of two times.
+using NumberPair = double __attribute__((vector_size(16)));
+using PosePair = PoseOf<NumberPair>;
+
+class SampleBlock {
+ public:
+  static constexpr std::size_t kRows = 64;
+
+  // One row at least and kRows at most, all `at`, of one target and one source.
+  SampleBlock(std::span<const Query> queries, std::span<Answer> answers) noexcept
+      : queries_(queries), answers_(answers) {}
+
+  [[nodiscard]] const Query& first() const noexcept { return queries_[0]; }
+  [[nodiscard]] Answer& first_answer() const noexcept { return answers_[0]; }
+
+  // Answers the rows that the chain serves, to the same bits as a lookup of each.
+  void answer(const Chain& chain, const Frame* frames) noexcept;
+  // Whether answer() left a row out.
+  [[nodiscard]] bool left_out(std::size_t row) const noexcept { return left_out_[row]; }
+
+ private:
+  using Column = std::array<PosePair, kRows / 2>;
+
+  [[nodiscard]] std::size_t pairs() const noexcept { return (queries_.size() + 1) / 2; }
+  template <bool multiply>
+  void follow(const Step& step, FrameId parent, Column& poses) noexcept;
+  void product(const Side& side, std::size_t from, std::size_t to, const Frame* meeting,
+               const Frame* frames, Column& poses) noexcept;
+  void compose(const Side& side, const Frame* meeting, const Frame* frames, Column& poses) noexcept;
+
+  const std::span<const Query> queries_;
+  const std::span<Answer> answers_;
+  std::array<bool, kRows> left_out_;
+};
+
+}  // namespace ztf
