@@ -27,11 +27,6 @@ def depth_that_is_just_reached(o: Oracle, call: Call, right: object, given: obje
     return given.kind == "LookupException" and right.kind.startswith(NOT_LOOKUP)
 
 
-def own_newest_stamp_of_zero(o: Oracle, call: Call, right: object, given: object) -> bool:
-    """``latest_common_time(a, a)`` takes the stamp 0 for none."""
-    return call.method == "latest_common_time" and right == 0 and given is None
-
-
 def two_ways_in_a_past_loop(o: Oracle, call: Call, right: object, given: object) -> bool:
     """Inside a loop of a past time the latest common lookup may go the other way round."""
     return (
@@ -75,6 +70,5 @@ def refused_after_a_time_jump(o: Oracle, call: Call, right: object) -> bool:
 
 OPEN: list[Callable[[Oracle, Call, object, object], bool]] = [
     depth_that_is_just_reached,
-    own_newest_stamp_of_zero,
     two_ways_in_a_past_loop,
 ]
