@@ -13,13 +13,12 @@ namespace ztf {
 
 namespace {
 
-struct Asked : Answer {
-  std::string note;  // for the message of its failure
-};
-
-// Sleeps until there is an answer, none can come, or the time is over.
-[[gnu::noinline]] Asked wait(const Tree& tree, const Query& query, nb::handle target,
-                             nb::handle source, nb::handle fixed, double timeout_s) {
+// Sleeps until there is an answer, none can come, or the time is over. Returns
+// what the message of a failure then adds.
+[[gnu::noinline]] std::string wait(const Tree& tree, const Query& query, nb::handle target,
+                                   nb::handle source, nb::handle fixed, double timeout_s,
+                                   Answer& answer) {
+  if (!(timeout_s >= 0)) raise_invalid("timeout_s must not be negative", "timeout_s");
   using Clock = Sleeper::Clock;
   const auto time = std::chrono::duration<double>(std::min(timeout_s, 1e9));
   const Clock::time_point deadline =
@@ -38,36 +37,27 @@ struct Asked : Answer {
       over = sleeper.wait(deadline - now < slice ? deadline : now + slice);
     }
     if (PyErr_CheckSignals() != 0) throw nb::python_error();
-    if (over) return {sleeper.answer(), {}};
+    if (over) {
+      answer = sleeper.answer();
+      return {};
+    }
     if (Clock::now() >= deadline) break;
   }
-  Asked asked{{}, waited(timeout_s)};
-  tree.lookup(sleeper.query(), asked);  // as of the deadline
-  return asked;
+  tree.lookup(sleeper.query(), answer);  // as of the deadline
+  return waited(timeout_s);
 }
 
-// `fixed`: None where the query is not in full.
-Asked ask(const Tree& tree, const Query& query, nb::handle target, nb::handle source,
-          nb::handle fixed, double timeout_s) {
-  if (timeout_s == 0.0) [[likely]] {
-    Asked asked;
-    tree.lookup(query, asked);
-    return asked;
-  }
-  if (!(timeout_s >= 0)) raise_invalid("timeout_s must not be negative", "timeout_s");
-  return wait(tree, query, target, source, fixed, timeout_s);
-}
-
-StampedTransform stamped_answer(const Tree& tree, const Asked& a, nb::handle target,
-                                nb::handle source) {
+// What an answer is made of, or raised as: what was asked, by name.
+StampedTransform stamped_answer(const Tree& tree, const Answer& a, nb::handle target,
+                                nb::handle source, const std::string& note = {}) {
   if (a.failure.code != Code::ok) [[unlikely]]
-    raise(make_error(tree, a.failure, target, source, a.note));
+    raise(make_error(tree, a.failure, target, source, note));
   return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
 }
 
 LatestTransform latest_answer(const Tree& tree, const Answer& a, nb::handle target,
                               nb::handle source) {
-  return {stamped_answer(tree, {a, {}}, target, source), a.newest};
+  return {stamped_answer(tree, a, target, source), a.newest};
 }
 
 Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
@@ -80,8 +70,13 @@ Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handl
 StampedTransform lookup(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
                         double timeout_s) {
   const Query query = query_at(tree, target, source, stamp);
-  return stamped_answer(tree, ask(tree, query, target, source, nb::none(), timeout_s), target,
-                        source);
+  Answer a;
+  if (timeout_s == 0.0) [[likely]] {
+    tree.lookup(query, a);
+    return stamped_answer(tree, a, target, source);
+  }
+  const std::string note = wait(tree, query, target, source, nb::none(), timeout_s, a);
+  return stamped_answer(tree, a, target, source, note);
 }
 
 StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle target_stamp,
@@ -91,13 +86,16 @@ StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle tar
   query.stamp = stamp_of(target_stamp, "target_stamp_ns");
   query.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
   query.fixed = frame_of(tree, fixed, "fixed_frame");
-  const Asked a = ask(tree, query, target, source, fixed, timeout_s);
-  if (a.failure.code != Code::ok) {
-    // The leg that failed: source in fixed, or fixed in target.
-    const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
-    raise(make_error(tree, a.failure, first ? fixed : target, first ? source : fixed, a.note));
-  }
-  return stamped_answer(tree, a, target, source);
+  Answer a;
+  std::string note;
+  if (timeout_s == 0.0)
+    tree.lookup(query, a);
+  else
+    note = wait(tree, query, target, source, fixed, timeout_s, a);
+  if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
+  // The leg that failed: source in fixed, or fixed in target.
+  const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
+  return stamped_answer(tree, a, first ? fixed : target, first ? source : fixed, note);
 }
 
 bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
@@ -107,7 +105,12 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
     if (text.empty() || text[0] == '/') return false;
   }
   const Query query = query_at(tree, target, source, stamp);
-  return ask(tree, query, target, source, nb::none(), timeout_s).failure.code == Code::ok;
+  Answer a;
+  if (timeout_s == 0.0)
+    tree.lookup(query, a);
+  else
+    wait(tree, query, target, source, nb::none(), timeout_s, a);
+  return a.failure.code == Code::ok;
 }
 
 template <Op op>

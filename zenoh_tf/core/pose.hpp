@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <type_traits>
 
 // For the few functions whose calls would cost as much as their work.
 #define ZTF_HOT [[gnu::always_inline]] inline
@@ -31,8 +30,7 @@ using Vec3 = Vec3Of<double>;
 
 // Rotates v by the pose's rotation: v + 2 w (q x v) + 2 q x (q x v).
 template <class T>
-ZTF_HOT Vec3Of<T> rotate(const PoseOf<T>& p, std::type_identity_t<T> vx, std::type_identity_t<T> vy,
-                         std::type_identity_t<T> vz) noexcept {
+ZTF_HOT Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcept {
   const T ux = p.qy * vz - p.qz * vy;
   const T uy = p.qz * vx - p.qx * vz;
   const T uz = p.qx * vy - p.qy * vx;
