@@ -14,10 +14,10 @@ using Kind = Place::Kind;
 
 namespace {
 
-struct Sample {
+struct Sent {
   Stamp stamp;
   FrameId parent;
-  bool operator==(const Sample&) const = default;
+  bool operator==(const Sent&) const = default;
 };
 
 class History {
@@ -41,11 +41,11 @@ class History {
   [[nodiscard]] double x(Stamp stamp) const {
     const Place place = at(stamp);
     CHECK_EQ(place.kind, Kind::ok);
-    return place.slot == Place::kNewest ? frame->latest_pose.load().x
-                                        : pose_between(*frame, place.slot, stamp).x;
+    const Between samples = between(*frame, place.slot, stamp);
+    return interpolate(samples.older->load(), samples.newer->load(), samples.ratio).x;
   }
-  [[nodiscard]] std::vector<Sample> newest_first() const {
-    std::vector<Sample> all;
+  [[nodiscard]] std::vector<Sent> newest_first() const {
+    std::vector<Sent> all;
     const std::uint32_t first = frame->first.load();
     for (std::uint32_t i = frame->count.load(); i-- > 0;)
       all.push_back({frame->ring.load()->stamp(first + i), frame->ring.load()->parent(first + i)});
@@ -60,14 +60,14 @@ class History {
 
 TEST(samples_stand_in_order_of_time) {
   History h;
-  const std::vector<Sample> sent = {{0, 1}, {10, 2}, {5, 3}, {3, 4}, {8, 5}, {8, 6}, {8, 7}};
-  for (const Sample& s : sent) CHECK(h.put(s.stamp, s.parent).has_value());
-  const std::vector<Sample> expected = {{10, 2}, {8, 7}, {5, 3}, {3, 4}, {0, 1}};
+  const std::vector<Sent> sent = {{0, 1}, {10, 2}, {5, 3}, {3, 4}, {8, 5}, {8, 6}, {8, 7}};
+  for (const Sent& s : sent) CHECK(h.put(s.stamp, s.parent).has_value());
+  const std::vector<Sent> expected = {{10, 2}, {8, 7}, {5, 3}, {3, 4}, {0, 1}};
   CHECK(h.newest_first() == expected);
   CHECK_EQ(*h.put(15, 8), Inserted::added);
   CHECK(!h.put(0, 9));
   CHECK_EQ(*h.put(5, 10), Inserted::rewritten);
-  const std::vector<Sample> pruned = {{15, 8}, {10, 2}, {8, 7}, {5, 10}};
+  const std::vector<Sent> pruned = {{15, 8}, {10, 2}, {8, 7}, {5, 10}};
   CHECK(h.newest_first() == pruned);
 }
 
@@ -155,7 +155,7 @@ TEST(a_full_frame_gives_up_its_oldest) {
   CHECK_EQ(h.newest_first().back().stamp, 10);
   CHECK_EQ(*h.put(10, 2), Inserted::rewritten);
   CHECK_EQ(*h.put(15, 3), Inserted::evicted);
-  const std::vector<Sample> expected = {{40, 1}, {30, 1}, {20, 1}, {15, 3}};
+  const std::vector<Sent> expected = {{40, 1}, {30, 1}, {20, 1}, {15, 3}};
   CHECK(h.newest_first() == expected);
   CHECK_EQ(*h.put(50, 1), Inserted::evicted);
   CHECK_EQ(h.newest_first().back().stamp, 20);
@@ -213,6 +213,10 @@ TEST(any_history_is_that_of_a_sorted_map) {
       CHECK_EQ(h.frame->count.load(), model.size());
       CHECK_EQ(h.frame->latest_stamp.load(), model.rbegin()->first);
       CHECK_EQ(oldest_stamp(*h.frame), model.begin()->first);
+      std::uint32_t changes = 0;
+      for (auto it = model.begin(); std::next(it) != model.end(); ++it)
+        changes += it->second.first != std::next(it)->second.first;
+      CHECK_EQ(h.frame->parent_changes.load(), changes);
 
       const Stamp asked = now + 50 - static_cast<Stamp>(generator() % 4000);
       const Place place = h.at(asked);

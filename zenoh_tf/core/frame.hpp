@@ -9,7 +9,9 @@
 // Invariants, while the frame is not locked
 // 1. kStatic: `latest` is the value for all times, count is 0.
 // 2. Otherwise the ring holds `count` samples from index `first` on, of strictly
-//    increasing stamps, and `latest` and `parent` repeat its newest one.
+//    increasing stamps, `latest` and `parent` repeat its newest one, and
+//    `oldest_stamp` its oldest one's time. Where `parent_changes` is 0, `parent`
+//    is that of all.
 // 3. count 0 and not kStatic: the frame has no parent (root, new, or cleared).
 // 4. A ring, once replaced, is kept until the frame dies. Rings double, so what
 //    is kept is smaller than what is used.
@@ -54,12 +56,18 @@ class SharedPose {
   std::atomic<double> values_[7];
 };
 
-// Columns, so that a search by stamp touches few cache lines.
+// One cache line: who looks a time up reads two of them, the time's neighbours.
+struct alignas(64) Sample {
+  std::atomic<Stamp> stamp;
+  SharedPose pose;
+};
+static_assert(sizeof(Sample) == 64);
+
+// Parents stand apart: mostly all are the record's, and nobody reads them.
 class Ring {
  public:
   static Ring* make(std::uint32_t capacity, Ring* smaller) {
-    const std::size_t bytes =
-        sizeof(Ring) + capacity * (sizeof(SharedPose) + sizeof(Stamp) + sizeof(FrameId));
+    const std::size_t bytes = sizeof(Ring) + capacity * (sizeof(Sample) + sizeof(FrameId));
     return new (::operator new(bytes, std::align_val_t{64})) Ring(capacity, smaller);
   }
   // Frees this ring and all that it replaced.
@@ -73,42 +81,46 @@ class Ring {
 
   [[nodiscard]] std::uint32_t capacity() const noexcept { return mask_ + 1; }
 
-  [[nodiscard]] Stamp stamp(std::uint32_t i) const noexcept {
-    return stamps_[i & mask_].load(std::memory_order_acquire);
+  [[nodiscard]] ZTF_HOT Stamp stamp(std::uint32_t i) const noexcept {
+    return samples()[i & mask_].stamp.load(std::memory_order_acquire);
+  }
+  [[nodiscard]] ZTF_HOT const SharedPose& pose(std::uint32_t i) const noexcept {
+    return samples()[i & mask_].pose;
   }
   [[nodiscard]] FrameId parent(std::uint32_t i) const noexcept {
     return parents_[i & mask_].load(std::memory_order_acquire);
   }
-  [[nodiscard]] Pose pose(std::uint32_t i) const noexcept { return poses_[i & mask_].load(); }
 
   void store(std::uint32_t i, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
-    stamps_[i & mask_].store(stamp, std::memory_order_release);
+    Sample& sample = const_cast<Sample&>(samples()[i & mask_]);
+    sample.stamp.store(stamp, std::memory_order_release);
+    sample.pose.store(pose);
     parents_[i & mask_].store(parent, std::memory_order_release);
-    poses_[i & mask_].store(pose);
   }
   void copy(std::uint32_t to, const Ring& from, std::uint32_t i) noexcept {
-    store(to, from.stamp(i), from.parent(i), from.pose(i));
+    store(to, from.stamp(i), from.parent(i), from.pose(i).load());
   }
 
  private:
-  Ring(std::uint32_t capacity, Ring* smaller) noexcept : mask_(capacity - 1), smaller_(smaller) {
-    char* place = reinterpret_cast<char*>(this) + sizeof(Ring);
-    poses_ = reinterpret_cast<SharedPose*>(place);
-    stamps_ = reinterpret_cast<std::atomic<Stamp>*>(place += capacity * sizeof(SharedPose));
-    parents_ = reinterpret_cast<std::atomic<FrameId>*>(place + capacity * sizeof(Stamp));
+  Ring(std::uint32_t capacity, Ring* smaller) noexcept
+      : mask_(capacity - 1),
+        smaller_(smaller),
+        parents_(reinterpret_cast<std::atomic<FrameId>*>(const_cast<Sample*>(samples()) + capacity)) {
     for (std::uint32_t i = 0; i < capacity; ++i) {
-      new (&poses_[i]) SharedPose();
-      new (&stamps_[i]) std::atomic<Stamp>(0);
+      new (const_cast<Sample*>(samples()) + i) Sample();
       new (&parents_[i]) std::atomic<FrameId>(0);
     }
   }
+  // Behind this, without a pointer to load first.
+  [[nodiscard]] ZTF_HOT const Sample* samples() const noexcept {
+    return reinterpret_cast<const Sample*>(this + 1);
+  }
 
-  const std::uint32_t mask_;
+  alignas(64) const std::uint32_t mask_;
   Ring* const smaller_;
-  SharedPose* poses_;
-  std::atomic<Stamp>* stamps_;
-  std::atomic<FrameId>* parents_;
+  std::atomic<FrameId>* const parents_;
 };
+static_assert(sizeof(Ring) == 64);
 
 // Two adjacent cache lines, fetched together: what a walk needs, then the
 // newest sample. "Latest" reads touch nothing else, which is what makes them
@@ -120,6 +132,8 @@ struct alignas(128) Frame {
   std::atomic<Ring*> ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
+  std::atomic<Stamp> oldest_stamp;           // of the ring
+  std::atomic<std::uint32_t> parent_changes;  // in the ring, from one sample to the next
   std::atomic<bool> is_static;
   std::atomic<bool> is_parent;  // has ever been one; written under the topology mutex
   std::atomic<std::uint32_t> authority;

@@ -1,4 +1,4 @@
-// Samples from the ring: searched by time, interpolated.
+// Samples from the ring, searched by time: irregular ones, and the reasons why there is none.
 #include "history.hpp"
 
 namespace ztf {
@@ -25,8 +25,8 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
   const Stamp oldest = ring->stamp(first);
   if (stamp < oldest) return {Kind::backward, parent, 0};
 
-  // Sensors are regular: guess by proportion and look around. Then by halves,
-  // should they not be. In a collision the guess may be anything.
+  // Around the place that place_at() guesses; then by halves. In a collision the
+  // guess may be anything.
   std::uint32_t low = 0, high = count - 1;  // stamp(low) <= stamp < stamp(high)
   const double guess = share(oldest, stamp, newest) * high;
   const std::uint32_t near =
@@ -55,16 +55,7 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
     else
       high = middle;
   }
-  // Indices count on for ever and are masked; kNewest must not be one of them.
-  return {Kind::ok, ring->parent(first + low), (first + low) & (Place::kNewest >> 1)};
-}
-
-Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
-  const Ring* ring = frame.ring.load(std::memory_order_acquire);
-  if (!ring) return {};  // only in a collision with a writer
-  const Stamp older = ring->stamp(slot), newer = ring->stamp(slot + 1);
-  if (older == stamp || ring->parent(slot) != ring->parent(slot + 1)) return ring->pose(slot);
-  return interpolate(ring->pose(slot), ring->pose(slot + 1), share(older, stamp, newer));
+  return {Kind::ok, ring->parent(first + low), (first + low) & Place::kSlots};
 }
 
 }  // namespace ztf

@@ -1,6 +1,6 @@
 // The samples of one frame over time: finding one, and putting one in.
 //
-// Thread safety: place_at() and pose_between() for any reader (frame.hpp); the writing functions
+// Thread safety: place_at() and between() for any reader (frame.hpp); the writing functions
 // for who holds the frame.
 // Rules (tf2's, but for those marked *)
 // 1. A sample older than newest - cache is too old to be put in; one exactly
@@ -23,39 +23,69 @@ namespace ztf {
 struct Place {
   enum class Kind : std::uint8_t { ok, root, no_data, backward, forward };
   static constexpr std::uint32_t kNewest = 0xFFFFFFFF;  // in the record, not in the ring
+  // Indices count on for ever and are masked; kNewest must not be one of them.
+  static constexpr std::uint32_t kSlots = kNewest >> 1;
 
   Kind kind;
   FrameId parent;
   std::uint32_t slot;  // kNewest, or the ring's index of the last sample not after the time
 };
 
-Place search(const Frame& frame, Stamp stamp) noexcept;  // in the ring
-
-ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
-  const auto acquire = std::memory_order_acquire;
-  if (frame.latest_stamp.load(acquire) == stamp || frame.is_static.load(acquire)) {
-    const FrameId parent = frame.parent.load(acquire);
-    return {parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, Place::kNewest};
-  }
-  return search(frame, stamp);
-}
-
 // How far a time lies between two stamps of one history, from 0 to 1. A history
 // is shorter than the signed range, which converts faster than the unsigned.
-inline double share(Stamp older, Stamp time, Stamp newer) noexcept {
+ZTF_HOT double share(Stamp older, Stamp time, Stamp newer) noexcept {
   return static_cast<double>(static_cast<Stamp>(span_ns(older, time))) /
          static_cast<double>(static_cast<Stamp>(span_ns(older, newer)));
 }
 
-// The pose at a time from the ring, for a slot that search() has found.
-Pose pose_between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept;
+// In the ring, wherever the sample is, or why there is none.
+Place search(const Frame& frame, Stamp stamp) noexcept;
+
+// Sensors are regular: mostly the sample stands where its share of the time says.
+ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
+  const auto acquire = std::memory_order_acquire;
+  const FrameId parent = frame.parent.load(acquire);
+  const Stamp newest = frame.latest_stamp.load(acquire);
+  if (newest == stamp || frame.is_static.load(acquire))
+    return {parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, Place::kNewest};
+  const Stamp oldest = frame.oldest_stamp.load(acquire);
+  const std::uint32_t count = frame.count.load(acquire);
+  const Ring* const ring = frame.ring.load(acquire);
+  if (count < 2 || stamp < oldest || stamp > newest || !ring ||
+      frame.parent_changes.load(acquire) != 0) [[unlikely]]
+    return search(frame, stamp);
+  const auto guess =
+      static_cast<std::uint32_t>(static_cast<std::int64_t>(share(oldest, stamp, newest) * (count - 1)));
+  const std::uint32_t slot = frame.first.load(acquire) + std::min(guess, count - 2);
+  if (ring->stamp(slot) > stamp || ring->stamp(slot + 1) <= stamp) [[unlikely]]
+    return search(frame, stamp);
+  return {Place::Kind::ok, parent, slot & Place::kSlots};
+}
+
+// The samples on both sides of a time, and how far it lies between them: 0 where
+// the older one is the answer.
+struct Between {
+  const SharedPose* older;
+  const SharedPose* newer;
+  double ratio;
+};
+
+// From a place that was found for the time.
+ZTF_HOT Between between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
+  const Ring* const ring = frame.ring.load(std::memory_order_acquire);
+  if (slot == Place::kNewest || !ring)  // no ring: only in a collision with a writer
+    return {&frame.latest_pose, &frame.latest_pose, 0};
+  const Between samples{&ring->pose(slot), &ring->pose(slot + 1), 0};
+  if (frame.parent_changes.load(std::memory_order_acquire) != 0 &&
+      ring->parent(slot) != ring->parent(slot + 1)) [[unlikely]]
+    return {samples.older, samples.older, 0};
+  return {samples.older, samples.newer, share(ring->stamp(slot), stamp, ring->stamp(slot + 1))};
+}
 
 // The oldest stamp that the frame can serve; its newest where it has only one.
 inline Stamp oldest_stamp(const Frame& frame) noexcept {
-  const Ring* ring = frame.ring.load(std::memory_order_acquire);
-  if (!ring || frame.count.load(std::memory_order_acquire) == 0)
-    return frame.latest_stamp.load(std::memory_order_acquire);
-  return ring->stamp(frame.first.load(std::memory_order_acquire));
+  const auto acquire = std::memory_order_acquire;
+  return (frame.count.load(acquire) == 0 ? frame.latest_stamp : frame.oldest_stamp).load(acquire);
 }
 
 // The parent of that sample.
@@ -117,6 +147,14 @@ inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limi
   frame.ring.store(bigger, std::memory_order_release);
 }
 
+// How often the parent changes between a sample and its neighbours.
+inline std::uint32_t changes_at(const Ring& ring, std::uint32_t first, std::uint32_t count,
+                                std::uint32_t place) noexcept {
+  const FrameId parent = ring.parent(first + place);
+  return (place > 0 && ring.parent(first + place - 1) != parent) +
+         (place + 1 < count && ring.parent(first + place + 1) != parent);
+}
+
 // Puts a sample in that is not too old, after reserve().
 inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                        const HistoryLimits& limits) noexcept {
@@ -125,6 +163,8 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   Ring& ring = *frame.ring.load(relaxed);
   std::uint32_t first = frame.first.load(relaxed);
   std::uint32_t count = frame.count.load(relaxed);
+  std::uint32_t changes = count == 0 ? 0 : frame.parent_changes.load(relaxed);
+  const bool one_parent = changes == 0 && (count == 0 || frame.parent.load(relaxed) == parent);
   Inserted result = Inserted::added;
   frame.is_static.store(false, release);
 
@@ -133,26 +173,36 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   while (place > 0 && ring.stamp(first + place - 1) > stamp) --place;
   if (place > 0 && ring.stamp(first + place - 1) == stamp) {
     --place;
+    if (!one_parent) changes -= changes_at(ring, first, count, place);
     result = Inserted::rewritten;
   } else {
     if (count == limits.max_samples) {
       if (place == 0) return Inserted::refused;
+      if (!one_parent) changes -= changes_at(ring, first, count, 0);
       ++first;
       --count;
       --place;
       result = Inserted::evicted;
     }
+    if (!one_parent && place > 0 && place < count)
+      changes -= ring.parent(first + place - 1) != ring.parent(first + place);
     for (std::uint32_t i = count; i > place; --i) ring.copy(first + i, ring, first + i - 1);
     ++count;
   }
   ring.store(first + place, stamp, parent, pose);
+  if (!one_parent) changes += changes_at(ring, first, count, place);
   if (place == count - 1) store_latest(frame, stamp, parent, pose);
 
   const Stamp newest = ring.stamp(first + count - 1);
-  while (too_old(ring.stamp(first), newest, limits.cache_ns)) {
+  Stamp oldest = ring.stamp(first);
+  while (too_old(oldest, newest, limits.cache_ns)) {
+    if (!one_parent) changes -= changes_at(ring, first, count, 0);
     ++first;
     --count;
+    oldest = ring.stamp(first);
   }
+  frame.parent_changes.store(changes, release);
+  frame.oldest_stamp.store(oldest, release);
   frame.first.store(first, release);
   frame.count.store(count, release);
   return result;

@@ -11,10 +11,18 @@
 // For the few functions whose calls would cost as much as their work.
 #define ZTF_HOT [[gnu::always_inline]] inline
 
+// For functions in which arithmetic is most of the work: compiled a second time for processors
+// with fused multiply-add and wide vectors, and chosen when the program is loaded.
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
+#define ZTF_CLONES __attribute__((target_clones("default", "arch=x86-64-v3")))
+#else
+#define ZTF_CLONES
+#endif
+
 namespace ztf {
 
-// Of doubles; or of several in each component, for as many poses at once
-// (sample.cpp): the same operations, so the same bits.
+// Of doubles; or of several in each component, for as many poses at once (quad.hpp).
 template <class T>
 struct PoseOf {
   T x = {}, y = {}, z = {};                      // translation, metres
@@ -55,7 +63,7 @@ ZTF_HOT PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
 
 // X_ba from X_ab, for a unit rotation.
 template <class T>
-inline PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
+ZTF_HOT PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
   PoseOf<T> ba{{}, {}, {}, -ab.qx, -ab.qy, -ab.qz, ab.qw};
   const Vec3Of<T> t = rotate(ba, -ab.x, -ab.y, -ab.z);
   ba.x = t.x;
@@ -69,7 +77,7 @@ namespace detail {
 // sin(a * h) / sin(h) for 0 <= a <= 1 and h2 = h * h <= 0.002, by its series in
 // h2; truncation below 1e-14.
 template <class T>
-inline T sine_ratio(T a, T h2) noexcept {
+ZTF_HOT T sine_ratio(T a, T h2) noexcept {
   const T b = a * a;
   const T second = (7.0 - 3.0 * b) * (1.0 / 360);
   const T third = (31.0 + b * (3.0 * b - 18.0)) * (1.0 / 15120);
@@ -80,7 +88,7 @@ inline T sine_ratio(T a, T h2) noexcept {
 // quaternions' weights, without trigonometry.
 constexpr double kClose = 0.001;
 template <class T>
-inline void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
+ZTF_HOT void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
   // The square of the half angle from its cosine: 2 r + r^2/3 + 4 r^3/45 + ...
   const T h2 = rest * (2.0 + rest * (1.0 / 3 + rest * (4.0 / 45)));
   wa = sine_ratio(1.0 - ratio, h2);
@@ -88,12 +96,12 @@ inline void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
 }
 
 template <class T>
-inline T dot(const PoseOf<T>& a, const PoseOf<T>& b) noexcept {
+ZTF_HOT T dot(const PoseOf<T>& a, const PoseOf<T>& b) noexcept {
   return a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
 }
 
 template <class T>
-inline PoseOf<T> mix(const PoseOf<T>& a, const PoseOf<T>& b, T ratio, T wa, T wb) noexcept {
+ZTF_HOT PoseOf<T> mix(const PoseOf<T>& a, const PoseOf<T>& b, T ratio, T wa, T wb) noexcept {
   return {a.x + (b.x - a.x) * ratio,   //
           a.y + (b.y - a.y) * ratio,   //
           a.z + (b.z - a.z) * ratio,   //

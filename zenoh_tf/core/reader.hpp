@@ -78,19 +78,22 @@ class Reader {
                                : between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, list);
   }
 
-  // A block of times in one go; where the first has no answer, only that is said.
+  // A block of times in one go. Where the first has no answer, only that is said.
   bool sample(SampleBlock& block) {
     const Query& q = block.first();
     Answer& a = block.first_answer();
     a.failure.code = Code::ok;
     return between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
-      block.answer(chain, frames_);
+      if (is_only_way(chain))
+        block.answer(chain, frames_);
+      else
+        block.leave_out();
       return true;
     });
   }
 
   // The newest of every link, each link consistent by itself and nothing more.
-  bool latest_each(FrameId target, FrameId source, Answer& a) {
+  ZTF_HOT bool latest_each(FrameId target, FrameId source, Answer& a) {
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       StampRange stamps;
       Pose from_source, from_target;
@@ -106,6 +109,24 @@ class Reader {
  private:
   [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept {
     return static_cast<FrameId>(frame - frames_);
+  }
+
+  // Whether the links of a chain, where they stand at another time, are the way that is then found.
+  // Among past links there can be loops; one that the chain is a part of has another way round,
+  // over what lies above the meeting point.
+  [[nodiscard]] bool is_only_way(const Chain& chain) const noexcept {
+    const auto acquire = std::memory_order_acquire;
+    const Frame* frame = chain.meeting;
+    for (std::uint32_t links = 0; links <= max_depth_; ++links) {
+      const FrameId parent = frame->parent.load(acquire);
+      if (parent == 0) return true;
+      if (!frame->is_static.load(acquire) && frame->parent_changes.load(acquire) != 0) return false;
+      frame = frames_ + parent;
+      for (const Side& side : {chain.source, chain.target})
+        for (std::size_t i = 0; i < side.links; ++i)
+          if (side.steps[i].frame == frame) return false;
+    }
+    return false;
   }
 
   static bool unknown(FrameId target, FrameId source, Answer& a) {
@@ -199,7 +220,7 @@ class Reader {
     return guard_.rest(steps, links);
   }
 
-  bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+  ZTF_HOT bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
     a.stamp = stamp;
     a.pose = Pose{};
     if (target == source) return true;
@@ -209,7 +230,7 @@ class Reader {
     });
   }
 
-  bool common(FrameId target, FrameId source, Answer& a) {
+  ZTF_HOT bool common(FrameId target, FrameId source, Answer& a) {
     if (target == source) return itself(target, 0, a);
     if (ascend<true>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
@@ -241,7 +262,7 @@ class Reader {
     return true;
   }
 
-  bool latest(FrameId target, FrameId source, Answer& a) {
+  ZTF_HOT bool latest(FrameId target, FrameId source, Answer& a) {
     if (target == source) return itself(target, 0, a);
     if (ascend<false>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
@@ -251,7 +272,7 @@ class Reader {
     });
   }
 
-  bool compose_each(const Side& side, const Frame* meeting, StampRange& stamps, Pose& pose) const {
+  ZTF_HOT bool compose_each(const Side& side, const Frame* meeting, StampRange& stamps, Pose& pose) const {
     for (std::size_t i = 0; i < side.links; ++i) {
       const Frame& frame = *side.steps[i].frame;
       Version version;

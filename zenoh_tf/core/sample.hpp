@@ -3,7 +3,7 @@
 // The chain between the two is found once, for the block's first time. Each of
 // its links is then followed through all times with a cursor into its history,
 // which for sorted times is a few steps instead of a search, and the poses of
-// two times are computed at once. A time at which a link led elsewhere, or has
+// four times are computed at once. A time at which a link led elsewhere, or has
 // no sample, is left to an ordinary lookup, which says why.
 //
 // Thread safety: a block lives on one thread's stack. What answer() gives is
@@ -13,13 +13,10 @@
 #include <array>
 #include <span>
 
+#include "quad.hpp"
 #include "walk.hpp"
 
 namespace ztf {
-
-// Two numbers that are computed with as one, and the poses of two times.
-using NumberPair = double __attribute__((vector_size(16)));
-using PosePair = PoseOf<NumberPair>;
 
 class SampleBlock {
  public:
@@ -32,19 +29,17 @@ class SampleBlock {
   [[nodiscard]] const Query& first() const noexcept { return queries_[0]; }
   [[nodiscard]] Answer& first_answer() const noexcept { return answers_[0]; }
 
-  // Answers the rows that the chain serves, to the same bits as a lookup of each.
+  // Answers the rows that the chain serves,
   void answer(const Chain& chain, const Frame* frames) noexcept;
-  // Whether answer() left a row out.
+  // or none.
+  void leave_out() noexcept { left_out_.fill(true); }
   [[nodiscard]] bool left_out(std::size_t row) const noexcept { return left_out_[row]; }
 
  private:
-  using Column = std::array<PosePair, kRows / 2>;
+  using Column = std::array<PoseQuad, kRows / 4>;
 
-  [[nodiscard]] std::size_t pairs() const noexcept { return (queries_.size() + 1) / 2; }
-  template <bool multiply>
-  void follow(const Step& step, FrameId parent, Column& poses) noexcept;
-  void product(const Side& side, std::size_t from, std::size_t to, const Frame* meeting,
-               const Frame* frames, Column& poses) noexcept;
+  [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
+  void follow(const Step& step, FrameId parent, bool is_first, Column& poses) noexcept;
   void compose(const Side& side, const Frame* meeting, const Frame* frames, Column& poses) noexcept;
 
   const std::span<const Query> queries_;

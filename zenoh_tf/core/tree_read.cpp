@@ -4,7 +4,7 @@
 namespace ztf {
 
 // False where there is no path, or it moved under the feet.
-bool Tree::latest_each(const Query& query, Answer& answer) const {
+ZTF_CLONES bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
   NoGuard guard;
   Reader reader(frames_, guard, options_.max_depth);
@@ -13,7 +13,7 @@ bool Tree::latest_each(const Query& query, Answer& answer) const {
          answer.failure.code == Code::ok;
 }
 
-void Tree::lookup(const Query& query, Answer& answer) const {
+ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
   // Errors are decided on consistent data, and latest_each() has none.
   if (query.op == Op::latest && options_.concurrency != Concurrency::giant &&
       latest_each(query, answer))
