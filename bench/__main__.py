@@ -1,4 +1,4 @@
-"""``python -m bench [native] [embedded] [remote] [waiting] [--results FILE]``
+"""``python -m bench [native] [paper] [embedded] [remote] [waiting] [--results FILE]``
 
 Medians of repetitions, with the lowest and the highest. What is compared is measured by turns in
 one run and compared pair by pair, for other work on the machine meets both; figures of different
@@ -8,13 +8,15 @@ runs say little about each other.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench import embedded, machine, native, remote, waiting
+from bench import embedded, machine, native, paper, remote, waiting
 from bench.figures import Figure
 
 
@@ -31,6 +33,7 @@ def _printed(measure: Callable[[], Iterator[Figure]]) -> Callable[[], Any]:
 
 PARTS: dict[str, Callable[[], Any]] = {
     "native": native.measure,
+    "paper": paper.measure,
     "embedded": _printed(embedded.measure),
     "remote": _printed(remote.measure),
     "waiting": _printed(waiting.measure),
@@ -45,16 +48,23 @@ def main() -> int:
     )
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--results", type=Path, metavar="FILE", help="write all of it as JSON")
+    parser.add_argument(
+        "--paper-flags",
+        type=shlex.split,
+        metavar="FLAGS",
+        help="of the part paper, as in bench/core/parts.hpp: other cells, longer turns",
+    )
     args = parser.parse_args()
     unknown = set(args.parts) - set(PARTS)
     if unknown:
         parser.error(f"no such part: {', '.join(sorted(unknown))}")
+    parts = PARTS | {"paper": functools.partial(paper.measure, args.paper_flags or ())}
     document: dict[str, Any] = {"machine": machine.describe()}
     for key, value in document["machine"].items():
         print(f"{key}: {value}")
     for part in args.parts or PARTS:
         print(f"\n== {part}", flush=True)
-        document[part] = PARTS[part]()
+        document[part] = parts[part]()
     document["machine"]["load_at_end"] = machine.load()
     print(f"\nload at the end: {document['machine']['load_at_end']}")
     if args.results is not None:

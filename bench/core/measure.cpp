@@ -55,6 +55,8 @@ std::size_t calls_for(Side& side, const Case& what, unsigned threads, double sec
   }
 }
 
+}  // namespace
+
 void compare(const Reply& a, const Reply& b, const std::string& what) {
   const ztf::Pose &p = a.pose, &q = b.pose;
   const double sign = p.qx * q.qx + p.qy * q.qy + p.qz * q.qz + p.qw * q.qw < 0 ? -1 : 1;
@@ -64,8 +66,6 @@ void compare(const Reply& a, const Reply& b, const std::string& what) {
   // Not "off > 1e-9", which a NaN would pass.
   if (!(off <= 1e-9) || a.stamp != b.stamp) throw std::runtime_error("answers differ: " + what);
 }
-
-}  // namespace
 
 void check_answers(const Sides& sides) {
   for (const Case& what : cases()) {

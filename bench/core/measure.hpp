@@ -23,7 +23,9 @@ struct Figures {
   std::vector<std::vector<double>> rates;
 };
 
-// Throws where two sides' answers differ by more than 1e-9 (rotations up to sign) or in stamp.
+// Throws where answers differ by more than 1e-9 (rotations up to sign) or in stamp.
+void compare(const Reply& a, const Reply& b, const std::string& what);
+// Compares all sides' answers to all that will be asked.
 void check_answers(const Sides& sides);
 
 Figures measure(const Sides& sides, const Case& what, unsigned threads, const Settings& settings);
