@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core -type f)
 PACKAGES := zenoh_tf server/zenoh_tf_server client/zenoh_tf_client
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories lint format bench core-test image-test clean
+.PHONY: help native demo test histories anomalies lint format bench core-test image-test clean
 
 help: ## say what there is
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
@@ -43,6 +43,9 @@ test: native ## the C++ tests of the core, then pytest
 histories: native ## 10,000 random histories against the oracle, and against tf2 where it is installed
 	@HISTORIES=10000 $(BIN)/python -m pytest tests/model/test_histories.py \
 		tests/model/test_against_tf2.py -s $(ARGS)
+
+anomalies: native ## 1,000,000 concurrent transactions, and every fault that the checker must find
+	@ANOMALIES=1000000 $(BIN)/python -m pytest tests/history -s $(ARGS)
 
 lint: native ## ruff, mypy --strict
 	@$(BIN)/ruff check .

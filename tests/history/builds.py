@@ -1,0 +1,67 @@
+"""The driver, built with the core as it is, or with a fault in it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sysconfig
+from pathlib import Path
+
+from .faults import Fault
+
+ROOT = Path(__file__).resolve().parents[2]
+CORE = ROOT / "zenoh_tf/core"
+TOOLS = sysconfig.get_path("scripts")  # cmake and ninja come from PyPI
+
+
+def build_driver() -> Path:
+    """With the core's own tests, by scripts/core_test.sh's settings."""
+    return _build(CORE, ROOT / "build/core-plain", "-DZTF_WERROR=ON", "-DZTF_SANITIZE=")
+
+
+def build_faulty_driver(fault: Fault) -> Path:
+    """From a copy of the core, with little optimisation and all files as one: in seconds."""
+    folder = ROOT / "build/histories" / fault.name.replace(" ", "-")
+    copy = folder / "zenoh_tf/core"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(CORE, copy)
+    (folder / "tests").symlink_to(ROOT / "tests")
+    file = copy / fault.file
+    text = file.read_text()
+    found = text.count(fault.old)
+    assert found == 1, f"{fault.name}: {fault.file} has the text {found} times"
+    file.write_text(text.replace(fault.old, fault.new))
+    return _build(
+        copy,
+        folder / "build",
+        "-DCMAKE_UNITY_BUILD=ON",
+        "-DCMAKE_UNITY_BUILD_BATCH_SIZE=0",
+        "-DCMAKE_BUILD_TYPE=None",
+        "-DCMAKE_CXX_FLAGS=-O1 -w",
+    )
+
+
+def _build(source: Path, folder: Path, *settings: str) -> Path:
+    path = f"{TOOLS}{os.pathsep}{os.environ['PATH']}"
+    compiler = subprocess.run(
+        ["sh", ROOT / "scripts/compiler.sh"], check=True, capture_output=True, text=True
+    ).stdout.strip()
+    configure = ["cmake", "-S", str(source), "-B", str(folder), "-G", "Ninja"]
+    configure += [
+        "--log-level=WARNING",
+        "-DZTF_BUILD_MODULE=OFF",
+        "-DZTF_BUILD_TESTS=ON",
+        *settings,
+    ]
+    for command in (configure, ["cmake", "--build", str(folder), "--target", "history_driver"]):
+        done = subprocess.run(
+            command,
+            check=False,
+            env={**os.environ, "PATH": path, "CXX": compiler},
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "history_driver"

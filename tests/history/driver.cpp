@@ -1,0 +1,290 @@
+// Runs transactions from several threads against one tree and writes down what each saw and did,
+// for checker.py.
+//
+// The tree is a trunk of four links with two arms of four on it. A link's translation is its
+// version, moved to a place of 13 binary digits that no other link uses: trunk, first and second
+// arm have an axis each, and rotations are identities. So the pose of any chain is exact in
+// doubles, and says the version of every link on the way. A version is the stamp under which it
+// was written, and every transaction that writes has one of its own.
+//
+// Thread safety: each thread records for itself; tree, clock of stamps and the rest are shared.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tree.hpp"
+
+using namespace ztf;
+
+namespace {
+
+constexpr int kLinks = 12;
+constexpr int kDigits = 13;
+constexpr Stamp kLastStamp = (1 << kDigits) - 1;
+
+constexpr int place_of(int link) { return link % 4 * kDigits; }
+constexpr int axis_of(int link) { return link / 4; }  // of Pose: x, y, z
+constexpr int parent_of(int link) { return link == 8 ? 4 : link; }  // frames: 0 is the root, link + 1
+
+// As in history.py.
+enum Outcome : std::int64_t { committed, conflict, late, nonsense };
+struct Transaction {
+  std::int64_t thread, invoked_ns, responded_ns, outcome;
+};
+struct Access {
+  std::int64_t transaction, is_write, link, stamp;
+};
+
+[[noreturn]] void fail(const std::string& why) {
+  std::fprintf(stderr, "%s\n", why.c_str());
+  std::exit(EXIT_FAILURE);
+}
+
+// Fenced, or the processor could move what is timed across the reading of the clock.
+std::int64_t now_ns() {
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+}
+
+// The links from a frame up to the root, as a set of bits.
+unsigned links_above(int frame) {
+  unsigned links = 0;
+  for (; frame != 0; frame = parent_of(frame - 1)) links |= 1u << (frame - 1);
+  return links;
+}
+
+struct World {
+  World(const Options& options) : tree(options) {
+    for (int frame = 0; frame <= kLinks; ++frame) names.push_back("frame" + std::to_string(frame));
+    commit((1u << kLinks) - 1, 0, {});
+    for (const std::string& name : names) ids.push_back(tree.find(name));
+  }
+
+  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads) {
+    written[static_cast<std::size_t>(stamp)] = links;
+    std::vector<std::string_view> frames(names.begin(), names.end()), read_names;
+    std::vector<Version> read_versions;
+    std::vector<Row> rows;
+    for (int link = 0; link < kLinks; ++link) {
+      if (!(links >> link & 1)) continue;
+      std::array<double, 3> xyz{};
+      xyz[static_cast<std::size_t>(axis_of(link))] = std::ldexp(static_cast<double>(stamp), place_of(link));
+      rows.push_back({static_cast<std::uint32_t>(parent_of(link)), static_cast<std::uint32_t>(link + 1),
+                      stamp, {xyz[0], xyz[1], xyz[2], 0, 0, 0, 1}});
+    }
+    if (stamp % 2) std::reverse(rows.begin(), rows.end());  // rows come in any order
+    if (reads)
+      for (const ReadVersion& read : *reads) {
+        read_names.push_back(tree.name(read.frame));
+        read_versions.push_back(read.version);
+      }
+    std::vector<std::uint8_t> stored(rows.size());
+    try {
+      tree.commit({.names = frames, .rows = rows, .read_names = read_names, .read_versions = read_versions},
+                  stored);
+    } catch (const Refused& refused) {
+      if (refused.code == Code::conflict) return conflict;
+      if (refused.code == Code::invalid_argument && refused.field == "stamp_ns") return late;
+      fail("refused: " + refused.message);
+    }
+    return committed;
+  }
+
+  Tree tree;
+  std::vector<std::string> names;
+  std::vector<FrameId> ids;
+  std::atomic<Stamp> clock{1};
+  std::atomic<std::int64_t> left;  // transactions still to run
+  // By stamp: the links that its transaction writes.
+  std::array<std::atomic<unsigned>, kLastStamp + 1> written{};
+};
+
+// One pair of frames, and which links lie between.
+struct Question {
+  Question(const World& world, Op op, int target, int source)
+      : query{.op = op,
+              .target = world.ids[static_cast<std::size_t>(target)],
+              .source = world.ids[static_cast<std::size_t>(source)]},
+        down(links_above(source) & ~links_above(target)),
+        up(links_above(target) & ~links_above(source)) {}
+  Query query;
+  unsigned down, up;  // on the source's side, and on the target's, whose links count negative
+};
+
+class Client {
+ public:
+  Client(World& world, int thread, unsigned seed) : world_(world), thread_(thread), random_(seed) {}
+
+  void run() {
+    while (world_.left.fetch_sub(1) > 0) {
+      const unsigned dice = random_() % 100;
+      begin();
+      if (dice < 22) {
+        if (!write(nullptr)) return;
+      } else if (dice < 45) {
+        ReadSet reads;
+        ask_together({some_pair(Op::latest_xact), some_pair(Op::latest_xact)}, 1 + random_() % 2, reads);
+        if (random_() % 4 == 0) std::this_thread::yield();
+        if (!write(&reads)) return;
+      } else if (dice < 75) {
+        ask(some_pair(random_() % 3 ? Op::latest_xact : Op::common));
+      } else {
+        ReadSet reads;
+        ask_together({some_pair(Op::latest_xact), some_pair(Op::common), some_pair(Op::latest_xact)}, 3, reads);
+      }
+      transactions.back().responded_ns = now_ns();
+    }
+  }
+
+  std::vector<Transaction> transactions;
+  std::vector<Access> accesses;
+
+ private:
+  void begin() { transactions.push_back({thread_, now_ns(), 0, committed}); }
+  void note(bool is_write, int link, Stamp stamp) {
+    accesses.push_back({static_cast<std::int64_t>(transactions.size()) - 1, is_write, link, stamp});
+  }
+
+  // An answer that contradicts itself.
+  void note_nonsense() { transactions.back().outcome = nonsense; }
+
+  Question some_pair(Op op) {
+    const int target = static_cast<int>(random_() % (kLinks + 1));
+    const int other = static_cast<int>(random_() % kLinks);
+    return {world_, op, target, other + (other >= target)};
+  }
+
+  // False where the stamps are used up: then the history ends.
+  bool write(const ReadSet* reads) {
+    const Stamp stamp = world_.clock.fetch_add(1);
+    if (stamp > kLastStamp) {
+      world_.left = 0;
+      transactions.back().responded_ns = now_ns();
+      return false;
+    }
+    unsigned links = 0;
+    for (unsigned n = 1 + random_() % 4; n > 0; --n) links |= 1u << random_() % kLinks;
+    for (int link = 0; link < kLinks; ++link)
+      if (links >> link & 1) note(true, link, stamp);
+    const Outcome outcome = world_.commit(links, stamp, reads);
+    if (transactions.back().outcome != nonsense) transactions.back().outcome = outcome;
+    return true;
+  }
+
+  void ask(const Question& question) {
+    Answer answer;
+    world_.tree.lookup(question.query, answer);
+    note_answer(question, answer);
+  }
+  void ask_together(const std::vector<Question>& questions, std::size_t n, ReadSet& reads) {
+    std::vector<Query> queries;
+    for (std::size_t i = 0; i < n; ++i) queries.push_back(questions[i].query);
+    std::vector<Answer> answers(n);
+    world_.tree.lookup_all(queries, answers, reads);
+    for (std::size_t i = 0; i < n; ++i) note_answer(questions[i], answers[i]);
+  }
+
+  void note_answer(const Question& question, const Answer& answer) {
+    const Code code = answer.failure.code;
+    if (question.query.op == Op::latest_xact) {
+      if (code != Code::ok) fail("a latest lookup has failed");
+      return note_versions(question, answer);
+    }
+    if (code == Code::ok) return note_common(question, answer.stamp);
+    // The links' histories may have no time in common.
+    if (code != Code::extrapolation && code != Code::no_data && code != Code::backward &&
+        code != Code::forward)
+      fail("a common lookup has failed");
+  }
+
+  void note_versions(const Question& question, const Answer& answer) {
+    const std::array<double, 3> sums{answer.pose.x, answer.pose.y, answer.pose.z};
+    std::array<std::uint64_t, 3> digits;
+    for (int axis = 0; axis < 3; ++axis) {
+      const bool negative = question.up >> (4 * axis) & 0xF;
+      const double sum = negative ? -sums[static_cast<std::size_t>(axis)] : sums[static_cast<std::size_t>(axis)];
+      if (!(sum >= 0 && sum < 0x1p52) || sum != std::floor(sum)) return note_nonsense();
+      digits[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(sum);
+    }
+    Stamp oldest = kLastStamp, newest = 0;
+    for (int link = 0; link < kLinks; ++link) {
+      const auto stamp = static_cast<Stamp>(digits[static_cast<std::size_t>(axis_of(link))] >> place_of(link) & kLastStamp);
+      if ((question.down | question.up) >> link & 1) {
+        note(false, link, stamp);
+        oldest = std::min(oldest, stamp);
+        newest = std::max(newest, stamp);
+      } else if (stamp != 0) {
+        return note_nonsense();  // a link that is not on the way
+      }
+    }
+    if (oldest != answer.stamp || newest != answer.newest) note_nonsense();
+  }
+
+  // The pose may be interpolated, but the time itself tells: it is the newest stamp of one of the
+  // links, at least. Of which, is sure where its transaction wrote only one of them.
+  void note_common(const Question& question, Stamp stamp) {
+    const unsigned links = (question.down | question.up) & world_.written[static_cast<std::size_t>(stamp)];
+    if (links == 0) return note_nonsense();  // a time that none of the links has
+    if (std::has_single_bit(links)) note(false, std::countr_zero(links), stamp);
+  }
+
+  World& world_;
+  const int thread_;
+  std::mt19937 random_;
+};
+
+template <class T>
+void put(std::FILE* file, const T* values, std::size_t n) {
+  if (std::fwrite(values, sizeof(T), n, file) != n) fail("cannot write");
+}
+
+}  // namespace
+
+// driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE
+int main(int argc, char** argv) {
+  if (argc != 7) fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE");
+  const std::string mode = argv[1];
+  Options options{.cache_ns = std::stoull(argv[2]), .max_frames = 64};
+  if (mode == "optimistic") options.concurrency = Concurrency::optimistic;
+  else if (mode == "2pl") options.concurrency = Concurrency::two_phase;
+  else if (mode == "giant") options.concurrency = Concurrency::giant;
+  else fail("no such mode: " + mode);
+  const auto seed = static_cast<unsigned>(std::stoul(argv[3]));
+#ifdef ZTF_YIELDS
+  fault_seed = seed;
+#endif
+  const int threads = std::stoi(argv[4]);
+  World world(options);
+  world.left = std::stoll(argv[5]);
+
+  std::vector<Client> clients;
+  for (int i = 0; i < threads; ++i) clients.emplace_back(world, i, seed * 1000 + static_cast<unsigned>(i));
+  std::vector<std::thread> running;
+  for (Client& client : clients) running.emplace_back([&client] { client.run(); });
+  for (std::thread& thread : running) thread.join();
+
+  std::int64_t sizes[2] = {0, 0};
+  for (Client& client : clients) {
+    for (Access& access : client.accesses) access.transaction += sizes[0];
+    sizes[0] += static_cast<std::int64_t>(client.transactions.size());
+    sizes[1] += static_cast<std::int64_t>(client.accesses.size());
+  }
+  std::FILE* const file = std::fopen(argv[6], "wb");
+  if (!file) fail("cannot open the file");
+  put(file, sizes, 2);
+  for (const Client& client : clients) put(file, client.transactions.data(), client.transactions.size());
+  for (const Client& client : clients) put(file, client.accesses.data(), client.accesses.size());
+  if (std::fclose(file) != 0) fail("cannot write");
+  return EXIT_SUCCESS;
+}

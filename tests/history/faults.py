@@ -1,0 +1,202 @@
+"""Faults that the checker must find: one exact replacement in a copy of the core each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .history import Concurrency
+
+#: As many histories as a fault may take to show.
+HISTORIES = 12
+
+EVERYWHERE: tuple[Concurrency, ...] = ("optimistic", "2pl", "giant")
+
+
+class Fault(NamedTuple):
+    name: str
+    modes: tuple[Concurrency, ...]  # in which it must be found
+    file: str
+    old: str
+    new: str
+
+
+FAULTS = [
+    Fault(
+        "a lookup is not validated",
+        ("optimistic",),
+        "guards.hpp",
+        "same &= step->frame->version.load() == step->version;",
+        "same |= step->frame->version.load() == step->version;",
+    ),
+    Fault(
+        "lookups together are not validated",
+        ("optimistic",),
+        "guards.hpp",
+        "if (frames_[read.frame].version.load() != read.version) return false;",
+        "if (frames_[read.frame].version.load() < read.version) return false;",
+    ),
+    Fault(
+        "a lookup does not wait for the writer of a frame",
+        ("optimistic",),
+        "locks.hpp",
+        "return version & kLocked ? wait_unlocked() : version;",
+        "return version;",
+    ),
+    Fault(
+        "a commit leaves the version as it was",
+        ("optimistic",),
+        "locks.hpp",
+        "word_.store(before + kCommit, std::memory_order_release);",
+        "word_.store(before, std::memory_order_release);",
+    ),
+    Fault(
+        "write locks are released before the last write",
+        ("optimistic", "2pl"),
+        "tree_write.cpp",
+        """    for (Group& group : groups_) changed_.push_back(apply(group));
+    locks.release(changed_);
+""",
+        """    for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
+    for (std::size_t i = 0; i < groups_.size(); ++i) changed_.push_back(true);
+    locks.release(changed_);
+    (void)apply(groups_.back());
+""",
+    ),
+    Fault(
+        "shared words are released before writing",
+        ("2pl",),
+        "write_locks.hpp",
+        "for (const FrameId id : ids) shared_held_.push_back(id);",
+        "for (const FrameId id : ids) tree_.frames_[id].shared.unlock();",
+    ),
+    Fault(
+        "a reader drops its shared locks early",
+        ("2pl",),
+        "guards.hpp",
+        "          held_.push_back(id);\n",
+        "          frames_[id].shared.unlock_shared();\n",
+    ),
+    Fault(
+        "a reader takes no mutex",
+        ("giant",),
+        "tree_read.hpp",
+        "const std::lock_guard lock(giant_);",
+        "",
+    ),
+    Fault(
+        "rows are committed one by one",
+        EVERYWHERE,
+        "tree_write.cpp",
+        """  for (;;) {
+    Commit commit(*this, request, stored);
+""",
+        """  if (request.rows.size() > 1) {
+    for (std::size_t i = 0; i < request.rows.size(); ++i) {
+      CommitRequest one = request;
+      one.rows = request.rows.subspan(i, 1);
+      if (i > 0) one.read_names = {};
+      this->commit(one, stored.subspan(i, 1));
+    }
+    return;
+  }
+  for (;;) {
+    Commit commit(*this, request, stored);
+""",
+    ),
+    Fault(
+        "the last row of a commit is lost",
+        EVERYWHERE,
+        "tree_write.cpp",
+        "for (Group& group : groups_) changed_.push_back(apply(group));",
+        "for (Group& group : groups_)\n"
+        "  changed_.push_back((&group != &groups_.back() || groups_.size() != 3) && apply(group));",
+    ),
+    Fault(
+        "what was read is not checked at the commit",
+        EVERYWHERE,
+        "tree_write.cpp",
+        "if (!check_read_set(locks)) throw_conflict();",
+        "if (!check_read_set(locks) && request_.rows.empty()) throw_conflict();",
+    ),
+    Fault(
+        "what was read is checked only where it is written, too",
+        EVERYWHERE,
+        "tree_write.cpp",
+        "own ? *own : id ? tree_.frames_[id].version.load() : 0;",
+        "own ? *own : id ? request_.read_versions[i] : 0;",
+    ),
+    Fault(
+        "what was read is checked before the locks are held",
+        EVERYWHERE[:2],
+        "tree_write.cpp",
+        """    WriteLocks locks(tree_, children_);
+    if (!check_read_set(locks)) throw_conflict();
+""",
+        """    {
+      const SmallVector<FrameId, 16> none;
+      if (!check_read_set(WriteLocks(tree_, none))) throw_conflict();
+    }
+    WriteLocks locks(tree_, children_);
+""",
+    ),
+    Fault(
+        "a reader that optimism fails reads on without locks",
+        ("optimistic",),
+        "tree_read.hpp",
+        """      for (int i = 0; i < kOptimisticAttempts; ++i) {
+        OptimisticGuard guard(frames_, reads);
+        if (attempt(guard)) return;
+      }
+      SmallVector<FrameId, 64> wanted;
+""",
+        """      SmallVector<FrameId, 64> wanted;
+      {
+        LockingGuard guard(frames_, reads, wanted);
+        attempt(guard);
+        return;
+      }
+""",
+    ),
+    Fault(
+        "a lookup gives its last answer again",
+        EVERYWHERE,
+        "tree_read.cpp",
+        "ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {\n",
+        """ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
+  struct Memory {
+    Answer answer;
+    bool used = true;
+  };
+  thread_local Memory memories[kOps][64][64];
+  thread_local bool remembers = true;
+  if (remembers) {
+    Memory& memory = memories[static_cast<int>(query.op)][query.target][query.source];
+    memory.used = !memory.used;
+    remembers = false;
+    if (!memory.used) lookup(query, memory.answer);
+    remembers = true;
+    answer = memory.answer;
+    return;
+  }
+""",
+    ),
+    Fault(
+        "late rows are let in behind newer ones",
+        EVERYWHERE,
+        "history.hpp",
+        "return stamp < newest && span_ns(stamp, newest) > cache_ns;",
+        "return stamp < newest && span_ns(stamp, newest) > cache_ns + 64;",
+    ),
+]
+
+#: No faults, and of what the histories else hardly ever reach: a reader that optimism has failed.
+SOUND = [
+    Fault("none", EVERYWHERE, "tree_read.hpp", "#pragma once\n", "#pragma once\n"),
+    Fault(
+        "readers always lock",
+        ("optimistic",),
+        "tree_read.hpp",
+        "constexpr int kOptimisticAttempts = 64;",
+        "constexpr int kOptimisticAttempts = 0;",
+    ),
+]

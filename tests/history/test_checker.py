@@ -1,0 +1,176 @@
+"""The checker on histories written by hand: each kind of anomaly, and what is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from .checker import explained, find_anomaly
+from .history import COMMITTED, CONFLICT, NONSENSE, History, liveliness
+
+Versions = dict[int, int]  # by link
+
+
+def transaction(
+    when: tuple[int, int],
+    reads: Versions | None = None,
+    writes: Versions | None = None,
+    outcome: int = COMMITTED,
+) -> tuple[tuple[int, int], Versions, Versions, int]:
+    return when, reads or {}, writes or {}, outcome
+
+
+def history(*transactions, in_order: bool = True) -> History:
+    rows, accesses = [], []
+    for number, ((invoked, responded), reads, writes, outcome) in enumerate(transactions):
+        rows.append((number, invoked, responded, outcome))
+        accesses += [(number, 0, link, stamp) for link, stamp in reads.items()]
+        accesses += [(number, 1, link, stamp) for link, stamp in writes.items()]
+    return History(
+        np.array(rows, dtype=np.int64).reshape(-1, 4),
+        np.array(accesses, dtype=np.int64).reshape(-1, 4),
+        in_order,
+    )
+
+
+#: All at the same time: only what was read and written orders them.
+TOGETHER = (0, 100)
+
+ANOMALIES = {
+    "G0 dirty write": history(
+        transaction(TOGETHER, writes={0: 1, 1: 4}), transaction(TOGETHER, writes={0: 2, 1: 3})
+    ),
+    "G1a aborted read": history(
+        transaction(TOGETHER, writes={0: 1}, outcome=CONFLICT), transaction(TOGETHER, reads={0: 1})
+    ),
+    "unwritten version": history(
+        transaction(TOGETHER, writes={0: 1}), transaction(TOGETHER, reads={1: 1})
+    ),
+    "G1c circular information flow": history(
+        transaction(TOGETHER, reads={1: 2}, writes={0: 1}),
+        transaction(TOGETHER, reads={0: 1}, writes={1: 2}),
+    ),
+    "G-single read skew": history(
+        transaction(TOGETHER, writes={0: 1, 1: 1}), transaction(TOGETHER, reads={0: 1, 1: 0})
+    ),
+    "lost update": history(
+        transaction(TOGETHER, reads={0: 0}, writes={0: 1}),
+        transaction(TOGETHER, reads={0: 0}, writes={0: 2}),
+        in_order=False,
+    ),
+    "G2 write skew": history(
+        transaction(TOGETHER, reads={0: 0, 1: 0}, writes={0: 1}),
+        transaction(TOGETHER, reads={0: 0, 1: 0}, writes={1: 2}),
+    ),
+    "stale read": history(transaction((0, 10), writes={0: 1}), transaction((20, 30), reads={0: 0})),
+    "order against real time": history(
+        transaction((20, 30), writes={0: 1}), transaction((0, 10), reads={0: 1})
+    ),
+    "nonsense": history(transaction(TOGETHER, outcome=NONSENSE)),
+}
+
+
+@pytest.mark.parametrize("name", ANOMALIES)
+def test_an_anomaly_is_found_and_named(name: str) -> None:
+    anomaly = find_anomaly(ANOMALIES[name])
+    assert anomaly is not None
+    assert anomaly.name == name
+    for number in anomaly.transactions:
+        assert f"T{number}: thread {number}, " in explained(ANOMALIES[name], anomaly)
+
+
+def test_two_readers_who_see_two_writes_in_opposite_orders() -> None:
+    anomaly = find_anomaly(
+        history(
+            transaction(TOGETHER, writes={0: 1}),
+            transaction(TOGETHER, writes={1: 2}),
+            transaction(TOGETHER, reads={0: 1, 1: 0}),
+            transaction(TOGETHER, reads={0: 0, 1: 2}),
+        )
+    )
+    assert anomaly is not None
+    assert anomaly.name == "G2 write skew"
+    assert sorted(anomaly.transactions) == [0, 1, 2, 3]
+
+
+def test_a_reading_that_is_many_versions_old() -> None:
+    """The gates carry the order over versions that nobody has read, and around own writes."""
+    writes = [transaction((i, 1000), writes={0: i, i % 3 + 1: i}) for i in range(1, 50)]
+    late = [transaction((i, 1000), reads={49 % 3 + 1: 49, 0: 3}) for i in (1, 2)]
+    for in_order in (True, False):
+        assert find_anomaly(history(*writes, in_order=in_order)) is None
+        assert find_anomaly(history(*writes, *late, in_order=in_order)) is not None
+    own = transaction((0, 1000), reads={0: 3}, writes={0: 60})
+    anomaly = find_anomaly(history(*writes, own))
+    assert anomaly is not None and len(anomaly.transactions) == 2
+    assert find_anomaly(history(*writes, own, in_order=False)) is None
+
+
+def test_the_plainest_anomaly_is_named() -> None:
+    """A cycle without real time, where there is one, and without much else."""
+    anomaly = find_anomaly(
+        history(
+            transaction((0, 10), writes={0: 1}),
+            transaction((20, 30), reads={0: 0}),
+            transaction((40, 90), writes={2: 1, 3: 1}),
+            transaction((40, 90), reads={2: 1, 3: 0}),
+        )
+    )
+    assert anomaly is not None
+    assert anomaly.name == "G-single read skew"
+    assert sorted(anomaly.transactions) == [2, 3]
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_what_can_be_put_in_an_order_is_no_anomaly(in_order: bool) -> None:
+    assert (
+        find_anomaly(
+            history(
+                transaction((0, 10), writes={0: 1, 1: 1}),
+                transaction((5, 50), reads={0: 0, 1: 0}),  # before the first, which it overlaps
+                transaction((12, 40), reads={0: 1}, writes={0: 3}),
+                transaction((15, 35), reads={0: 3, 1: 1}),  # before the other has its answer
+                transaction((15, 80), reads={0: 1}, writes={1: 2}, outcome=CONFLICT),
+                transaction((41, 60), reads={0: 3, 1: 1}),
+                transaction((41, 60), writes={1: 4}),
+                transaction((61, 70), reads={0: 3, 1: 4}),
+                in_order=in_order,
+            )
+        )
+        is None
+    )
+
+
+def test_an_answer_in_the_moment_of_the_next_question_orders_nothing() -> None:
+    assert (
+        find_anomaly(
+            history(transaction((0, 10), writes={0: 1}), transaction((10, 20), reads={0: 0}))
+        )
+        is None
+    )
+
+
+def test_a_late_write_is_an_anomaly_only_where_it_would_have_been_refused() -> None:
+    """T1 writes behind T0's newer version once T2 has read that: legal where late rows are kept."""
+    late = (
+        transaction((0, 60), writes={0: 6}),
+        transaction((0, 90), writes={0: 5, 1: 5}),
+        transaction((0, 80), reads={0: 6, 1: 0}),
+    )
+    assert find_anomaly(history(*late, in_order=False)) is None
+    anomaly = find_anomaly(history(*late, in_order=True))
+    assert anomaly is not None
+    assert sorted(anomaly.transactions) == [0, 1, 2]
+
+
+def test_liveliness_counts_what_could_have_gone_wrong() -> None:
+    counted = liveliness(
+        history(
+            transaction((0, 10), writes={0: 1}),
+            transaction((5, 15), reads={0: 0}),  # while the next version is written
+            transaction((8, 15), reads={0: 1}),  # while the version is written
+            transaction((20, 30), reads={0: 1}),
+            transaction((22, 28), reads={0: 1}, writes={0: 2}, outcome=CONFLICT),
+        )
+    )
+    assert counted == (1, 1, 2)

@@ -1,0 +1,62 @@
+"""Histories of the core with yields in its worst places: strictly serializable, in every mode.
+
+``ANOMALIES`` sets how many transactions are run over all modes.
+"""
+
+import os
+from dataclasses import replace
+from math import ceil
+from pathlib import Path
+
+import pytest
+
+from .builds import build_driver
+from .checker import explained, find_anomaly
+from .history import TRANSACTIONS, Concurrency, Liveliness, Run, liveliness, record, runs
+
+MODES: tuple[Concurrency, ...] = ("optimistic", "2pl", "giant")
+HISTORIES = ceil(int(os.environ.get("ANOMALIES", "96000")) / TRANSACTIONS / len(MODES))
+
+pytestmark = pytest.mark.timeout(400 + 10 * HISTORIES)
+
+
+def proves_something(seen: Liveliness, histories: int) -> bool:
+    """Far less than any machine has shown."""
+    transactions = histories * TRANSACTIONS
+    return (
+        seen.committed >= 0.1 * transactions
+        and seen.conflicts >= 0.005 * transactions
+        and seen.contended >= 0.02 * transactions
+    )
+
+
+@pytest.fixture(scope="module")
+def driver() -> Path:
+    return build_driver()
+
+
+@pytest.mark.parametrize("concurrency", MODES)
+def test_histories_are_strictly_serializable(
+    driver: Path, concurrency: Concurrency, tmp_path: Path
+) -> None:
+    seen = Liveliness(0, 0, 0)
+    for run in runs(concurrency, HISTORIES):
+        history = record(driver, run, tmp_path / "history")
+        anomaly = find_anomaly(history)
+        assert anomaly is None, f"{run}\n{explained(history, anomaly)}"
+        seen += liveliness(history)
+    print(f"\n{HISTORIES * TRANSACTIONS} transactions, {concurrency}: {seen}")
+    assert proves_something(seen, HISTORIES), seen
+
+
+def test_a_history_of_one_thread_proves_nothing(driver: Path, tmp_path: Path) -> None:
+    history = record(driver, Run("optimistic", True, seed=1, threads=1), tmp_path / "history")
+    assert find_anomaly(history) is None
+    assert not proves_something(liveliness(history), 1)
+
+
+def test_a_wrong_claim_about_the_order_of_versions_is_found(driver: Path, tmp_path: Path) -> None:
+    """Late rows are kept here: who takes them for refused must find them out of order."""
+    history = record(driver, Run("optimistic", False, seed=1, threads=6), tmp_path / "history")
+    assert find_anomaly(history) is None
+    assert find_anomaly(replace(history, in_order=True)) is not None

@@ -1,0 +1,48 @@
+"""The checker finds the fault in every faulty core, and none in the same core without it.
+
+``ANOMALIES`` asks for all of them; else it is the two that are hardest to hit.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from .builds import build_faulty_driver
+from .checker import explained, find_anomaly
+from .faults import FAULTS, HISTORIES, SOUND, Fault
+from .history import record, runs
+
+ALL = "ANOMALIES" in os.environ
+SHORT = {
+    "a lookup is not validated",
+    "what was read is checked before the locks are held",
+}
+
+pytestmark = pytest.mark.timeout(600)
+
+
+@pytest.mark.parametrize(
+    "fault", [f for f in FAULTS if ALL or f.name in SHORT], ids=lambda f: f.name
+)
+def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
+    driver = build_faulty_driver(fault)
+    for concurrency in fault.modes:
+        for run in runs(concurrency, HISTORIES):
+            history = record(driver, run, tmp_path / "history")
+            if anomaly := find_anomaly(history):
+                print(f"\n{run}\n{explained(history, anomaly)}")
+                break
+        else:
+            pytest.fail(f"not found in {HISTORIES} histories, {concurrency}")
+
+
+@pytest.mark.skipif(not ALL, reason="only with ANOMALIES set")
+@pytest.mark.parametrize("sound", SOUND, ids=lambda f: f.name)
+def test_without_a_fault_none_is_found(sound: Fault, tmp_path: Path) -> None:
+    driver = build_faulty_driver(sound)
+    for concurrency in sound.modes:
+        for run in runs(concurrency, HISTORIES):
+            history = record(driver, run, tmp_path / "history")
+            anomaly = find_anomaly(history)
+            assert anomaly is None, f"{run}\n{explained(history, anomaly)}"
