@@ -1,4 +1,4 @@
-"""``python -m bench [native] [paper] [embedded] [remote] [waiting] [--results FILE]``
+"""``python -m bench [PART]... [--results FILE]``
 
 Medians of repetitions, with the lowest and the highest. What is compared is measured by turns in
 one run and compared pair by pair, for other work on the machine meets both; figures of different
@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench import embedded, machine, native, paper, remote, waiting
+from bench import core_parts, embedded, machine, native, paper, remote, waiting
 from bench.figures import Figure
 
 
@@ -34,10 +34,17 @@ def _printed(measure: Callable[[], Iterator[Figure]]) -> Callable[[], Any]:
 PARTS: dict[str, Callable[[], Any]] = {
     "native": native.measure,
     "paper": paper.measure,
+    "delay": core_parts.delay,
+    "shapes": core_parts.shapes,
+    "staleness": core_parts.staleness,
+    "memory": core_parts.memory,
     "embedded": _printed(embedded.measure),
     "remote": _printed(remote.measure),
     "waiting": _printed(waiting.measure),
 }
+
+#: The parts that need neither Python's speed nor a network.
+CORE = ("native", "paper", "delay", "shapes", "staleness", "memory")
 
 
 def main() -> int:
@@ -46,7 +53,9 @@ def main() -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; core: {', '.join(CORE)}"
+    )
     parser.add_argument("--results", type=Path, metavar="FILE", help="write all of it as JSON")
     parser.add_argument(
         "--paper-flags",
@@ -55,14 +64,15 @@ def main() -> int:
         help="of the part paper, as in bench/core/parts.hpp: other cells, longer turns",
     )
     args = parser.parse_args()
-    unknown = set(args.parts) - set(PARTS)
+    chosen = [part for name in args.parts for part in (CORE if name == "core" else (name,))]
+    unknown = set(chosen) - set(PARTS)
     if unknown:
         parser.error(f"no such part: {', '.join(sorted(unknown))}")
     parts = PARTS | {"paper": functools.partial(paper.measure, args.paper_flags or ())}
     document: dict[str, Any] = {"machine": machine.describe()}
     for key, value in document["machine"].items():
         print(f"{key}: {value}")
-    for part in args.parts or PARTS:
+    for part in chosen or PARTS:
         print(f"\n== {part}", flush=True)
         document[part] = parts[part]()
     document["machine"]["load_at_end"] = machine.load()

@@ -5,35 +5,30 @@ Every side by turns with the real tf2, in one run; the driver is bench/core/pape
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Sequence
 from typing import Any
 
-from bench import native, paper_bars
-from bench.paper_bars import Row, Table, middle, ratios
-
-_HEAD = (
-    f"{'side':<10} {'read':<13} {'reads/s':>22} {'to tf2':>18} {'link writes/s':>22}"
-    f" {'to tf2':>20} {'read us p50/p99/p99.9':>22} {'write us p50/p99/p99.9':>22}"
-    f" {'delay ms oldest/mean':>20} {'no answer':>9}"
-)
+from bench import native, paper_bars, paper_table
+from bench.paper_bars import Table
 
 
-def measure(flags: Iterable[str] = ()) -> dict[str, Any]:
+def measure(flags: Sequence[str] = ()) -> dict[str, Any]:
     """Prints the table and what of it was to be reached; the driver's JSON and the bars."""
-    document: dict[str, Any] = native.run("paper", *flags)
-    table = Table.of(document)
-    print("medians of the turns, [lowest-highest]; ratios turn by turn")
-    for cell in table.cells():
-        links, direction, readers, writers = cell
-        own = [row for row in table.rows if row.cell == cell]
-        where = "a core each" if own[0].pinned else "more threads than cores"
-        print(
-            f"\n{links:,} links, {direction} direction, {readers} readers, {writers} writers"
-            f" ({where}; history {own[0].cache_s:g} s, ours at most {own[0].samples:g} samples)"
+    document: dict[str, Any] = native.run("paper", *(flags or ("--threads", _threads())))
+    if not flags:
+        same = native.run(
+            "paper",
+            "--direction",
+            "same",
+            "--threads",
+            str(min(_cores(), 16)),
+            "--read-ratio",
+            "0.5",
         )
-        print(_HEAD)
-        for row in own:
-            print(_line(row, table.find(cell, "tf2")).rstrip())
+        document["cells"] += same["cells"]
+    table = Table.of(document)
+    paper_table.show(table)
     document["bars"] = paper_bars.judge(table)
     print()
     for bar in document["bars"]:
@@ -42,36 +37,10 @@ def measure(flags: Iterable[str] = ()) -> dict[str, Any]:
     return document
 
 
-def _line(row: Row, tf2: Row | None) -> str:
-    def to_tf2(ours: list[float], other: list[float] | None) -> str:
-        if other is None or row.side == "tf2" or not any(other):
-            return ""
-        return _spread(ratios(ours, other))
-
-    def percentiles(ns: dict[str, list[float | None]]) -> str:
-        if not row.writers and ns is row.write_ns:
-            return ""
-        return "/".join(f"{middle(ns[key]) / 1000:,.3g}" for key in ("p50", "p99", "p999"))
-
-    reads, writes = row.reads_per_s, row.links_written_per_s
-    tf2_reads, tf2_writes = (tf2.reads_per_s, tf2.links_written_per_s) if tf2 else (None, None)
-    delays = [f"{middle(delay) * 1000:,.3g}" for delay in (row.delay_oldest_s, row.delay_mean_s)]
-    return (
-        f"{row.side:<10} {row.read:<13} {_spread(reads):>22}"
-        f" {to_tf2(reads, tf2_reads):>18}"
-        f" {_spread(writes) if row.writers else '':>22}"
-        f" {to_tf2(writes, tf2_writes):>20}"
-        f" {percentiles(row.read_ns):>22} {percentiles(row.write_ns):>22}"
-        f" {'/'.join(delays) if row.writers else '':>20} {middle(row.unanswered_share):>9.2%}"
-    )
+def _threads() -> str:
+    """Up to the cores, and 8, which on a small machine is more than it has."""
+    return ",".join(str(n) for n in (1, 2, 4, 8, 16) if n <= max(2, _cores()) or n == 8)
 
 
-def _spread(values: list[float]) -> str:
-    return f"{_short(middle(values))} [{_short(min(values))}-{_short(max(values))}]"
-
-
-def _short(value: float) -> str:
-    for unit, size in (("M", 1e6), ("k", 1e3)):
-        if value >= size:
-            return f"{value / size:.3g}{unit}"
-    return f"{value:.3g}"
+def _cores() -> int:
+    return max(2, os.cpu_count() or 2)

@@ -64,7 +64,7 @@ class Table:
     def cells(self) -> list[Cell]:
         return sorted({row.cell for row in self.rows})
 
-    def find(self, cell: Cell, side: str, read: str = "latest common") -> Row | None:
+    def find(self, cell: Cell, side: str, read: str = "latest-common") -> Row | None:
         for row in self.rows:
             if (row.cell, row.side, row.read) == (cell, side, read):
                 return row

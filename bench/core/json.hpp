@@ -33,7 +33,7 @@ class Json {
 
   Json& add(const char* key, const std::string& value) {
     begin(key);
-    text_ += '"' + value + '"';  // names and versions: nothing to escape
+    text_.append(1, '"').append(value).append(1, '"');  // names and versions: nothing to escape
     return *this;
   }
   Json& add(const char* key, double value) {
@@ -57,8 +57,8 @@ class Json {
  private:
   void begin(const char* key) {
     if (!first_) text_ += ", ";
-    if (line_) text_ += "\n" + std::string(closing_.size(), ' ');
-    if (key) text_ += '"' + std::string(key) + "\": ";
+    if (line_) text_.append(1, '\n').append(closing_.size(), ' ');
+    if (key) text_.append(1, '"').append(key).append("\": ");
     first_ = line_ = false;
   }
   // What was not measured is not a number, and JSON has none such.

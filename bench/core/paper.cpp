@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <set>
@@ -29,10 +30,24 @@ struct PaperSettings {
   unsigned length, repetitions;
   unsigned samples;  // 0: as samples_for() has it
   double seconds, warm_up_s;
+  std::vector<std::string> series;  // "SIDE/READ"; none: all
 };
 
 constexpr Read kKinds[] = {Read::latest_xact, Read::common};
-const char* name_of(Read kind) { return kind == Read::common ? "latest common" : "latest xact"; }
+
+bool wanted(const PaperSettings& settings, const Store& store, Read kind) {
+  const auto& series = settings.series;
+  const std::string name = store.name() + "/" + name_of(kind);
+  return store.can(kind) &&
+         (series.empty() || std::find(series.begin(), series.end(), name) != series.end());
+}
+
+// Of those alone there will be stores.
+std::vector<std::string> sides_of(const PaperSettings& settings) {
+  std::vector<std::string> sides;
+  for (const std::string& name : settings.series) sides.push_back(name.substr(0, name.find('/')));
+  return sides;
+}
 
 // Of each kind at least one, but for a ratio of 1. None where a ratio needs more threads.
 std::set<Cell> cells_of(const std::vector<unsigned>& threads, const std::vector<double>& ratios) {
@@ -61,14 +76,14 @@ Stamp cache_for(FrameIndex links) {
 std::uint32_t samples_for(FrameIndex links) { return links > 100'000 ? 16 : 64; }
 
 // Random stretches of the snake, some with stamps of their own.
-void check(const Stores& stores, FrameIndex links, unsigned length) {
+void check(const Stores& stores, FrameIndex links, unsigned length, Stamp after) {
   std::vector<Pair> pairs;
   for (FrameIndex i = 0; i < 200; ++i) {
     const auto top = static_cast<FrameIndex>(i * 7919ull % (links - length + 1));
     pairs.push_back({top, top + length});
     if (i % 2)
       for (const auto& store : stores)
-        store->write(0, top, length / 2 + 1, kStart + 1000 * static_cast<Stamp>(i));
+        store->write(0, top, length / 2 + 1, after + 1000 * (i + Stamp{1}));
   }
   check_answers(stores, pairs);
 }
@@ -111,16 +126,17 @@ void measure(FrameIndex links, const std::string& direction, const PaperSettings
   const StoreOptions options{cache_for(links),
                              settings.samples ? settings.samples : samples_for(links),
                              direction == "same"};
-  const Stores stores = make_stores(forest, options);
+  const Stores stores = make_stores(forest, options, sides_of(settings));
+  const Stamp filled = fill(stores, forest, options.samples);
   check_answers(stores, {{0, settings.length}});
   std::vector<Series> all;
   for (const Read kind : kKinds)
     for (std::size_t i = 0; i < stores.size(); ++i)
-      if (stores[i]->can(kind)) all.push_back({i, kind});
+      if (wanted(settings, *stores[i], kind)) all.push_back({i, kind});
 
   std::map<std::pair<Cell, std::size_t>, std::vector<Turn>> turns;
   for (const bool writing : {false, true}) {
-    if (writing) check(stores, links, settings.length);
+    if (writing) check(stores, links, settings.length, filled);
     std::vector<PausedClock> clocks(stores.size());  // nothing is old when the first writer begins
     for (unsigned repetition = 0; repetition < settings.repetitions; ++repetition)
       for (const Cell& cell : settings.cells) {
@@ -155,9 +171,10 @@ void run_paper(Flags& flags) {
   const auto directions = flags.list<std::string>("--direction", "opposite");
   settings.length = static_cast<unsigned>(flags.number("--length", 16));
   settings.seconds = flags.number("--seconds", 0.4);
-  settings.warm_up_s = settings.seconds / 4;
+  settings.warm_up_s = std::min(1.0, settings.seconds / 4);
   settings.repetitions = static_cast<unsigned>(flags.number("--repetitions", 5));
   settings.samples = static_cast<unsigned>(flags.number("--samples", 0));
+  settings.series = flags.list<std::string>("--series", "");
   const std::string file = flags.text("--json", "");
   flags.done();
 

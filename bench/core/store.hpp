@@ -12,6 +12,7 @@
 namespace bench {
 
 enum class Read { common, latest, latest_xact };
+const char* name_of(Read kind);
 
 struct StoreOptions {
   Stamp cache;            // how far history reaches back
@@ -51,8 +52,11 @@ std::unique_ptr<Store> make_tree_store(const std::string& concurrency, const For
 // Null where this program was built without tf2.
 std::unique_ptr<Store> make_tf2_store(const Forest& forest, const StoreOptions& options);
 
-// All of them; tf2 comes last, if it is there.
-Stores make_stores(const Forest& forest, const StoreOptions& options);
+// All of them, or those whose names are given; tf2 comes last, if it is there.
+Stores make_stores(const Forest& forest, const StoreOptions& options,
+                   const std::vector<std::string>& names = {});
+// Sets every link `times` times, all at the same stamps after kStart; the last one is returned.
+Stamp fill(const Stores& stores, const Forest& forest, unsigned times);
 
 // Throws where answers differ, or where there is none, between random frames of the pairs.
 struct Pair {

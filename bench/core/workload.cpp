@@ -36,9 +36,9 @@ Link link_to_set(unsigned thread) { return {"link0", "set" + std::to_string(thre
 
 std::vector<Case> cases() {
   return {
-      {"latest common, ids", Kind::common_ids, "link0", "link4", 8},
-      {"latest common, names", Kind::common_names, "link0", "link4", 3},
-      {"at a time, ids", Kind::at_ids, "link0", "link4"},
+      {"latest common, ids", Kind::common_ids, "link0", "link4", 10, 35},
+      {"latest common, names", Kind::common_names, "link0", "link4", 4},
+      {"at a time, ids", Kind::at_ids, "link0", "link4", 10},
       {"siblings, latest common, ids", Kind::common_ids, "left_hand", "right_hand"},
       {"siblings, at a time, ids", Kind::at_ids, "left_hand", "right_hand"},
       {"stamps differ, latest common, ids", Kind::common_ids, "staggered0", "staggered4"},

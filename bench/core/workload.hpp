@@ -44,6 +44,7 @@ struct Case {
   Kind kind;
   std::string target, source;  // where it is a lookup
   double bar = 0;              // times tf2's rate that one thread must reach; 0: none
+  double bar_of_two = 0;       // the same of two threads
 };
 
 std::vector<Case> cases();
