@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core -type f)
 PACKAGES := zenoh_tf server/zenoh_tf_server client/zenoh_tf_client
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories anomalies lint format bench core-test image-test clean
+.PHONY: help native demo test histories anomalies lint format bench figures core-test image-test clean
 
 help: ## say what there is
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
@@ -58,6 +58,11 @@ format: .venv/requirements.stamp ## let ruff format and sort the imports
 
 bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
+
+# What `make bench ARGS=core RESULTS=$(FIGURES_FROM)` has written.
+FIGURES_FROM ?= bench/results/core-2-cores-amd-epyc.json
+figures: native ## draw docs/figures from bench/results, without measuring
+	@$(BIN)/python -m bench.plots $(FIGURES_FROM) --out docs/figures
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address

@@ -63,18 +63,22 @@ def memory() -> Any:
 
 
 def delay() -> Any:
-    """The report's own measure: a minute on a million links, during which tf2 sets each once."""
-    document = native.run(
-        "paper",
-        *("--links", "1000000", "--threads", "2,8", "--read-ratio", "0.5"),
-        *("--series", "optimistic/latest-xact,tf2/latest-common"),
-        *("--seconds", "60", "--repetitions", "1"),
-    )
-    for cell in document["cells"]:
+    """The report's own measure: a minute on a million links, which is as long as tf2 takes to set
+    each of them once."""
+    cells: list[dict[str, Any]] = []
+    for threads in ("2", "8"):  # a run each: in a second one the data would begin old
+        document = native.run(
+            "paper",
+            *("--links", "1000000", "--threads", threads, "--read-ratio", "0.5"),
+            *("--series", "optimistic/latest-xact,tf2/latest-common"),
+            *("--seconds", "60", "--repetitions", "1"),
+        )
+        cells += document["cells"]
+    for cell in cells:
         oldest, mean = middle(cell["delay_oldest_s"]), middle(cell["delay_mean_s"])
         print(
             f"{cell['readers']} readers, {cell['writers']} writers:"
             f" {cell['side']:<10} {cell['read']:<13} oldest stamp {oldest:.3g} s,"
             f" mean stamp {mean:.3g} s"
         )
-    return document
+    return {"cells": cells}

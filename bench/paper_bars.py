@@ -29,6 +29,7 @@ class Row:
     writes_per_s: list[float]
     links_written_per_s: list[float]
     unanswered_share: list[float | None]
+    others_cores: list[float | None]
     read_ns: dict[str, list[float | None]]
     write_ns: dict[str, list[float | None]]
     delay_oldest_s: list[float | None]

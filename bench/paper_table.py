@@ -17,9 +17,11 @@ def show(table: Table) -> None:
         links, direction, readers, writers = cell
         own = [row for row in table.rows if row.cell == cell]
         where = "a core each" if own[0].pinned else "more threads than cores"
+        others = [cores for row in own for cores in row.others_cores if cores is not None]
         print(
             f"\n{links:,} links, {direction} direction, {readers} readers, {writers} writers"
-            f" ({where}; history {own[0].cache_s:g} s, ours at most {own[0].samples:g} samples)"
+            f" ({where}; history {own[0].cache_s:g} s, ours at most {own[0].samples:g} samples;"
+            f" others used {spread(others)} cores)"
         )
         print(_HEAD)
         for row in own:

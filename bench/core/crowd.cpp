@@ -9,6 +9,8 @@
 #include <mutex>
 #include <thread>
 
+#include "others.hpp"
+
 namespace bench {
 
 namespace {
@@ -176,16 +178,19 @@ Turn run_crowd(Store& store, const Load& load, PausedClock& clock, double warm_u
     });
   std::this_thread::sleep_for(std::chrono::duration<double>(warm_up_s));
   phase.store(Phase::measure);
+  const Others others;
   const Clock::time_point start = Clock::now();
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
   phase.store(Phase::stop);
   const double spent = std::chrono::duration<double>(Clock::now() - start).count();
+  const double others_cores = others.cores();
   for (std::thread& thread : threads) thread.join();
   clock.pause();
   if (failed) std::rethrow_exception(failed);
   Turn sum;
   for (const auto& member : members) add(sum, member->turn());
   sum.seconds = spent;
+  sum.others_cores = others_cores;
   return sum;
 }
 

@@ -41,6 +41,7 @@ struct Load {
 
 struct Turn {
   double seconds = 0;
+  double others_cores = 0;  // used by other programs meanwhile
   std::uint64_t reads = 0, writes = 0, links_written = 0;
   std::uint64_t unanswered = 0;  // reads that are not in `reads`
   Histogram read_ns, write_ns;

@@ -113,6 +113,7 @@ void add_row(Json& json, const std::vector<Turn>& turns) {
   list("unanswered_share", [](const Turn& t) {
     return static_cast<double>(t.unanswered) / static_cast<double>(t.reads + t.unanswered);
   });
+  list("others_cores", [](const Turn& t) { return t.others_cores; });
   add_percentiles(json, "read_ns", turns, &Turn::read_ns);
   add_percentiles(json, "write_ns", turns, &Turn::write_ns);
   list("delay_oldest_s", [](const Turn& t) { return t.oldest_s / static_cast<double>(t.delays); });
