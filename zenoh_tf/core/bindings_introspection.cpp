@@ -88,8 +88,8 @@ nb::list authority_records(const Tree& tree) {
     nb::dict record;
     record["name"] = text(tree.authority(id));
     record["frames"] = frames[id];
-    record["commits"] = load(counters.commits);
-    record["stored"] = load(counters.stored);
+    record["commits"] = counters.commits();
+    record["stored"] = counters.stored();
     record["dropped"] = load(counters.dropped);
     record["rewritten"] = load(counters.rewritten);
     record["conflicts"] = load(counters.conflicts);

@@ -18,6 +18,7 @@
 #pragma once
 
 #include <atomic>
+#include <bit>
 #include <cstdint>
 #include <limits>
 #include <new>
@@ -39,9 +40,12 @@ inline std::uint64_t span_ns(Stamp from, Stamp to) noexcept {
 
 class SharedPose {
  public:
-  void store(const Pose& p) noexcept {
-    const double values[7] = {p.x, p.y, p.z, p.qx, p.qy, p.qz, p.qw};
-    for (int i = 0; i < 7; ++i) values_[i].store(values[i], std::memory_order_release);
+  ZTF_HOT void store(const Pose& p) noexcept {
+    const auto put = [&](int i, double value) {
+      values_[i].store(value, std::memory_order_release);
+    };
+    put(0, p.x), put(1, p.y), put(2, p.z);
+    put(3, p.qx), put(4, p.qy), put(5, p.qz), put(6, p.qw);
   }
   // x, y, z, qx, qy, qz, qw
   ZTF_HOT double operator[](int i) const noexcept {
@@ -63,64 +67,88 @@ struct alignas(64) Sample {
 };
 static_assert(sizeof(Sample) == 64);
 
-// Parents stand apart: mostly all are the record's, and nobody reads them.
+// The samples behind a record, and where they are in memory: one word, the
+// address with the capacity's logarithm in the bits that its alignment leaves
+// free. So a reader always has an address and a capacity that belong together,
+// and finds a sample without another load. Parents stand apart: mostly all are
+// the record's, and nobody reads them.
 class Ring {
  public:
-  static Ring* make(std::uint32_t capacity, Ring* smaller) {
-    const std::size_t bytes = sizeof(Ring) + capacity * (sizeof(Sample) + sizeof(FrameId));
-    return new (::operator new(bytes, std::align_val_t{64})) Ring(capacity, smaller);
+  Ring() noexcept = default;  // none
+  explicit operator bool() const noexcept { return word_ != 0; }
+
+  // Throws bad_alloc. `smaller`: what it replaces, and will free with itself.
+  static Ring make(std::uint32_t capacity, Ring smaller) {
+    void* const memory = ::operator new(bytes(capacity), std::align_val_t{64});
+    Ring ring;
+    ring.word_ = reinterpret_cast<std::uintptr_t>(memory) |
+                 static_cast<std::uintptr_t>(std::countr_zero(capacity));
+    for (std::uint32_t i = 0; i < capacity; ++i) {
+      new (ring.samples() + i) Sample();
+      new (ring.parents() + i) std::atomic<FrameId>(0);
+    }
+    new (ring.smaller()) Ring(smaller);
+    return ring;
   }
-  // Frees this ring and all that it replaced.
-  static void free_all(Ring* ring) noexcept {
+  // This ring and all that it replaced.
+  static void free_all(Ring ring) noexcept {
     while (ring) {
-      Ring* smaller = ring->smaller_;
-      ::operator delete(ring, std::align_val_t{64});
+      const Ring smaller = *ring.smaller();
+      ::operator delete(ring.samples(), std::align_val_t{64});
       ring = smaller;
     }
   }
 
-  [[nodiscard]] std::uint32_t capacity() const noexcept { return mask_ + 1; }
+  [[nodiscard]] ZTF_HOT std::uint32_t capacity() const noexcept {
+    return std::uint32_t{1} << (word_ & kLogarithm);
+  }
 
   [[nodiscard]] ZTF_HOT Stamp stamp(std::uint32_t i) const noexcept {
-    return samples()[i & mask_].stamp.load(std::memory_order_acquire);
+    return sample(i).stamp.load(std::memory_order_acquire);
   }
   [[nodiscard]] ZTF_HOT const SharedPose& pose(std::uint32_t i) const noexcept {
-    return samples()[i & mask_].pose;
+    return sample(i).pose;
   }
   [[nodiscard]] FrameId parent(std::uint32_t i) const noexcept {
-    return parents_[i & mask_].load(std::memory_order_acquire);
+    return parents()[i & (capacity() - 1)].load(std::memory_order_acquire);
   }
 
-  void store(std::uint32_t i, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
-    Sample& sample = const_cast<Sample&>(samples()[i & mask_]);
-    sample.stamp.store(stamp, std::memory_order_release);
-    sample.pose.store(pose);
-    parents_[i & mask_].store(parent, std::memory_order_release);
+  void store(std::uint32_t i, Stamp stamp, FrameId parent, const Pose& pose) const noexcept {
+    sample(i).stamp.store(stamp, std::memory_order_release);
+    sample(i).pose.store(pose);
+    parents()[i & (capacity() - 1)].store(parent, std::memory_order_release);
   }
-  void copy(std::uint32_t to, const Ring& from, std::uint32_t i) noexcept {
+  void copy(std::uint32_t to, Ring from, std::uint32_t i) const noexcept {
     store(to, from.stamp(i), from.parent(i), from.pose(i).load());
+  }
+  void prefetch(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i)); }
+  void prefetch_for_write(std::uint32_t i) const noexcept {
+    __builtin_prefetch(&sample(i), 1);
+    __builtin_prefetch(parents() + (i & (capacity() - 1)), 1);
   }
 
  private:
-  Ring(std::uint32_t capacity, Ring* smaller) noexcept
-      : mask_(capacity - 1),
-        smaller_(smaller),
-        parents_(reinterpret_cast<std::atomic<FrameId>*>(const_cast<Sample*>(samples()) + capacity)) {
-    for (std::uint32_t i = 0; i < capacity; ++i) {
-      new (const_cast<Sample*>(samples()) + i) Sample();
-      new (&parents_[i]) std::atomic<FrameId>(0);
-    }
+  static constexpr std::uintptr_t kLogarithm = 63;
+
+  // The samples, their parents, and the ring before.
+  static std::size_t bytes(std::uint32_t capacity) noexcept {
+    return capacity * (sizeof(Sample) + sizeof(FrameId)) + sizeof(Ring);
   }
-  // Behind this, without a pointer to load first.
-  [[nodiscard]] ZTF_HOT const Sample* samples() const noexcept {
-    return reinterpret_cast<const Sample*>(this + 1);
+  [[nodiscard]] ZTF_HOT Sample* samples() const noexcept {
+    return reinterpret_cast<Sample*>(word_ & ~kLogarithm);
+  }
+  [[nodiscard]] ZTF_HOT Sample& sample(std::uint32_t i) const noexcept {
+    return samples()[i & (capacity() - 1)];
+  }
+  [[nodiscard]] std::atomic<FrameId>* parents() const noexcept {
+    return reinterpret_cast<std::atomic<FrameId>*>(samples() + capacity());
+  }
+  [[nodiscard]] Ring* smaller() const noexcept {
+    return reinterpret_cast<Ring*>(parents() + capacity());
   }
 
-  alignas(64) const std::uint32_t mask_;
-  Ring* const smaller_;
-  std::atomic<FrameId>* const parents_;
+  std::uintptr_t word_ = 0;
 };
-static_assert(sizeof(Ring) == 64);
 
 // Two adjacent cache lines, fetched together: what a walk needs, then the
 // newest sample. "Latest" reads touch nothing else, which is what makes them
@@ -129,7 +157,7 @@ struct alignas(128) Frame {
   VersionLock version;
   SharedLock shared;  // two-phase locking only
   std::atomic<FrameId> parent;
-  std::atomic<Ring*> ring;
+  std::atomic<Ring> ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
   std::atomic<Stamp> oldest_stamp;           // of the ring
@@ -142,8 +170,14 @@ struct alignas(128) Frame {
   alignas(64) std::atomic<Stamp> latest_stamp;
   SharedPose latest_pose;
 
+  void prefetch_for_write() const noexcept {
+    __builtin_prefetch(&version, 1);
+    __builtin_prefetch(&latest_stamp, 1);
+  }
+
   ~Frame() { Ring::free_all(ring.load(std::memory_order_relaxed)); }
 };
 static_assert(sizeof(Frame) == 128);
+static_assert(std::atomic<Ring>::is_always_lock_free);
 
 }  // namespace ztf

@@ -29,7 +29,12 @@ struct FrameEvents {
 // What an authority has done; "" is not counted. A line each: authorities write
 // at the same time.
 struct alignas(64) AuthorityCounters {
-  std::atomic<std::uint64_t> commits, stored, dropped, rewritten, conflicts;
+  // The usual commit stores one row and counts one word.
+  std::atomic<std::uint64_t> single_commits, other_commits, stored_by_others;
+  std::atomic<std::uint64_t> dropped, rewritten, conflicts;
+
+  [[nodiscard]] std::uint64_t commits() const noexcept { return single_commits + other_commits; }
+  [[nodiscard]] std::uint64_t stored() const noexcept { return single_commits + stored_by_others; }
 };
 
 struct FrameInfo {

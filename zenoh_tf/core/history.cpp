@@ -19,10 +19,10 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
   if (count == 1) return {Kind::no_data, parent, 0};
   if (stamp > newest) return {Kind::forward, parent, 0};
 
-  const Ring* ring = frame.ring.load(acquire);
+  const Ring ring = frame.ring.load(acquire);
   const std::uint32_t first = frame.first.load(acquire);
   if (!ring) return {Kind::no_data, parent, 0};  // only in a collision with a writer
-  const Stamp oldest = ring->stamp(first);
+  const Stamp oldest = ring.stamp(first);
   if (stamp < oldest) return {Kind::backward, parent, 0};
 
   // Around the place that place_at() guesses; then by halves. In a collision the
@@ -31,10 +31,10 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
   const double guess = share(oldest, stamp, newest) * high;
   const std::uint32_t near =
       guess >= 1.0 && guess < high ? static_cast<std::uint32_t>(guess) : low;
-  if (ring->stamp(first + near) <= stamp) {
+  if (ring.stamp(first + near) <= stamp) {
     low = near;
     for (std::uint32_t i = near + 1; i < high && i <= near + kSteps; ++i) {
-      if (ring->stamp(first + i) > stamp)
+      if (ring.stamp(first + i) > stamp)
         high = i;
       else
         low = i;
@@ -42,7 +42,7 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
   } else {
     high = near;
     for (std::uint32_t i = near; i-- > low && i + kSteps >= near;) {
-      if (ring->stamp(first + i) <= stamp)
+      if (ring.stamp(first + i) <= stamp)
         low = i;
       else
         high = i;
@@ -50,12 +50,12 @@ Place search(const Frame& frame, Stamp stamp) noexcept {
   }
   while (high - low > 1) {
     const std::uint32_t middle = low + (high - low) / 2;
-    if (ring->stamp(first + middle) <= stamp)
+    if (ring.stamp(first + middle) <= stamp)
       low = middle;
     else
       high = middle;
   }
-  return {Kind::ok, ring->parent(first + low), (first + low) & Place::kSlots};
+  return {Kind::ok, ring.parent(first + low), (first + low) & Place::kSlots};
 }
 
 }  // namespace ztf

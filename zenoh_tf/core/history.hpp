@@ -50,14 +50,14 @@ ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
     return {parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, Place::kNewest};
   const Stamp oldest = frame.oldest_stamp.load(acquire);
   const std::uint32_t count = frame.count.load(acquire);
-  const Ring* const ring = frame.ring.load(acquire);
+  const Ring ring = frame.ring.load(acquire);
   if (count < 2 || stamp < oldest || stamp > newest || !ring ||
       frame.parent_changes.load(acquire) != 0) [[unlikely]]
     return search(frame, stamp);
   const auto guess =
       static_cast<std::uint32_t>(static_cast<std::int64_t>(share(oldest, stamp, newest) * (count - 1)));
   const std::uint32_t slot = frame.first.load(acquire) + std::min(guess, count - 2);
-  if (ring->stamp(slot) > stamp || ring->stamp(slot + 1) <= stamp) [[unlikely]]
+  if (ring.stamp(slot) > stamp || ring.stamp(slot + 1) <= stamp) [[unlikely]]
     return search(frame, stamp);
   return {Place::Kind::ok, parent, slot & Place::kSlots};
 }
@@ -72,14 +72,14 @@ struct Between {
 
 // From a place that was found for the time.
 ZTF_HOT Between between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
-  const Ring* const ring = frame.ring.load(std::memory_order_acquire);
+  const Ring ring = frame.ring.load(std::memory_order_acquire);
   if (slot == Place::kNewest || !ring)  // no ring: only in a collision with a writer
     return {&frame.latest_pose, &frame.latest_pose, 0};
-  const Between samples{&ring->pose(slot), &ring->pose(slot + 1), 0};
+  const Between samples{&ring.pose(slot), &ring.pose(slot + 1), 0};
   if (frame.parent_changes.load(std::memory_order_acquire) != 0 &&
-      ring->parent(slot) != ring->parent(slot + 1)) [[unlikely]]
+      ring.parent(slot) != ring.parent(slot + 1)) [[unlikely]]
     return {samples.older, samples.older, 0};
-  return {samples.older, samples.newer, share(ring->stamp(slot), stamp, ring->stamp(slot + 1))};
+  return {samples.older, samples.newer, share(ring.stamp(slot), stamp, ring.stamp(slot + 1))};
 }
 
 // The oldest stamp that the frame can serve; its newest where it has only one.
@@ -90,10 +90,10 @@ inline Stamp oldest_stamp(const Frame& frame) noexcept {
 
 // The parent of that sample.
 inline FrameId oldest_parent(const Frame& frame) noexcept {
-  const Ring* ring = frame.ring.load(std::memory_order_acquire);
+  const Ring ring = frame.ring.load(std::memory_order_acquire);
   if (!ring || frame.count.load(std::memory_order_acquire) == 0)
     return frame.parent.load(std::memory_order_acquire);
-  return ring->parent(frame.first.load(std::memory_order_acquire));
+  return ring.parent(frame.first.load(std::memory_order_acquire));
 }
 
 struct HistoryLimits {
@@ -135,24 +135,34 @@ inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
 // step of a write that can fail (bad_alloc); it changes nothing a reader sees.
 inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits) {
   const auto relaxed = std::memory_order_relaxed;
-  Ring* ring = frame.ring.load(relaxed);
+  const Ring ring = frame.ring.load(relaxed);
   const std::uint32_t first = frame.first.load(relaxed);
   const std::uint32_t count = frame.count.load(relaxed);
   const std::uint64_t wanted = std::min<std::uint64_t>(std::uint64_t{count} + extra, limits.max_samples);
-  if (ring && ring->capacity() >= wanted) return;
-  std::uint32_t capacity = ring ? ring->capacity() : 4;
+  if (ring && ring.capacity() >= wanted) return;
+  std::uint32_t capacity = ring ? ring.capacity() : 4;
   while (capacity < wanted) capacity *= 2;
-  Ring* bigger = Ring::make(capacity, ring);
-  for (std::uint32_t i = 0; i < count; ++i) bigger->copy(first + i, *ring, first + i);
+  const Ring bigger = Ring::make(capacity, ring);
+  for (std::uint32_t i = 0; i < count; ++i) bigger.copy(first + i, ring, first + i);
   frame.ring.store(bigger, std::memory_order_release);
 }
 
 // How often the parent changes between a sample and its neighbours.
-inline std::uint32_t changes_at(const Ring& ring, std::uint32_t first, std::uint32_t count,
+inline std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
                                 std::uint32_t place) noexcept {
   const FrameId parent = ring.parent(first + place);
   return (place > 0 && ring.parent(first + place - 1) != parent) +
          (place + 1 < count && ring.parent(first + place + 1) != parent);
+}
+
+// For a frame that will get a sample: what its insert() mostly needs.
+inline void prefetch_for_write(const Frame& frame) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const Ring ring = frame.ring.load(relaxed);
+  if (!ring) return;
+  const std::uint32_t first = frame.first.load(relaxed);
+  ring.prefetch_for_write(first + frame.count.load(relaxed));
+  ring.prefetch(first + 1);  // the oldest, once the first is pruned
 }
 
 // Puts a sample in that is not too old, after reserve().
@@ -160,7 +170,7 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
                        const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
-  Ring& ring = *frame.ring.load(relaxed);
+  const Ring ring = frame.ring.load(relaxed);
   std::uint32_t first = frame.first.load(relaxed);
   std::uint32_t count = frame.count.load(relaxed);
   std::uint32_t changes = count == 0 ? 0 : frame.parent_changes.load(relaxed);
@@ -168,10 +178,12 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   Inserted result = Inserted::added;
   frame.is_static.store(false, release);
 
-  // From the newest back to the place of this one; mostly no step at all.
+  // Mostly it is the newest. Else back to its place.
+  const Stamp newest_before = frame.latest_stamp.load(relaxed);
+  const bool is_newest = count == 0 || stamp > newest_before;
   std::uint32_t place = count;
-  while (place > 0 && ring.stamp(first + place - 1) > stamp) --place;
-  if (place > 0 && ring.stamp(first + place - 1) == stamp) {
+  while (!is_newest && place > 0 && ring.stamp(first + place - 1) > stamp) --place;
+  if (!is_newest && place > 0 && ring.stamp(first + place - 1) == stamp) {
     --place;
     if (!one_parent) changes -= changes_at(ring, first, count, place);
     result = Inserted::rewritten;
@@ -193,8 +205,10 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   if (!one_parent) changes += changes_at(ring, first, count, place);
   if (place == count - 1) store_latest(frame, stamp, parent, pose);
 
-  const Stamp newest = ring.stamp(first + count - 1);
-  Stamp oldest = ring.stamp(first);
+  const Stamp newest = place == count - 1 ? stamp : newest_before;
+  Stamp oldest = place == 0                    ? stamp
+                 : result == Inserted::evicted ? ring.stamp(first)
+                                               : frame.oldest_stamp.load(relaxed);
   while (too_old(oldest, newest, limits.cache_ns)) {
     if (!one_parent) changes -= changes_at(ring, first, count, 0);
     ++first;

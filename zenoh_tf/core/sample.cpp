@@ -24,7 +24,7 @@ class Cursor {
       return served;
     }
     found = between(frame_, slot_, stamp);
-    return frame_.parent_changes.load(std::memory_order_acquire) == 0 || ring_->parent(slot_) == parent;
+    return frame_.parent_changes.load(std::memory_order_acquire) == 0 || ring_.parent(slot_) == parent;
   }
 
  private:
@@ -33,16 +33,16 @@ class Cursor {
   // To the last sample not after a time before the newest, if that is near. In a collision,
   // somewhere in the ring.
   ZTF_HOT bool walk_to(Stamp stamp) noexcept {
-    if (ring_->stamp(slot_) > stamp) return false;
+    if (ring_.stamp(slot_) > stamp) return false;
     for (int i = 0; i < kSteps; ++i) {
-      if (ring_->stamp(slot_ + 1) > stamp) return true;
+      if (ring_.stamp(slot_ + 1) > stamp) return true;
       ++slot_;
     }
     return false;
   }
 
   const Frame& frame_;
-  const Ring* const ring_;
+  const Ring ring_;
   const Stamp newest_;
   std::uint32_t slot_;  // kNewest: to be searched for
 };

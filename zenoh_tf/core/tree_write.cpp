@@ -12,8 +12,9 @@ class Commit {
  public:
   Commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
       : tree_(tree), request_(request), stored_(stored) {
+    Write* const writes = writes_.append(request.rows.size());
     for (std::uint32_t i = 0; i < request.rows.size(); ++i)
-      writes_.push_back({0, 0, i, request.rows[i].stamp, check_row(request, i, tree.options_)});
+      writes[i] = {0, 0, i, request.rows[i].stamp, check_row(request, i, tree.options_)};
     check_authority(request, tree.options_);
   }
 
@@ -75,15 +76,20 @@ class Commit {
     if (!resolve_authority()) return false;
     new_names_.clear();
     new_frames_ = 0;
+    ids_.set_size(0);
+    std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
       write.child = resolve(row.child);  // tf2 numbers the child before the parent
       write.parent = resolve(row.parent);
       if (!write.child || !write.parent) return false;
+      if (writes_.size() > 1) tree_.frames_[write.child].prefetch_for_write();
     }
     sort_and_group();
 
     WriteLocks locks(tree_, children_);
+    if (children_.size() > 1)
+      for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
     if (!check_read_set(locks)) throw_conflict();
     bool topology_changes = !new_names_.empty();
     for (Group& group : groups_) topology_changes |= check_group(group);
@@ -107,7 +113,11 @@ class Commit {
   }
 
   FrameId resolve(std::uint32_t index) {
-    const std::string_view name = stripped(request_.names[index]);
+    FrameId& id = ids_[index];
+    return id != 0 ? id : id = resolve(stripped(request_.names[index]));
+  }
+
+  FrameId resolve(std::string_view name) {
     if (const FrameId id = tree_.names_.find(name)) return id;
     if (!needs_topology_) return 0;
     if (const auto it = new_names_.find(name); it != new_names_.end()) return it->second;
@@ -140,7 +150,7 @@ class Commit {
     children_.clear();
     for (std::uint32_t i = 0; i < writes_.size(); ++i) {
       if (i == 0 || writes_[i].child != writes_[i - 1].child) {
-        groups_.push_back({i, i, 0});
+        *groups_.append(1) = Group{i, i, 0};
         children_.push_back(writes_[i].child);
       }
       groups_.back().end = i + 1;
@@ -331,8 +341,9 @@ class Commit {
     const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
       if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
     };
-    add(counters.commits, 1);
-    add(counters.stored, tally_.stored);
+    const bool single = tally_.stored == 1 && writes_.size() == 1;
+    add(single ? counters.single_commits : counters.other_commits, 1);
+    if (!single) add(counters.stored_by_others, tally_.stored);
     add(counters.dropped, tally_.dropped);
     add(counters.rewritten, tally_.rewritten);
     add(counters.conflicts, tally_.conflicts);
@@ -386,6 +397,7 @@ class Commit {
   bool new_authority_ = false;
   bool needs_topology_ = false;
   std::size_t conflict_ = 0;
+  SmallVector<FrameId, 32> ids_;  // of request_.names; 0: not resolved yet
   SmallVector<Write, 16> writes_;
   SmallVector<Group, 16> groups_;
   SmallVector<FrameId, 16> children_;  // of groups_, ascending
