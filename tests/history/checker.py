@@ -98,18 +98,21 @@ def _nonsense(history: History) -> Anomaly | None:
 
 
 def _unwritten(history: History) -> Anomaly | None:
-    """A version that was read, and that no committed transaction has written there."""
+    """A version that was read, and that no other, committed transaction has written there."""
     transaction, is_write, link, stamp = history.accesses.T
     version = stamp * (link.max(initial=0) + 1) + link
     wrote = is_write == 1
     committed = wrote & (history.transactions[transaction, 3] == COMMITTED)
-    for read in np.flatnonzero((stamp > 0) & ~wrote & ~np.isin(version, version[committed])):
-        where = f"T{transaction[read]} has read link {link[read]} as of {stamp[read]}"
-        writers = [int(t) for t in transaction[wrote & (version == version[read])]]
-        if writers:
+    by_whom = version * len(history.transactions) + transaction
+    good = np.isin(version, version[committed]) & ~np.isin(by_whom, by_whom[wrote])
+    for read in np.flatnonzero((stamp > 0) & ~wrote & ~good):
+        reader = int(transaction[read])
+        where = f"T{reader} has read link {link[read]} as of {stamp[read]}"
+        writers = transaction[wrote & (version == version[read])].tolist()
+        if writers and writers != [reader]:
             text = f"{where}, which T{writers[0]} wrote, which was refused"
-            return Anomaly("G1a aborted read", [writers[0], int(transaction[read])], text)
-        return Anomaly("unwritten version", [int(transaction[read])], f"{where}: nobody wrote that")
+            return Anomaly("G1a aborted read", [writers[0], reader], text)
+        return Anomaly("unwritten version", [reader], f"{where}: nobody had written that")
     return None
 
 

@@ -5,7 +5,8 @@
 // version, moved to a place of 13 binary digits that no other link uses: trunk, first and second
 // arm have an axis each, and rotations are identities. So the pose of any chain is exact in
 // doubles, and says the version of every link on the way. A version is the stamp under which it
-// was written, and every transaction that writes has one of its own.
+// was written, and every transaction that writes has one of its own. The second arm moves between
+// the trunk's top and the root: its first link's version says where it stands.
 //
 // Thread safety: each thread records for itself; tree, clock of stamps and the rest are shared.
 #include <algorithm>
@@ -33,7 +34,11 @@ constexpr Stamp kLastStamp = (1 << kDigits) - 1;
 
 constexpr int place_of(int link) { return link % 4 * kDigits; }
 constexpr int axis_of(int link) { return link / 4; }  // of Pose: x, y, z
-constexpr int parent_of(int link) { return link == 8 ? 4 : link; }  // frames: 0 is the root, link + 1
+constexpr int kMovingLink = 8;
+// Frames: 0 is the root, and above a link is what the version of the moving one says.
+constexpr int parent_of(int link, Stamp moved) {
+  return link != kMovingLink ? link : moved / 4 % 2 == 0 ? 4 : 0;
+}
 
 // As in history.py.
 enum Outcome : std::int64_t { committed, conflict, late, nonsense };
@@ -58,9 +63,9 @@ std::int64_t now_ns() {
 }
 
 // The links from a frame up to the root, as a set of bits.
-unsigned links_above(int frame) {
+unsigned links_above(int frame, Stamp moved) {
   unsigned links = 0;
-  for (; frame != 0; frame = parent_of(frame - 1)) links |= 1u << (frame - 1);
+  for (; frame != 0; frame = parent_of(frame - 1, moved)) links |= 1u << (frame - 1);
   return links;
 }
 
@@ -80,7 +85,7 @@ struct World {
       if (!(links >> link & 1)) continue;
       std::array<double, 3> xyz{};
       xyz[static_cast<std::size_t>(axis_of(link))] = std::ldexp(static_cast<double>(stamp), place_of(link));
-      rows.push_back({static_cast<std::uint32_t>(parent_of(link)), static_cast<std::uint32_t>(link + 1),
+      rows.push_back({static_cast<std::uint32_t>(parent_of(link, stamp)), static_cast<std::uint32_t>(link + 1),
                       stamp, {xyz[0], xyz[1], xyz[2], 0, 0, 0, 1}});
     }
     if (stamp % 2) std::reverse(rows.begin(), rows.end());  // rows come in any order
@@ -110,16 +115,25 @@ struct World {
   std::array<std::atomic<unsigned>, kLastStamp + 1> written{};
 };
 
-// One pair of frames, and which links lie between.
+// The links between two frames: on the source's side, and on the target's, which count negative.
+struct Between {
+  unsigned down, up;
+  [[nodiscard]] unsigned all() const { return down | up; }
+};
+
 struct Question {
-  Question(const World& world, Op op, int target, int source)
+  Question(const World& world, Op op, int target_frame, int source_frame)
       : query{.op = op,
-              .target = world.ids[static_cast<std::size_t>(target)],
-              .source = world.ids[static_cast<std::size_t>(source)]},
-        down(links_above(source) & ~links_above(target)),
-        up(links_above(target) & ~links_above(source)) {}
+              .target = world.ids[static_cast<std::size_t>(target_frame)],
+              .source = world.ids[static_cast<std::size_t>(source_frame)]},
+        target(target_frame),
+        source(source_frame) {}
+  [[nodiscard]] Between links(Stamp moved) const {
+    const unsigned above_target = links_above(target, moved), above_source = links_above(source, moved);
+    return {above_source & ~above_target, above_target & ~above_source};
+  }
   Query query;
-  unsigned down, up;  // on the source's side, and on the target's, whose links count negative
+  int target, source;
 };
 
 class Client {
@@ -136,7 +150,7 @@ class Client {
         ReadSet reads;
         ask_together({some_pair(Op::latest_xact), some_pair(Op::latest_xact)}, 1 + random_() % 2, reads);
         if (random_() % 4 == 0) std::this_thread::yield();
-        if (!write(&reads)) return;
+        if (transactions.back().outcome != nonsense && !write(&reads)) return;
       } else if (dice < 75) {
         ask(some_pair(random_() % 3 ? Op::latest_xact : Op::common));
       } else {
@@ -177,8 +191,7 @@ class Client {
     for (unsigned n = 1 + random_() % 4; n > 0; --n) links |= 1u << random_() % kLinks;
     for (int link = 0; link < kLinks; ++link)
       if (links >> link & 1) note(true, link, stamp);
-    const Outcome outcome = world_.commit(links, stamp, reads);
-    if (transactions.back().outcome != nonsense) transactions.back().outcome = outcome;
+    transactions.back().outcome = world_.commit(links, stamp, reads);
     return true;
   }
 
@@ -209,18 +222,20 @@ class Client {
   }
 
   void note_versions(const Question& question, const Answer& answer) {
+    // Where the arm stands does not matter for the side on which its own links are.
     const std::array<double, 3> sums{answer.pose.x, answer.pose.y, answer.pose.z};
-    std::array<std::uint64_t, 3> digits;
-    for (int axis = 0; axis < 3; ++axis) {
-      const bool negative = question.up >> (4 * axis) & 0xF;
-      const double sum = negative ? -sums[static_cast<std::size_t>(axis)] : sums[static_cast<std::size_t>(axis)];
-      if (!(sum >= 0 && sum < 0x1p52) || sum != std::floor(sum)) return note_nonsense();
-      digits[static_cast<std::size_t>(axis)] = static_cast<std::uint64_t>(sum);
-    }
+    const auto version = [&](int link, const Between& links) {
+      const int axis = axis_of(link);
+      const double sum = (links.up >> (4 * axis) & 0xF ? -1 : 1) * sums[static_cast<std::size_t>(axis)];
+      if (!(sum >= 0 && sum < 0x1p52 && sum == std::floor(sum))) return kNoStamp;
+      return static_cast<Stamp>(sum) >> place_of(link) & kLastStamp;
+    };
+    const Between links = question.links(version(kMovingLink, question.links(0)));
     Stamp oldest = kLastStamp, newest = 0;
     for (int link = 0; link < kLinks; ++link) {
-      const auto stamp = static_cast<Stamp>(digits[static_cast<std::size_t>(axis_of(link))] >> place_of(link) & kLastStamp);
-      if ((question.down | question.up) >> link & 1) {
+      const Stamp stamp = version(link, links);
+      if (stamp == kNoStamp) return note_nonsense();
+      if (links.all() >> link & 1) {
         note(false, link, stamp);
         oldest = std::min(oldest, stamp);
         newest = std::max(newest, stamp);
@@ -232,9 +247,11 @@ class Client {
   }
 
   // The pose may be interpolated, but the time itself tells: it is the newest stamp of one of the
-  // links, at least. Of which, is sure where its transaction wrote only one of them.
+  // links, at least. Of which, is sure where its transaction wrote only one of them, wherever the
+  // arm stands.
   void note_common(const Question& question, Stamp stamp) {
-    const unsigned links = (question.down | question.up) & world_.written[static_cast<std::size_t>(stamp)];
+    const unsigned links = (question.links(0).all() | question.links(4).all()) &
+                           world_.written[static_cast<std::size_t>(stamp)];
     if (links == 0) return note_nonsense();  // a time that none of the links has
     if (std::has_single_bit(links)) note(false, std::countr_zero(links), stamp);
   }

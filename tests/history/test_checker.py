@@ -2,36 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
+from .by_hand import history, transaction
 from .checker import explained, find_anomaly
-from .history import COMMITTED, CONFLICT, NONSENSE, History, liveliness
-
-Versions = dict[int, int]  # by link
-
-
-def transaction(
-    when: tuple[int, int],
-    reads: Versions | None = None,
-    writes: Versions | None = None,
-    outcome: int = COMMITTED,
-) -> tuple[tuple[int, int], Versions, Versions, int]:
-    return when, reads or {}, writes or {}, outcome
-
-
-def history(*transactions, in_order: bool = True) -> History:
-    rows, accesses = [], []
-    for number, ((invoked, responded), reads, writes, outcome) in enumerate(transactions):
-        rows.append((number, invoked, responded, outcome))
-        accesses += [(number, 0, link, stamp) for link, stamp in reads.items()]
-        accesses += [(number, 1, link, stamp) for link, stamp in writes.items()]
-    return History(
-        np.array(rows, dtype=np.int64).reshape(-1, 4),
-        np.array(accesses, dtype=np.int64).reshape(-1, 4),
-        in_order,
-    )
-
+from .history import CONFLICT, NONSENSE, liveliness
 
 #: All at the same time: only what was read and written orders them.
 TOGETHER = (0, 100)

@@ -1,0 +1,68 @@
+"""The checker against the definition: small histories, and every order that there is."""
+
+from __future__ import annotations
+
+import random
+from itertools import permutations
+
+from .by_hand import Versions, Written, history, transaction
+from .checker import find_anomaly
+from .history import COMMITTED, CONFLICT
+
+LINKS = 2
+
+
+def is_possible(order: tuple[Written, ...], in_order: bool) -> bool:
+    """One after the other, in that order: does each read what then was newest?"""
+    asked_last = 0
+    newest: Versions = {}
+    for one in order:
+        if one.responded_ns < asked_last:
+            return False
+        asked_last = max(asked_last, one.invoked_ns)
+        if any(newest.get(link, 0) != stamp for link, stamp in one.reads.items()):
+            return False
+        if one.outcome != COMMITTED:
+            continue
+        for link, stamp in one.writes.items():
+            if in_order and newest.get(link, 0) > stamp:
+                return False
+            newest[link] = max(newest.get(link, 0), stamp)
+    return True
+
+
+def some_transactions(rng: random.Random) -> list[Written]:
+    """What an order gives, and mostly a little wrong: near the border between the two."""
+    n = rng.randint(2, 5)
+    stamps = list(range(1, n + 1))
+    if rng.random() < 0.5:
+        rng.shuffle(stamps)
+    newest: Versions = {}
+    found = []
+    for place, stamp in enumerate(stamps):
+        reads = {
+            link: newest.get(link, 0) for link in rng.sample(range(LINKS), rng.randint(0, LINKS))
+        }
+        for link in reads:
+            if rng.random() < 0.15:
+                reads[link] = rng.choice([0, *stamps])
+        writes = rng.sample(range(LINKS), rng.randint(0, LINKS))
+        outcome = CONFLICT if rng.random() < 0.1 else COMMITTED
+        when = (4 * place - rng.randint(0, 8), 4 * place + rng.randint(0, 8))
+        found.append(transaction(when, reads, dict.fromkeys(writes, stamp), outcome))
+        if outcome == COMMITTED:
+            newest.update({link: max(newest.get(link, 0), stamp) for link in writes})
+    return found
+
+
+def test_no_anomaly_is_found_where_an_order_is_possible_and_one_where_none_is() -> None:
+    rng = random.Random(1)
+    orders = {True: 0, False: 0}
+    for _ in range(1500):
+        transactions = some_transactions(rng)
+        in_order = rng.random() < 0.5
+        possible = any(is_possible(order, in_order) for order in permutations(transactions))
+        anomaly = find_anomaly(history(*transactions, in_order=in_order))
+        assert (anomaly is None) == possible, (in_order, transactions, anomaly)
+        orders[possible] += 1
+    assert min(orders.values()) > 300, orders
