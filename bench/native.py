@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import subprocess
@@ -29,7 +30,9 @@ def run(part: str, *flags: str) -> Any:
         return json.loads(raw.read_text())
 
 
+@functools.cache
 def _build() -> None:
+    """Once: all parts of a run are of the same program."""
     scripts = Path(sys.executable).parent
     environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"}
     compiler = subprocess.check_output(["sh", "scripts/compiler.sh"], cwd=ROOT, text=True).strip()

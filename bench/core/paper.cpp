@@ -171,7 +171,7 @@ void run_paper(Flags& flags) {
   settings.cells = cells_of(threads, flags.list<double>("--read-ratio", "0.5,0.95,1"));
   const auto directions = flags.list<std::string>("--direction", "opposite");
   settings.length = static_cast<unsigned>(flags.number("--length", 16));
-  settings.seconds = flags.number("--seconds", 0.4);
+  settings.seconds = flags.number("--seconds", 0.3);
   settings.warm_up_s = std::min(1.0, settings.seconds / 4);
   settings.repetitions = static_cast<unsigned>(flags.number("--repetitions", 5));
   settings.samples = static_cast<unsigned>(flags.number("--samples", 0));

@@ -11,7 +11,7 @@ void run_lookups(Flags& flags);
 
 // Readers and writers on a snake of links: the workload of Kawashima, "data-driven robotics", 2022.
 //   --links 1000,1000000  --threads 1,2,8  --read-ratio 0.5,0.95,1  --length 16
-//   --direction opposite,same  --seconds SECONDS  --repetitions 5
+//   --direction opposite,same  --seconds 0.3  --repetitions 5
 //   --series SIDE/READ,...  --samples N  --json FILE
 void run_paper(Flags& flags);
 
