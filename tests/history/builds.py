@@ -20,6 +20,13 @@ def build_driver() -> Path:
     return _build(CORE, ROOT / "build/core-plain", "-DZTF_WERROR=ON", "-DZTF_SANITIZE=")
 
 
+def faulty_text(fault: Fault) -> str:
+    text = (CORE / fault.file).read_text()
+    found = text.count(fault.old)
+    assert found == 1, f"{fault.name}: {fault.file} has the text {found} times"
+    return text.replace(fault.old, fault.new)
+
+
 def build_faulty_driver(fault: Fault) -> Path:
     """From a copy of the core, with little optimisation and all files as one: in seconds."""
     folder = ROOT / "build/histories" / fault.name.replace(" ", "-")
@@ -27,11 +34,7 @@ def build_faulty_driver(fault: Fault) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(CORE, copy)
     (folder / "tests").symlink_to(ROOT / "tests")
-    file = copy / fault.file
-    text = file.read_text()
-    found = text.count(fault.old)
-    assert found == 1, f"{fault.name}: {fault.file} has the text {found} times"
-    file.write_text(text.replace(fault.old, fault.new))
+    (copy / fault.file).write_text(faulty_text(fault))
     return _build(
         copy,
         folder / "build",

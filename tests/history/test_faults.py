@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .builds import build_faulty_driver
+from .builds import build_faulty_driver, faulty_text
 from .checker import explained, find_anomaly
 from .faults import FAULTS, HISTORIES, SOUND, Fault
 from .history import record, runs
@@ -35,6 +35,12 @@ def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
                 break
         else:
             pytest.fail(f"not found in {HISTORIES} histories, {concurrency}")
+
+
+@pytest.mark.parametrize("fault", FAULTS + SOUND, ids=lambda f: f.name)
+def test_a_fault_still_fits_the_core(fault: Fault) -> None:
+    """Also where nobody has the time to build them all."""
+    assert faulty_text(fault)
 
 
 @pytest.mark.skipif(not ALL, reason="only with ANOMALIES set")
