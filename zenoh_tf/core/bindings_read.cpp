@@ -5,13 +5,14 @@
 #include <algorithm>
 
 #include "bindings_rows.hpp"
+#include "sample.hpp"
 
 namespace ztf {
 
 namespace {
 
 constexpr std::size_t kLongColumn = 16;  // rows from which releasing the lock pays
-constexpr std::size_t kPortion = 256;    // rows at a time, whose answers stay in the processor's cache
+constexpr std::size_t kPortion = SampleBlock::kRows;  // at a time: their answers stay in the processor's cache
 
 // One lookup per row; a single name, stamp or None stands for every row.
 nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle sources,
@@ -36,7 +37,12 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle source
     }
     fit(items.size(), field);
     ids.reserve(items.size());
-    for (const nb::handle item : items) ids.push_back(frame_of(tree, item, field));
+    // Often a name stands there many times in a row, as one object.
+    const PyObject* last = nullptr;
+    for (const nb::handle item : items) {
+      ids.push_back(item.ptr() == last ? ids.back() : frame_of(tree, item, field));
+      last = item.ptr();
+    }
     return std::pair(ids, false);
   };
   const auto [target_ids, one_target] = names(targets, "targets");
