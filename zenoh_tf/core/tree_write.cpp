@@ -78,6 +78,7 @@ class Commit {
     new_frames_ = 0;
     ids_.set_size(0);
     std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
+    tree_.names_.prefetch(request_.names);
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
       write.child = resolve(row.child);  // tf2 numbers the child before the parent
