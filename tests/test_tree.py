@@ -226,6 +226,26 @@ def test_a_deep_chain() -> None:
     assert caught.value.limit == 1000
 
 
+def test_a_way_that_ends_at_the_depth_limit_is_not_too_deep() -> None:
+    tree = TransformTree(max_depth=1)
+    tree.set_transform(link("map", "base", 10))
+    tree.set_transform(link("elsewhere", "island", 10))
+    with pytest.raises(ConnectivityException):
+        tree.lookup_transform("base", "island", 10)
+
+
+def test_the_latest_common_lookup_is_that_at_its_time_in_a_past_loop_too() -> None:
+    """At 10, base is under tool and tool under base; since then, base is a root's child."""
+    tree = TransformTree()
+    tree.set_transform(link("base", "tool", 10, 1.0))
+    tree.set_transform(link("map", "tool", 20))
+    tree.set_transform(link("tool", "base", 10, 5.0))
+    tree.set_transform(link("tool", "base", 12, 5.0))
+    latest = tree.lookup_transform("base", "tool")
+    at = tree.lookup_transform("base", "tool", latest.stamp_ns)
+    assert latest == at
+
+
 def test_one_authority_per_frame() -> None:
     tree = TransformTree(one_authority_per_frame=True)
     tree.set_transform(link("map", "base", 1), authority="a")

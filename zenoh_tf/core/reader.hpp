@@ -238,8 +238,9 @@ class Reader {
       const Stamp oldest = stamps.oldest();
       a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
       // Mostly the links at that time are the newest ones.
-      if (oldest == stamps.newest() || (go_back(chain.source, chain.meeting, a.stamp) &&
-                                        go_back(chain.target, chain.meeting, a.stamp))) {
+      if (is_only_way(chain) &&
+          (oldest == stamps.newest() || (go_back(chain.source, chain.meeting, a.stamp) &&
+                                         go_back(chain.target, chain.meeting, a.stamp)))) {
         join(chain, a.stamp, a.pose);
         return true;
       }

@@ -134,7 +134,8 @@ class Walker {
     // Locals, so that the loop keeps its state in registers.
     const std::size_t n = way.steps.size();
     Step* const steps = way.steps.reserve(turn) + n;
-    const Step* const until = steps + std::min(turn, max_depth_ - n);
+    const Step* const until = steps + turn;
+    const Step* const deepest = steps + (max_depth_ - n);
     Step* step = steps;
     const Frame* frame = way.top;
     Climbed climbed = Climbed::no;
@@ -149,6 +150,10 @@ class Walker {
         way.end = link.kind == Place::Kind::root ? Way::End::root : Way::End::broken;
         break;
       }
+      if (step == deepest) [[unlikely]] {
+        way.end = Way::End::too_deep;
+        break;
+      }
       *step++ = {frame, version, link.stamp, link.slot};
       frame = frames_ + link.parent;
       if (frame == goal) {
@@ -158,8 +163,6 @@ class Walker {
     }
     way.top = frame;
     way.steps.set_size(n + static_cast<std::size_t>(step - steps));
-    if (climbed == Climbed::no && way.steps.size() == max_depth_ && way.end == Way::End::open)
-      way.end = Way::End::too_deep;
     return climbed;
   }
 
