@@ -160,6 +160,15 @@ def test_time_that_is_set_back_clears_what_was(make_tf: MakeTf) -> None:
     assert tf.frame("base").oldest_stamp_ns == -50 * SECOND
 
 
+def test_a_refused_write_that_jumps_back_clears_nothing(make_tf: MakeTf) -> None:
+    tf = make_tf(time_jump="clear")
+    put(tf, "map", "base", 100)
+    back = [StampedTransform(*pair, 1, Transform()) for pair in [("map", "base"), ("base", "map")]]
+    with pytest.raises(InvalidArgumentException, match="cycle"):
+        tf.set_transforms_xact(back)
+    assert tf.can_transform("map", "base")
+
+
 def test_backward_extrapolation_names_the_link_as_it_was(tf: Tf) -> None:
     put(tf, "dock", "base", 1)
     put(tf, "map", "base", 2)

@@ -54,12 +54,13 @@ FAULTS = [
         ("optimistic", "2pl"),
         "tree_write.cpp",
         """    for (Group& group : groups_) changed_.push_back(apply(group));
-    locks.release(changed_);
+    std::size_t group = 0;  // both ascend
 """,
         """    for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
     for (std::size_t i = 0; i < groups_.size(); ++i) changed_.push_back(true);
     locks.release(changed_);
     (void)apply(groups_.back());
+    std::size_t group = 0;
 """,
     ),
     Fault(
@@ -87,9 +88,7 @@ FAULTS = [
         "rows are committed one by one",
         EVERYWHERE,
         "tree_write.cpp",
-        """  for (;;) {
-    Commit commit(*this, request, stored);
-""",
+        "  Commit commit(*this, request, stored);\n",
         """  if (request.rows.size() > 1) {
     for (std::size_t i = 0; i < request.rows.size(); ++i) {
       CommitRequest one = request;
@@ -99,8 +98,7 @@ FAULTS = [
     }
     return;
   }
-  for (;;) {
-    Commit commit(*this, request, stored);
+  Commit commit(*this, request, stored);
 """,
     ),
     Fault(
@@ -115,8 +113,8 @@ FAULTS = [
         "what was read is not checked at the commit",
         EVERYWHERE,
         "tree_write.cpp",
-        "if (!check_read_set(locks)) throw_conflict();",
-        "if (!check_read_set(locks) && request_.rows.empty()) throw_conflict();",
+        "if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);",
+        "if (!check_read_set(locks) && request_.rows.empty()) refuse_conflict({});",
     ),
     Fault(
         "what was read is checked only where it is written, too",
@@ -129,11 +127,11 @@ FAULTS = [
         "what was read is checked before the locks are held",
         EVERYWHERE[:2],
         "tree_write.cpp",
-        "    WriteLocks locks(tree_, children_);\n",
+        "    WriteLocks locks(tree_, locks_all ? all : children_);\n",
         """    const SmallVector<FrameId, 16> none;
-    if (!check_read_set(WriteLocks(tree_, none))) throw_conflict();
+    if (!check_read_set(WriteLocks(tree_, none))) refuse_conflict({});
     const auto check_read_set = [](const WriteLocks&) { return true; };
-    WriteLocks locks(tree_, children_);
+    WriteLocks locks(tree_, locks_all ? all : children_);
 """,
     ),
     Fault(

@@ -23,7 +23,6 @@ from hypothesis.stateful import (
 from zenoh_tf import TransformTree
 
 from .calls import Call, ask, same
-from .open_differences import refused_after_a_time_jump
 from .oracle import Oracle, Row
 from .poses import Pose
 
@@ -91,10 +90,6 @@ class TreeAndOracle(RuleBasedStateMachine):
     def both(self, method: str, *arguments: object) -> None:
         call = Call(method, arguments)
         right, given = ask(self.oracle, call), ask(self.tree, call)
-        if refused_after_a_time_jump(self.oracle, call, right):
-            self.tree.clear()  # together again
-            self.oracle.clear()
-            self.oracle.events["time jump"] += 1
         assert same(right, given), (right, given)
 
     @rule(rows=st.lists(rows, min_size=1, max_size=5), authority=authorities, static=rarely)

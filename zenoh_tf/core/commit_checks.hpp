@@ -32,6 +32,28 @@ inline std::string_view stripped(std::string_view name) noexcept {
                 .stamp = row.stamp};
 }
 
+[[noreturn]] inline void refuse_frame(std::string_view name, std::uint32_t max_frames) {
+  throw Refused{.code = Code::limit,
+                .message = "frame " + quoted(name) + " would be one more than " +
+                           std::to_string(max_frames) + " frames",
+                .frame = std::string(name),
+                .field = "max_frames",
+                .limit = max_frames};
+}
+
+[[noreturn]] inline void refuse_authority(std::uint32_t max_authorities) {
+  throw Refused{.code = Code::limit,
+                .message = "no more than " + std::to_string(max_authorities) + " authorities",
+                .field = "max_authorities",
+                .limit = max_authorities};
+}
+
+[[noreturn]] inline void refuse_conflict(std::string_view name) {
+  throw Refused{.code = Code::conflict,
+                .message = "frame " + quoted(name) + " has changed since the transaction read it",
+                .frame = std::string(name)};
+}
+
 inline void check_length(std::size_t bytes, const char* what, const Options& options) {
   if (bytes <= options.max_name_bytes) return;
   throw Refused{.code = Code::limit,

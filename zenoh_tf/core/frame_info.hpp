@@ -26,6 +26,11 @@ struct FrameEvents {
   std::atomic<Change> change;
 };
 
+// What one commit did to its rows.
+struct CommitTally {
+  std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
+};
+
 // What an authority has done; "" is not counted. A line each: authorities write
 // at the same time.
 struct alignas(64) AuthorityCounters {
@@ -33,6 +38,17 @@ struct alignas(64) AuthorityCounters {
   std::atomic<std::uint64_t> single_commits, other_commits, stored_by_others;
   std::atomic<std::uint64_t> dropped, rewritten, conflicts;
 
+  void count(const CommitTally& tally, bool one_row) noexcept {
+    const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
+      if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
+    };
+    const bool single = one_row && tally.stored == 1;
+    add(single ? single_commits : other_commits, 1);
+    if (!single) add(stored_by_others, tally.stored);
+    add(dropped, tally.dropped);
+    add(rewritten, tally.rewritten);
+    add(conflicts, tally.conflicts);
+  }
   [[nodiscard]] std::uint64_t commits() const noexcept { return single_commits + other_commits; }
   [[nodiscard]] std::uint64_t stored() const noexcept { return single_commits + stored_by_others; }
 };

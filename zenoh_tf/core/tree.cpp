@@ -28,9 +28,7 @@ void Tree::wake_changed(const SmallVector<FrameId, 16>& frames,
       room_.changed(frames[i], WaitingRoom::Change::other);
 }
 
-// With every frame locked: drops samples, if the condition then holds.
-template <class Condition>
-void Tree::drop_samples(bool keep_static, Condition&& condition) {
+void Tree::clear(bool keep_static) {
   std::unique_lock giant(giant_, std::defer_lock);
   if (options_.concurrency == Concurrency::giant) giant.lock();
   SmallVector<FrameId, 16> all;
@@ -40,7 +38,6 @@ void Tree::drop_samples(bool keep_static, Condition&& condition) {
     for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
     (void)changed.reserve(all.size());  // halfway nothing may fail
     WriteLocks locks(*this, all);
-    if (!condition()) return;
     for (const FrameId id : all) {
       Frame& frame = frames_[id];
       const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
@@ -51,23 +48,6 @@ void Tree::drop_samples(bool keep_static, Condition&& condition) {
     locks.release(changed);
   }
   wake_changed(all, changed);
-}
-
-void Tree::clear(bool keep_static) {
-  drop_samples(keep_static, [] { return true; });
-}
-
-// Where others have dropped the samples meanwhile, and stored newer ones, those stay.
-void Tree::clear_if(const TimeJump& jump) {
-  drop_samples(true, [&] {
-    const Frame& frame = frames_[jump.frame];
-    const bool stands =
-        !frame.is_static.load(std::memory_order_relaxed) &&
-        frame.count.load(std::memory_order_relaxed) > 0 &&
-        too_old(jump.stamp, frame.latest_stamp.load(std::memory_order_relaxed), options_.cache_ns);
-    if (stands) time_jumps_.fetch_add(1);
-    return stands;
-  });
 }
 
 void Tree::remove_frame(std::string_view name, bool subtree) {

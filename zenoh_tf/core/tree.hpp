@@ -144,14 +144,6 @@ class Tree {
   std::size_t sample(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
-  // For a row that is too old because time was set back.
-  struct TimeJump {
-    FrameId frame;
-    Stamp stamp;
-  };
-  void clear_if(const TimeJump& jump);
-  template <class Condition>
-  void drop_samples(bool keep_static, Condition&& condition);
   void wake_changed(const SmallVector<FrameId, 16>& frames, const SmallVector<bool, 16>& changed);
 
   const Options options_;

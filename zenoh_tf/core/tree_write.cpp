@@ -29,6 +29,9 @@ class Commit {
     WaitingRoom& room = tree_.room_;
     if (room.size() == 0) [[likely]]
       return;
+    for (const FrameId frame : dropped_)
+      if (tree_.frames_[frame].waiters.load(std::memory_order_seq_cst) != 0)
+        room.changed(frame, WaitingRoom::Change::other);
     for (std::size_t i = 0; i < groups_.size(); ++i)
       if (changed_[i] && tree_.frames_[children_[i]].waiters.load(std::memory_order_seq_cst) != 0)
         room.changed(children_[i], groups_[i].change);
@@ -59,11 +62,7 @@ class Commit {
     if (authority_ != 0) return true;
     if (!needs_topology_) return false;
     if (authorities.size() == authorities.max_size())
-      throw Refused{.code = Code::limit,
-                    .message = "no more than " + std::to_string(authorities.max_size()) +
-                               " authorities",
-                    .field = "max_authorities",
-                    .limit = authorities.max_size()};
+      refuse_authority(authorities.max_size());
     authority_ = authorities.size() + 1;
     new_authority_ = true;
     return true;
@@ -88,12 +87,18 @@ class Commit {
     }
     sort_and_group();
 
-    WriteLocks locks(tree_, children_);
+    // Where time was set back, all samples go in this same commit.
+    const bool locks_all = time_jumped_;
+    SmallVector<FrameId, 16> all;
+    if (locks_all) add_all_frames(all);
+    WriteLocks locks(tree_, locks_all ? all : children_);
+    clears_ = locks_all && time_is_back();
     if (children_.size() > 1)
       for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
-    if (!check_read_set(locks)) throw_conflict();
+    if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     bool topology_changes = !new_names_.empty();
     for (Group& group : groups_) topology_changes |= check_group(group);
+    if (time_jumped_ && !locks_all) return false;
     if (topology_changes) {
       if (!needs_topology_) return false;
       check_cycles();
@@ -101,14 +106,23 @@ class Commit {
     const auto new_names = new_names_in_order();
     if (new_authority_) tree_.authorities_.reserve(1, request_.authority.size());
     (void)changed_.reserve(groups_.size());
+    SmallVector<bool, 16> all_changed;
+    (void)all_changed.reserve(all.size());
+    (void)dropped_.reserve(all.size());
     for (const Group& group : groups_)
       if (!request_.is_static)
         reserve(frame_of(group), group.end - group.begin, limits());
 
     // Nothing can fail from here on.
     publish(new_names);
+    if (clears_) drop_samples(all);
     for (Group& group : groups_) changed_.push_back(apply(group));
-    locks.release(changed_);
+    std::size_t group = 0;  // both ascend
+    for (const FrameId id : all) {
+      const bool written = group < children_.size() && children_[group] == id && changed_[group++];
+      all_changed.push_back(written || std::binary_search(dropped_.begin(), dropped_.end(), id));
+    }
+    locks.release(locks_all ? all_changed : changed_);
     count_authority();
     return true;
   }
@@ -126,12 +140,7 @@ class Commit {
       return new_names_.emplace(name, hidden).first->second;
     const std::uint64_t id = frames_after() + 1;
     if (id > tree_.options_.max_frames)
-      throw Refused{.code = Code::limit,
-                    .message = "frame " + quoted(name) + " would be one more than " +
-                               std::to_string(tree_.options_.max_frames) + " frames",
-                    .frame = std::string(name),
-                    .field = "max_frames",
-                    .limit = tree_.options_.max_frames};
+      refuse_frame(name, tree_.options_.max_frames);
     ++new_frames_;
     return new_names_.emplace(name, static_cast<FrameId>(id)).first->second;
   }
@@ -158,6 +167,38 @@ class Commit {
     }
   }
 
+  // With the topology mutex held, in ascending order, those that this commit creates included.
+  void add_all_frames(SmallVector<FrameId, 16>& all) const {
+    for (FrameId id = 1; id <= tree_.names_.size(); ++id) all.push_back(id);
+    for (const FrameId child : children_)
+      if (child > tree_.names_.size()) all.push_back(child);
+  }
+  // Others may have dropped the samples meanwhile, and stored newer ones: those stay.
+  [[nodiscard]] bool time_is_back() const noexcept {
+    const auto relaxed = std::memory_order_relaxed;
+    for (const Group& group : groups_) {
+      const Frame& frame = frame_of(group);
+      if (!frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0 &&
+          too_old(writes_[group.begin].stamp, frame.latest_stamp.load(relaxed),
+                  tree_.options_.cache_ns))
+        return true;
+    }
+    return false;
+  }
+  void drop_samples(const SmallVector<FrameId, 16>& all) noexcept {
+    tree_.time_jumps_.fetch_add(1);
+    for (const FrameId id : all) {
+      Frame& frame = tree_.frames_[id];
+      if (!goes_first(frame) || frame.parent.load(std::memory_order_relaxed) == 0) continue;
+      forget(frame);
+      dropped_.push_back(id);
+    }
+  }
+  // Whether the frame's link is one that goes before this commit's rows come.
+  [[nodiscard]] bool goes_first(const Frame& frame) const noexcept {
+    return clears_ && !frame.is_static.load(std::memory_order_relaxed);
+  }
+
   // Under the write locks: does everything that was read still stand? Versions
   // of frames outside the write set are loaded after all locks are held, so two
   // commits that each read what the other writes cannot both pass.
@@ -174,26 +215,19 @@ class Commit {
     return true;
   }
 
-  [[noreturn]] void throw_conflict() const {
-    const std::string_view name = request_.read_names[conflict_];
-    throw Refused{.code = Code::conflict,
-                  .message = "frame " + quoted(name) + " has changed since the transaction read it",
-                  .frame = std::string(name)};
-  }
-
   // Decides which rows are stored; true where the newest parent changes.
   bool check_group(Group& group) {
     const Frame& frame = frame_of(group);
     const auto relaxed = std::memory_order_relaxed;
+    const bool goes = goes_first(frame);
     const std::uint32_t authority = frame.authority.load(relaxed);
-    if (tree_.options_.one_authority_per_frame && authority != authority_ &&
-        frame.parent.load(relaxed) != 0)
+    const FrameId before = goes ? 0 : frame.parent.load(relaxed);
+    if (tree_.options_.one_authority_per_frame && authority != authority_ && before != 0)
       refuse(request_, request_.rows[writes_[group.begin].row], "authority",
              "the frame is published by " + quoted(tree_.authority(authority)));
 
-    bool has_newest = !frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0;
+    bool has_newest = !goes && !frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0;
     Stamp newest = frame.latest_stamp.load(relaxed);
-    const FrameId before = frame.parent.load(relaxed);
     FrameId parent = before;
     // Rows come by stamp, so what a full frame has no room for comes first.
     const bool is_full = has_newest && frame.count.load(relaxed) == tree_.options_.max_samples_per_frame;
@@ -204,7 +238,10 @@ class Commit {
       const bool old = !request_.is_static && has_newest &&
                        too_old(write.stamp, newest, tree_.options_.cache_ns);
       const bool no_room = !request_.is_static && is_full && write.stamp < oldest;
-      if (old && tree_.options_.clear_on_time_jump) throw Tree::TimeJump{write.child, write.stamp};
+      if (old && tree_.options_.clear_on_time_jump) {
+        time_jumped_ = true;
+        return false;
+      }
       if ((old || no_room) && !request_.drop_old)
         refuse(request_, request_.rows[write.row], "stamp_ns",
                "the stamp " + std::to_string(write.stamp) +
@@ -254,28 +291,28 @@ class Commit {
       const Group& group = groups_[static_cast<std::size_t>(at - children_.begin())];
       if (group.new_parent != 0) return group.new_parent;
     }
-    return tree_.frames_[id].parent.load(std::memory_order_relaxed);
+    const Frame& frame = tree_.frames_[id];
+    return goes_first(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
   }
 
   bool apply(Group& group) {
     const FrameId child = writes_[group.begin].child;
     Frame& frame = tree_.frames_[child];
-    Tally& tally = tally_;
     FrameEvents& events = tree_.events_[child];
     const auto relaxed = std::memory_order_relaxed;
     const auto count = [](std::atomic<std::uint32_t>& counter) { counter.fetch_add(1, relaxed); };
 
     const FrameId parent_before = frame.parent.load(relaxed);
     const bool static_before = frame.is_static.load(relaxed);
-    const std::uint32_t stored_before = tally.stored;
+    const std::uint32_t stored_before = tally_.stored;
     for (std::uint32_t i = group.begin; i < group.end; ++i) {
       const Write& write = writes_[i];
       if (!stored_[write.row]) {
         count(events.dropped);
-        ++tally.dropped;
+        ++tally_.dropped;
         continue;
       }
-      ++tally.stored;
+      ++tally_.stored;
       if (frame.is_static.load(relaxed) || frame.parent.load(relaxed) != write.parent ||
           frame.latest_stamp.load(relaxed) >= write.stamp || request_.is_static)
         group.change = WaitingRoom::Change::other;
@@ -288,7 +325,7 @@ class Commit {
           break;
         case Inserted::rewritten:
           count(events.rewritten);
-          ++tally.rewritten;
+          ++tally_.rewritten;
           break;
         case Inserted::evicted:
           count(events.evicted);
@@ -297,7 +334,7 @@ class Commit {
           break;
       }
     }
-    if (tally.stored == stored_before) return false;
+    if (tally_.stored == stored_before) return false;
     if (group.new_parent != 0)
       tree_.frames_[group.new_parent].is_parent.store(true, relaxed);
     if (frame.authority.load(relaxed) != authority_ || group.new_parent != 0 ||
@@ -339,15 +376,7 @@ class Commit {
   void count_authority() const noexcept {
     if (authority_ == 0) return;
     AuthorityCounters& counters = tree_.authority_counters_[authority_];
-    const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
-      if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
-    };
-    const bool single = tally_.stored == 1 && writes_.size() == 1;
-    add(single ? counters.single_commits : counters.other_commits, 1);
-    if (!single) add(counters.stored_by_others, tally_.stored);
-    add(counters.dropped, tally_.dropped);
-    add(counters.rewritten, tally_.rewritten);
-    add(counters.conflicts, tally_.conflicts);
+    counters.count(tally_, writes_.size() == 1);
   }
 
   using NewNames = std::vector<std::pair<FrameId, std::string_view>>;
@@ -387,42 +416,35 @@ class Commit {
     return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
   }
 
-  struct Tally {
-    std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
-  };
-
   Tree& tree_;
   const CommitRequest& request_;
   const std::span<std::uint8_t> stored_;
   AuthorityId authority_ = 0;
   bool new_authority_ = false;
   bool needs_topology_ = false;
+  bool time_jumped_ = false;  // a row is too old, and that means that time was set back
+  bool clears_ = false;       // this attempt drops all samples first
   std::size_t conflict_ = 0;
   SmallVector<FrameId, 32> ids_;  // of request_.names; 0: not resolved yet
   SmallVector<Write, 16> writes_;
   SmallVector<Group, 16> groups_;
   SmallVector<FrameId, 16> children_;  // of groups_, ascending
   SmallVector<bool, 16> changed_;
-  Tally tally_;
+  SmallVector<FrameId, 16> dropped_;  // frames that lost their samples first
+  CommitTally tally_;
   std::map<std::string_view, FrameId> new_names_;  // new or hidden: the ids they will have
   std::uint32_t new_frames_ = 0;                   // how many of them are new
 };
 
 void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) {
-  for (;;) {
-    Commit commit(*this, request, stored);
-    try {
-      std::unique_lock giant(giant_, std::defer_lock);
-      if (options_.concurrency == Concurrency::giant) giant.lock();
-      commit.run();
-    } catch (const TimeJump& jump) {
-      clear_if(jump);
-      continue;
-    }
-    count_.add();
-    commit.wake_waiters();
-    return;
+  Commit commit(*this, request, stored);
+  {
+    std::unique_lock giant(giant_, std::defer_lock);
+    if (options_.concurrency == Concurrency::giant) giant.lock();
+    commit.run();
   }
+  count_.add();
+  commit.wake_waiters();
 }
 
 }  // namespace ztf
