@@ -75,9 +75,10 @@ class Commit {
     if (!resolve_authority()) return false;
     new_names_.clear();
     new_frames_ = 0;
-    ids_.set_size(0);
+    ids_.clear();
     std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
     tree_.names_.prefetch(request_.names);
+    if (time_jumped_) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
       write.child = resolve(row.child);  // tf2 numbers the child before the parent
@@ -113,8 +114,7 @@ class Commit {
       if (!request_.is_static)
         reserve(frame_of(group), group.end - group.begin, limits());
 
-    // Nothing can fail from here on.
-    publish(new_names);
+    publish(new_names);  // nothing can fail from here on
     if (clears_) drop_samples(all);
     for (Group& group : groups_) changed_.push_back(apply(group));
     std::size_t group = 0;  // both ascend
