@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "side.hpp"
+#include "tf2_message.hpp"
 
 namespace bench {
 
@@ -12,20 +13,9 @@ namespace {
 
 geometry_msgs::TransformStamped message(const Link& link, Stamp stamp, const ztf::Pose& pose) {
   geometry_msgs::TransformStamped m;
-  m.header.frame_id = link.parent;
-  m.child_frame_id = link.child;
-  m.header.stamp.fromNSec(static_cast<std::uint64_t>(stamp));
-  m.transform.translation.x = pose.x;
-  m.transform.translation.y = pose.y;
-  m.transform.translation.z = pose.z;
-  m.transform.rotation.x = pose.qx;
-  m.transform.rotation.y = pose.qy;
-  m.transform.rotation.z = pose.qz;
-  m.transform.rotation.w = pose.qw;
+  fill(m, link.parent, link.child, stamp, pose);
   return m;
 }
-
-ros::Time time_of(Stamp stamp) { return ros::Time().fromNSec(static_cast<std::uint64_t>(stamp)); }
 
 class Tf2Side final : public Side {
  public:

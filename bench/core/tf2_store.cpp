@@ -9,12 +9,11 @@
 #include <stdexcept>
 
 #include "store.hpp"
+#include "tf2_message.hpp"
 
 namespace bench {
 
 namespace {
-
-ros::Time time_of(Stamp stamp) { return ros::Time().fromNSec(static_cast<std::uint64_t>(stamp)); }
 
 class Tf2Store final : public Store {
  public:
@@ -72,16 +71,7 @@ class Tf2Store final : public Store {
  private:
   bool set_link(geometry_msgs::TransformStamped& m, FrameIndex link, Stamp stamp) {
     const ztf::Pose& pose = pose_at(link, stamp);
-    m.header.frame_id = forest_.names[forest_.parents[link]];
-    m.child_frame_id = forest_.names[link];
-    m.header.stamp = time_of(stamp);
-    m.transform.translation.x = pose.x;
-    m.transform.translation.y = pose.y;
-    m.transform.translation.z = pose.z;
-    m.transform.rotation.x = pose.qx;
-    m.transform.rotation.y = pose.qy;
-    m.transform.rotation.z = pose.qz;
-    m.transform.rotation.w = pose.qw;
+    fill(m, forest_.names[forest_.parents[link]], forest_.names[link], stamp, pose);
     return buffer_.setTransform(m, authority_);
   }
 

@@ -173,7 +173,7 @@ class Reader {
     for (Way* way : {&from_source, &from_target}) {
       if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
       const Step top{way->top, way->top_version, 0, 0};
-      if (way->end != Way::End::too_deep && !guard_.rest(&top, 1)) return false;
+      if (!guard_.rest(&top, 1)) return false;
     }
     return true;
   }

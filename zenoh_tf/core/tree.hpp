@@ -135,6 +135,7 @@ class Tree {
 
  private:
   friend class Commit;
+  friend class CommitNames;
   friend class WriteLocks;
 
   template <class Body>

@@ -1,8 +1,8 @@
 // Commits: everything is checked before the first write.
 #include <algorithm>
-#include <map>
 
 #include "commit_checks.hpp"
+#include "commit_names.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
@@ -11,7 +11,7 @@ namespace ztf {
 class Commit {
  public:
   Commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
-      : tree_(tree), request_(request), stored_(stored) {
+      : tree_(tree), request_(request), stored_(stored), names_(tree, request) {
     Write* const writes = writes_.append(request.rows.size());
     for (std::uint32_t i = 0; i < request.rows.size(); ++i)
       writes[i] = {0, 0, i, request.rows[i].stamp, check_row(request, i, tree.options_)};
@@ -35,7 +35,7 @@ class Commit {
     for (std::size_t i = 0; i < groups_.size(); ++i)
       if (changed_[i] && tree_.frames_[children_[i]].waiters.load(std::memory_order_seq_cst) != 0)
         room.changed(children_[i], groups_[i].change);
-    for (const auto& [name, id] : new_names_) room.named(name);
+    names_.for_each_new([&](std::string_view name, FrameId) { room.named(name); });
   }
 
  private:
@@ -51,38 +51,16 @@ class Commit {
     WaitingRoom::Change change = WaitingRoom::Change::appended;
   };
 
-  // False where the authority is new and the topology mutex, which guards the
-  // names, is not held. A new one is registered when the commit is accepted.
-  bool resolve_authority() {
-    const NameTable& authorities = tree_.authorities_;
-    new_authority_ = false;
-    authority_ = 0;
-    if (request_.authority.empty() || writes_.size() == 0) return true;
-    authority_ = authorities.find(request_.authority);
-    if (authority_ != 0) return true;
-    if (!needs_topology_) return false;
-    if (authorities.size() == authorities.max_size())
-      refuse_authority(authorities.max_size());
-    authority_ = authorities.size() + 1;
-    new_authority_ = true;
-    return true;
-  }
-
   // False: the topology or the names change: again, with the topology mutex held.
   bool attempt() {
     std::unique_lock topology(tree_.topology_, std::defer_lock);
     if (needs_topology_) topology.lock();
-    if (!resolve_authority()) return false;
-    new_names_.clear();
-    new_frames_ = 0;
-    ids_.clear();
-    std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
-    tree_.names_.prefetch(request_.names);
+    if (!names_.start(needs_topology_)) return false;
     if (time_jumped_) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
-      write.child = resolve(row.child);  // tf2 numbers the child before the parent
-      write.parent = resolve(row.parent);
+      write.child = names_.resolve(row.child);  // tf2 numbers the child before the parent
+      write.parent = names_.resolve(row.parent);
       if (!write.child || !write.parent) return false;
       if (writes_.size() > 1) tree_.frames_[write.child].prefetch_for_write();
     }
@@ -97,15 +75,16 @@ class Commit {
     if (children_.size() > 1)
       for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
-    bool topology_changes = !new_names_.empty();
-    for (Group& group : groups_) topology_changes |= check_group(group);
-    if (time_jumped_ && !locks_all) return false;
+    bool topology_changes = names_.any_new();
+    for (Group& group : groups_) {
+      topology_changes |= check_group(group);
+      if (time_jumped_ && !locks_all) return false;
+    }
     if (topology_changes) {
       if (!needs_topology_) return false;
       check_cycles();
     }
-    const auto new_names = new_names_in_order();
-    if (new_authority_) tree_.authorities_.reserve(1, request_.authority.size());
+    names_.reserve();
     (void)changed_.reserve(groups_.size());
     SmallVector<bool, 16> all_changed;
     (void)all_changed.reserve(all.size());
@@ -114,7 +93,7 @@ class Commit {
       if (!request_.is_static)
         reserve(frame_of(group), group.end - group.begin, limits());
 
-    publish(new_names);  // nothing can fail from here on
+    names_.publish(children_);  // nothing can fail from here on
     if (clears_) drop_samples(all);
     for (Group& group : groups_) changed_.push_back(apply(group));
     std::size_t group = 0;  // both ascend
@@ -125,28 +104,6 @@ class Commit {
     locks.release(locks_all ? all_changed : changed_);
     count_authority();
     return true;
-  }
-
-  FrameId resolve(std::uint32_t index) {
-    FrameId& id = ids_[index];
-    return id != 0 ? id : id = resolve(stripped(request_.names[index]));
-  }
-
-  FrameId resolve(std::string_view name) {
-    if (const FrameId id = tree_.names_.find(name)) return id;
-    if (!needs_topology_) return 0;
-    if (const auto it = new_names_.find(name); it != new_names_.end()) return it->second;
-    if (const FrameId hidden = tree_.names_.find_any(name))
-      return new_names_.emplace(name, hidden).first->second;
-    const std::uint64_t id = frames_after() + 1;
-    if (id > tree_.options_.max_frames)
-      refuse_frame(name, tree_.options_.max_frames);
-    ++new_frames_;
-    return new_names_.emplace(name, static_cast<FrameId>(id)).first->second;
-  }
-
-  [[nodiscard]] std::uint64_t frames_after() const noexcept {
-    return std::uint64_t{tree_.names_.size()} + new_frames_;
   }
 
   void sort_and_group() {
@@ -173,6 +130,7 @@ class Commit {
     for (const FrameId child : children_)
       if (child > tree_.names_.size()) all.push_back(child);
   }
+
   // Others may have dropped the samples meanwhile, and stored newer ones: those stay.
   [[nodiscard]] bool time_is_back() const noexcept {
     const auto relaxed = std::memory_order_relaxed;
@@ -185,6 +143,7 @@ class Commit {
     }
     return false;
   }
+
   void drop_samples(const SmallVector<FrameId, 16>& all) noexcept {
     tree_.time_jumps_.fetch_add(1);
     for (const FrameId id : all) {
@@ -222,7 +181,7 @@ class Commit {
     const bool goes = goes_first(frame);
     const std::uint32_t authority = frame.authority.load(relaxed);
     const FrameId before = goes ? 0 : frame.parent.load(relaxed);
-    if (tree_.options_.one_authority_per_frame && authority != authority_ && before != 0)
+    if (tree_.options_.one_authority_per_frame && authority != names_.authority() && before != 0)
       refuse(request_, request_.rows[writes_[group.begin].row], "authority",
              "the frame is published by " + quoted(tree_.authority(authority)));
 
@@ -266,7 +225,7 @@ class Commit {
 
   // Would the newest parents, with all of this commit's at once, close a cycle?
   void check_cycles() const {
-    const std::uint64_t frames = frames_after();
+    const std::uint64_t frames = names_.frames_after();
     SmallVector<FrameId, 16> new_parents;
     for (const Group& group : groups_)
       if (group.new_parent != 0) new_parents.push_back(group.new_parent);
@@ -337,7 +296,7 @@ class Commit {
     if (tally_.stored == stored_before) return false;
     if (group.new_parent != 0)
       tree_.frames_[group.new_parent].is_parent.store(true, relaxed);
-    if (frame.authority.load(relaxed) != authority_ || group.new_parent != 0 ||
+    if (frame.authority.load(relaxed) != names_.authority() || group.new_parent != 0 ||
         static_before != request_.is_static) [[unlikely]]
       note_change(group, parent_before, static_before);
     return true;
@@ -356,57 +315,26 @@ class Commit {
       change = what;
     };
     const bool had_data = parent_before != 0;
-    if (frame.authority.load(relaxed) != authority_) {
+    if (frame.authority.load(relaxed) != names_.authority()) {
       if (had_data) {
         note(events.authority_changes, Change::authority);
         ++tally_.conflicts;
       }
-      frame.authority.store(authority_, std::memory_order_release);
+      frame.authority.store(names_.authority(), std::memory_order_release);
     }
     if (had_data && static_before != request_.is_static) note(events.switched, Change::switched);
     if (had_data && group.new_parent != 0) note(events.reparented, Change::reparented);
     if (change == Change::none) return;
     events.change.store(change, std::memory_order_release);
     events.change_stamp.store(writes_[group.end - 1].stamp, std::memory_order_release);
-    events.change_authority.store(authority_, std::memory_order_release);
+    events.change_authority.store(names_.authority(), std::memory_order_release);
     events.parent_before.store(parent_before, std::memory_order_release);
     events.static_before.store(static_before, std::memory_order_release);
   }
 
   void count_authority() const noexcept {
-    if (authority_ == 0) return;
-    AuthorityCounters& counters = tree_.authority_counters_[authority_];
-    counters.count(tally_, writes_.size() == 1);
-  }
-
-  using NewNames = std::vector<std::pair<FrameId, std::string_view>>;
-
-  [[nodiscard]] NewNames new_names_in_order() const {
-    NewNames in_order;
-    if (new_names_.empty()) return in_order;
-    std::size_t bytes = 0;
-    for (const auto& [name, id] : new_names_) {
-      in_order.emplace_back(id, name);
-      bytes += name.size();
-    }
-    std::sort(in_order.begin(), in_order.end());
-    tree_.names_.reserve(in_order.size(), bytes);
-    return in_order;
-  }
-
-  // A frame that exists has a version other than 0, be it but a parent. One that
-  // comes back has it already.
-  void publish(const NewNames& in_order) noexcept {
-    if (new_authority_) tree_.authorities_.insert(request_.authority);
-    for (const auto& [id, name] : in_order) {
-      if (id <= tree_.names_.size()) {
-        tree_.names_.show(id);
-        continue;
-      }
-      if (!std::binary_search(children_.begin(), children_.end(), id))
-        tree_.frames_[id].version.unlock_changed(0);
-      tree_.names_.insert(name);
-    }
+    if (names_.authority() == 0) return;
+    tree_.authority_counters_[names_.authority()].count(tally_, writes_.size() == 1);
   }
 
   [[nodiscard]] Frame& frame_of(const Group& group) const noexcept {
@@ -419,21 +347,17 @@ class Commit {
   Tree& tree_;
   const CommitRequest& request_;
   const std::span<std::uint8_t> stored_;
-  AuthorityId authority_ = 0;
-  bool new_authority_ = false;
+  CommitNames names_;
   bool needs_topology_ = false;
   bool time_jumped_ = false;  // a row is too old, and that means that time was set back
   bool clears_ = false;       // this attempt drops all samples first
   std::size_t conflict_ = 0;
-  SmallVector<FrameId, 32> ids_;  // of request_.names; 0: not resolved yet
   SmallVector<Write, 16> writes_;
   SmallVector<Group, 16> groups_;
   SmallVector<FrameId, 16> children_;  // of groups_, ascending
   SmallVector<bool, 16> changed_;
   SmallVector<FrameId, 16> dropped_;  // frames that lost their samples first
   CommitTally tally_;
-  std::map<std::string_view, FrameId> new_names_;  // new or hidden: the ids they will have
-  std::uint32_t new_frames_ = 0;                   // how many of them are new
 };
 
 void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) {

@@ -49,7 +49,7 @@ struct Way {
   const Frame* top;
   End end = End::open;
   Place::Kind why = Place::Kind::ok;  // where broken: at the top, for this reason
-  Version top_version;                // where it ended at a root, or broken
+  Version top_version;                // where it has ended
   SmallVector<Step, 32> steps;        // steps[i].frame: start, its parent, ...
 
   // The number of links up to a frame, or -1.
@@ -151,6 +151,7 @@ class Walker {
         break;
       }
       if (step == deepest) [[unlikely]] {
+        way.top_version = version;
         way.end = Way::End::too_deep;
         break;
       }

@@ -1,0 +1,121 @@
+// The names of a commit, as ids: those that exist are found, new ones are numbered in the order of
+// their rows, and shown to others once nothing can fail any more.
+//
+// Thread safety: lives on the writer's stack. Numbers only while the topology mutex is held, which
+// guards the names: it does not change that a name is new, nor which number is next.
+#pragma once
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "commit_checks.hpp"
+
+namespace ztf {
+
+class CommitNames {
+ public:
+  CommitNames(Tree& tree, const CommitRequest& request) : tree_(tree), request_(request) {}
+
+  // Forgets what an earlier attempt has found. False where the authority is new and may not be numbered.
+  bool start(bool may_number) {
+    may_number_ = may_number;
+    new_.reset();
+    ids_.clear();
+    std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
+    tree_.names_.prefetch(request_.names);
+    return find_authority();
+  }
+
+  // 0 where the name is new and may not be numbered.
+  FrameId resolve(std::uint32_t index) {
+    FrameId& id = ids_[index];
+    return id != 0 ? id : id = resolve(stripped(request_.names[index]));
+  }
+
+  [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
+  // New, or hidden until now.
+  [[nodiscard]] bool any_new() const noexcept { return new_.has_value(); }
+  [[nodiscard]] std::uint64_t frames_after() const noexcept {
+    return std::uint64_t{tree_.names_.size()} + (new_ ? new_->frames : 0);
+  }
+  template <class Visit>
+  void for_each_new(Visit&& visit) const {
+    if (!new_) return;
+    for (const auto& [name, id] : new_->ids) visit(name, id);
+  }
+
+  // After it publish() cannot fail.
+  void reserve() {
+    if (new_authority_) tree_.authorities_.reserve(1, request_.authority.size());
+    if (!new_) return;
+    std::size_t bytes = 0;
+    for (const auto& [name, id] : new_->ids) {
+      new_->in_order.emplace_back(id, name);
+      bytes += name.size();
+    }
+    std::sort(new_->in_order.begin(), new_->in_order.end());
+    tree_.names_.reserve(new_->in_order.size(), bytes);
+  }
+
+  // A frame that exists has a version other than 0, be it but a parent; the written ones get theirs
+  // where they are unlocked. One that comes back has it already.
+  void publish(const SmallVector<FrameId, 16>& written) noexcept {
+    if (new_authority_) tree_.authorities_.insert(request_.authority);
+    if (!new_) return;
+    for (const auto& [id, name] : new_->in_order) {
+      if (id <= tree_.names_.size()) {
+        tree_.names_.show(id);
+        continue;
+      }
+      if (!std::binary_search(written.begin(), written.end(), id))
+        tree_.frames_[id].version.unlock_changed(0);
+      tree_.names_.insert(name);
+    }
+  }
+
+ private:
+  bool find_authority() {
+    const NameTable& authorities = tree_.authorities_;
+    new_authority_ = false;
+    authority_ = 0;
+    if (request_.authority.empty() || request_.rows.empty()) return true;
+    authority_ = authorities.find(request_.authority);
+    if (authority_ != 0) return true;
+    if (!may_number_) return false;
+    if (authorities.size() == authorities.max_size()) refuse_authority(authorities.max_size());
+    authority_ = authorities.size() + 1;
+    new_authority_ = true;
+    return true;
+  }
+
+  FrameId resolve(std::string_view name) {
+    if (const FrameId id = tree_.names_.find(name)) return id;
+    if (!may_number_) return 0;
+    if (!new_) new_.emplace();
+    const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
+    FrameId& id = it->second;  // so far that of a hidden name
+    if (!is_first || id != 0) return id;
+    if (frames_after() >= tree_.options_.max_frames) refuse_frame(name, tree_.options_.max_frames);
+    ++new_->frames;
+    return id = static_cast<FrameId>(frames_after());
+  }
+
+  struct New {
+    std::map<std::string_view, FrameId> ids;  // that they will have
+    std::uint32_t frames = 0;                 // how many were never there; the others are hidden
+    std::vector<std::pair<FrameId, std::string_view>> in_order;
+  };
+
+  Tree& tree_;
+  const CommitRequest& request_;
+  bool may_number_ = false;
+  AuthorityId authority_ = 0;
+  bool new_authority_ = false;
+  SmallVector<FrameId, 32> ids_;  // of request_.names; 0: not resolved yet
+  std::optional<New> new_;
+};
+
+}  // namespace ztf
