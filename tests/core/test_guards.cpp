@@ -21,7 +21,7 @@ struct Frames {
   bool read(Guard& guard, std::size_t i) {
     Version version;
     if (!guard.enter(frames[i], version)) return false;
-    const Step step{&frames[i], version, 0, 0};
+    const Step step{&frames[i], version, {}};
     return guard.rest(&step, 1);
   }
 };
@@ -33,7 +33,7 @@ TEST(a_walk_rests_on_unmoved_versions) {
   WalkGuard guard;
   Version version;
   CHECK(guard.enter(f[1], version));
-  const Step step{&f[1], version, 0, 0};
+  const Step step{&f[1], version, {}};
   CHECK(guard.rest(&step, 1));
   const Version before = f[1].version.lock();
   CHECK(!guard.rest(&step, 1));

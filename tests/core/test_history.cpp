@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "fixture.hpp"
+#include "quad.hpp"
 
 using namespace ztf;
 using Kind = Place::Kind;
@@ -30,19 +31,21 @@ class History {
 
   // None: too old, as the tree decides before it calls insert().
   std::optional<Inserted> put(Stamp stamp, FrameId parent, double x = 0) {
-    if (frame->count.load() > 0 && too_old(stamp, frame->latest_stamp.load(), limits.cache_ns))
+    if (frame->count.load() > 0 && too_old(stamp, frame->latest.stamp.load(), limits.cache_ns))
       return std::nullopt;
     reserve(*frame, 1, limits);
     return insert(*frame, stamp, parent, at_x(x), limits);
   }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
 
-  [[nodiscard]] Place at(Stamp stamp) const { return place_at(*frame, stamp); }
+  [[nodiscard]] Place at(Stamp stamp) const {
+    Bracket unused;
+    return place_at(*frame, stamp, unused);
+  }
   [[nodiscard]] double x(Stamp stamp) const {
-    const Place place = at(stamp);
-    CHECK_EQ(place.kind, Kind::ok);
-    const Between samples = between(*frame, place.slot, stamp);
-    return interpolate(samples.older->load(), samples.newer->load(), samples.ratio).x;
+    Bracket b;
+    CHECK_EQ(place_at(*frame, stamp, b).kind, Kind::ok);
+    return unpacked(interpolate(b, b, b, b), 3).x;
   }
   [[nodiscard]] std::vector<Sent> newest_first() const {
     std::vector<Sent> all;
@@ -211,7 +214,7 @@ TEST(any_history_is_that_of_a_sorted_map) {
       }
       CHECK(result == expected);
       CHECK_EQ(h.frame->count.load(), model.size());
-      CHECK_EQ(h.frame->latest_stamp.load(), model.rbegin()->first);
+      CHECK_EQ(h.frame->latest.stamp.load(), model.rbegin()->first);
       CHECK_EQ(oldest_stamp(*h.frame), model.begin()->first);
       std::uint32_t changes = 0;
       for (auto it = model.begin(); std::next(it) != model.end(); ++it)

@@ -19,28 +19,31 @@ ZTF_HOT Pose product(std::size_t links, PoseOf&& pose_of) noexcept {
   return (links == 3 ? pose_of(2) : pose_of(3) * pose_of(2)) * lower;
 }
 
-ZTF_HOT Pose product_at(const Step* steps, std::size_t links, Stamp stamp) noexcept {
+ZTF_HOT Pose product_of(const Step* steps, std::size_t links) noexcept {
   bool newest = true;
-  for (std::size_t i = 0; i < links; ++i) newest &= steps[i].slot == Place::kNewest;
+  for (std::size_t i = 0; i < links; ++i)
+    newest &= steps[i].bracket.older == steps[i].bracket.newer;
   if (newest)
-    return product(links, [&](std::size_t i) { return steps[i].frame->latest_pose.load(); });
-  Between rows[kGroup];
-  for (std::size_t i = 0; i < kGroup; ++i) {
-    const Step& step = steps[std::min(i, links - 1)];
-    rows[i] = between(*step.frame, step.slot, stamp);
+    return product(links, [&](std::size_t i) { return steps[i].bracket.older->pose.load(); });
+  const auto row = [&](std::size_t i) -> const Bracket& {
+    return steps[std::min(i, links - 1)].bracket;
+  };
+  const PoseQuad poses = interpolate(row(0), row(1), row(2), row(3));
+  if (links == 4) {
+    const PoseQuad pairs = product_of_pairs(poses);
+    return unpacked(pairs, 2) * unpacked(pairs, 0);
   }
-  const PoseQuad poses = interpolate(rows);
   return product(links, [&](std::size_t i) { return unpacked(poses, i); });
 }
 
 }  // namespace
 
-ZTF_CLONES void compose(const Step* steps, std::size_t links, Stamp stamp, Pose& pose) noexcept {
+ZTF_CLONES void compose(const Step* steps, std::size_t links, Pose& pose) noexcept {
   std::size_t done = std::min(kGroup, links);
-  pose = product_at(steps, done, stamp);
+  pose = product_of(steps, done);
   while (done < links) {
     const std::size_t n = std::min(kGroup, links - done);
-    pose = product_at(steps + done, n, stamp) * pose;
+    pose = product_of(steps + done, n) * pose;
     done += n;
   }
 }

@@ -12,13 +12,12 @@ namespace ztf {
 struct Step {
   const Frame* frame;
   Version version;
-  Stamp stamp;         // newest links: kNoStamp where static, good for all times
-  std::uint32_t slot;  // as in Place
+  Bracket bracket;  // newest links: of their own time, kNoStamp where static, good for all times
 };
 
 // Gives X_parent_child of that many links, one at least, from the child at
 // steps[0] up to the parent of the last. Into a reference: a pose that is
 // returned would be stored in parts and copied as a whole, and that stalls.
-void compose(const Step* steps, std::size_t links, Stamp stamp, Pose& pose) noexcept;
+void compose(const Step* steps, std::size_t links, Pose& pose) noexcept;
 
 }  // namespace ztf

@@ -7,12 +7,12 @@
 // masked, so a reader that collides with a writer sees nonsense but never
 // leaves the ring, and learns from the version that it was nonsense.
 // Invariants, while the frame is not locked
-// 1. kStatic: `latest` is the value for all times, count is 0.
+// 1. Static: `latest` is the value for all times, count is 0.
 // 2. Otherwise the ring holds `count` samples from index `first` on, of strictly
 //    increasing stamps, `latest` and `parent` repeat its newest one, and
 //    `oldest_stamp` its oldest one's time. Where `parent_changes` is 0, `parent`
 //    is that of all.
-// 3. count 0 and not kStatic: the frame has no parent (root, new, or cleared).
+// 3. count 0 and not static: the frame has no parent (root, new, or cleared).
 // 4. A ring, once replaced, is kept until the frame dies. Rings double, so what
 //    is kept is smaller than what is used.
 #pragma once
@@ -103,11 +103,11 @@ class Ring {
     return std::uint32_t{1} << (word_ & kLogarithm);
   }
 
+  [[nodiscard]] ZTF_HOT Sample& sample(std::uint32_t i) const noexcept {
+    return samples()[i & (capacity() - 1)];
+  }
   [[nodiscard]] ZTF_HOT Stamp stamp(std::uint32_t i) const noexcept {
     return sample(i).stamp.load(std::memory_order_acquire);
-  }
-  [[nodiscard]] ZTF_HOT const SharedPose& pose(std::uint32_t i) const noexcept {
-    return sample(i).pose;
   }
   [[nodiscard]] FrameId parent(std::uint32_t i) const noexcept {
     return parents()[i & (capacity() - 1)].load(std::memory_order_acquire);
@@ -119,7 +119,7 @@ class Ring {
     parents()[i & (capacity() - 1)].store(parent, std::memory_order_release);
   }
   void copy(std::uint32_t to, Ring from, std::uint32_t i) const noexcept {
-    store(to, from.stamp(i), from.parent(i), from.pose(i).load());
+    store(to, from.stamp(i), from.parent(i), from.sample(i).pose.load());
   }
   void prefetch(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i)); }
   void prefetch_for_write(std::uint32_t i) const noexcept {
@@ -136,9 +136,6 @@ class Ring {
   }
   [[nodiscard]] ZTF_HOT Sample* samples() const noexcept {
     return reinterpret_cast<Sample*>(word_ & ~kLogarithm);
-  }
-  [[nodiscard]] ZTF_HOT Sample& sample(std::uint32_t i) const noexcept {
-    return samples()[i & (capacity() - 1)];
   }
   [[nodiscard]] std::atomic<FrameId>* parents() const noexcept {
     return reinterpret_cast<std::atomic<FrameId>*>(samples() + capacity());
@@ -160,19 +157,19 @@ struct alignas(128) Frame {
   std::atomic<Ring> ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
-  std::atomic<Stamp> oldest_stamp;           // of the ring
+  std::atomic<Stamp> oldest_stamp;            // of the ring
+  std::atomic<double> samples_per_ns;         // in the ring, on average
   std::atomic<std::uint32_t> parent_changes;  // in the ring, from one sample to the next
   std::atomic<bool> is_static;
   std::atomic<bool> is_parent;  // has ever been one; written under the topology mutex
   std::atomic<std::uint32_t> authority;
   std::atomic<std::uint32_t> waiters;  // lookups that wait for a commit on it (waiting.hpp)
 
-  alignas(64) std::atomic<Stamp> latest_stamp;
-  SharedPose latest_pose;
+  Sample latest;
 
   void prefetch_for_write() const noexcept {
     __builtin_prefetch(&version, 1);
-    __builtin_prefetch(&latest_stamp, 1);
+    __builtin_prefetch(&latest, 1);
   }
 
   ~Frame() { Ring::free_all(ring.load(std::memory_order_relaxed)); }

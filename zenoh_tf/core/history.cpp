@@ -5,57 +5,54 @@ namespace ztf {
 
 namespace {
 
-constexpr std::uint32_t kSteps = 8;
+constexpr int kGuesses = 12;
+
+// The last sample not after the stamp, counted from `first`, which is not after it; the one at
+// `high` is. Every guess starts from the sample of the guess before, at the history's mean rate:
+// where samples come at random, that is off by the root of the distance. Then by halves.
+std::uint32_t find(const Frame& frame, Ring ring, std::uint32_t first, std::uint32_t high,
+                   Stamp newest, Stamp stamp) noexcept {
+  const double rate = frame.samples_per_ns.load(std::memory_order_acquire);
+  std::uint32_t low = 0, at = high;
+  Stamp from = newest;
+  for (int i = 0; high - low > 1; ++i) {
+    const double steps = from <= stamp ? distance(from, stamp) * rate : -distance(stamp, from) * rate;
+    const double guess = i < kGuesses ? at + std::floor(steps) : low + (high - low) / 2;
+    // In a collision with a writer the guess may be anything.
+    at = !(guess > low) ? low + 1 : guess < high ? static_cast<std::uint32_t>(guess) : high - 1;
+    from = ring.stamp(first + at);
+    (from <= stamp ? low : high) = at;
+  }
+  return low;
+}
 
 }  // namespace
 
-Place search(const Frame& frame, Stamp stamp) noexcept {
+Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
   using Kind = Place::Kind;
   const auto acquire = std::memory_order_acquire;
   const FrameId parent = frame.parent.load(acquire);
   const std::uint32_t count = frame.count.load(acquire);
-  if (count == 0) return {Kind::root, 0, 0};
-  const Stamp newest = frame.latest_stamp.load(acquire);
-  if (count == 1) return {Kind::no_data, parent, 0};
-  if (stamp > newest) return {Kind::forward, parent, 0};
+  const auto none = [&](Kind why) {
+    return at_newest(frame, why, why == Kind::root ? 0 : parent, stamp, bracket);
+  };
+  if (count == 0) return none(Kind::root);
+  const Stamp newest = frame.latest.stamp.load(acquire);
+  if (count == 1) return none(Kind::no_data);
+  if (stamp > newest) return none(Kind::forward);
 
   const Ring ring = frame.ring.load(acquire);
   const std::uint32_t first = frame.first.load(acquire);
-  if (!ring) return {Kind::no_data, parent, 0};  // only in a collision with a writer
+  if (!ring) return none(Kind::no_data);  // only in a collision with a writer
   const Stamp oldest = ring.stamp(first);
-  if (stamp < oldest) return {Kind::backward, parent, 0};
+  if (stamp < oldest) return none(Kind::backward);
 
-  // Around the place that place_at() guesses; then by halves. In a collision the
-  // guess may be anything.
-  std::uint32_t low = 0, high = count - 1;  // stamp(low) <= stamp < stamp(high)
-  const double guess = share(oldest, stamp, newest) * high;
-  const std::uint32_t near =
-      guess >= 1.0 && guess < high ? static_cast<std::uint32_t>(guess) : low;
-  if (ring.stamp(first + near) <= stamp) {
-    low = near;
-    for (std::uint32_t i = near + 1; i < high && i <= near + kSteps; ++i) {
-      if (ring.stamp(first + i) > stamp)
-        high = i;
-      else
-        low = i;
-    }
-  } else {
-    high = near;
-    for (std::uint32_t i = near; i-- > low && i + kSteps >= near;) {
-      if (ring.stamp(first + i) <= stamp)
-        low = i;
-      else
-        high = i;
-    }
-  }
-  while (high - low > 1) {
-    const std::uint32_t middle = low + (high - low) / 2;
-    if (ring.stamp(first + middle) <= stamp)
-      low = middle;
-    else
-      high = middle;
-  }
-  return {Kind::ok, ring.parent(first + low), (first + low) & Place::kSlots};
+  const std::uint32_t slot = first + find(frame, ring, first, count - 1, newest, stamp);
+  const bool one_parent = frame.parent_changes.load(acquire) == 0;
+  const FrameId older = one_parent ? parent : ring.parent(slot);
+  const FrameId newer = one_parent ? parent : ring.parent(slot + 1);
+  bracket = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
+  return {Kind::ok, older, slot & Place::kSlots};
 }
 
 }  // namespace ztf

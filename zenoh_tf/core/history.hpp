@@ -1,6 +1,6 @@
 // The samples of one frame over time: finding one, and putting one in.
 //
-// Thread safety: place_at() and between() for any reader (frame.hpp); the writing functions
+// Thread safety: place_at() for any reader (frame.hpp); the writing functions
 // for who holds the frame.
 // Rules (tf2's, but for those marked *)
 // 1. A sample older than newest - cache is too old to be put in; one exactly
@@ -19,7 +19,15 @@
 
 namespace ztf {
 
-// Where a frame's sample for a time stands, or why there is none.
+// A time and the samples on both sides of it; where they are one and the same, that is the
+// answer. Always samples of the frame, in a collision with a writer whichever.
+struct Bracket {
+  const Sample* older;
+  const Sample* newer;
+  Stamp time;
+};
+
+// Where a frame's samples for a time stand, or why there are none.
 struct Place {
   enum class Kind : std::uint8_t { ok, root, no_data, backward, forward };
   static constexpr std::uint32_t kNewest = 0xFFFFFFFF;  // in the record, not in the ring
@@ -28,64 +36,60 @@ struct Place {
 
   Kind kind;
   FrameId parent;
-  std::uint32_t slot;  // kNewest, or the ring's index of the last sample not after the time
+  std::uint32_t slot;  // kNewest, or the ring's index of the bracket's older sample
 };
 
-// How far a time lies between two stamps of one history, from 0 to 1. A history
-// is shorter than the signed range, which converts faster than the unsigned.
-ZTF_HOT double share(Stamp older, Stamp time, Stamp newer) noexcept {
-  return static_cast<double>(static_cast<Stamp>(span_ns(older, time))) /
-         static_cast<double>(static_cast<Stamp>(span_ns(older, newer)));
+ZTF_HOT Place at_newest(const Frame& frame, Place::Kind kind, FrameId parent, Stamp time,
+                        Bracket& bracket) noexcept {
+  bracket.older = bracket.newer = &frame.latest;
+  bracket.time = time;
+  return {kind, parent, Place::kNewest};
+}
+
+// From one stamp of a history to a later one. A history is shorter than the signed
+// range, which converts faster than the unsigned.
+ZTF_HOT double distance(Stamp from, Stamp to) noexcept {
+  return static_cast<double>(static_cast<Stamp>(span_ns(from, to)));
 }
 
 // In the ring, wherever the sample is, or why there is none.
-Place search(const Frame& frame, Stamp stamp) noexcept;
+Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept;
 
-// Sensors are regular: mostly the sample stands where its share of the time says.
-ZTF_HOT Place place_at(const Frame& frame, Stamp stamp) noexcept {
+// Sensors are regular: mostly the sample stands where its distance from the newest says. Into
+// a reference: who copies what was stored in parts just before, waits.
+ZTF_HOT Place place_at(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
   const auto acquire = std::memory_order_acquire;
   const FrameId parent = frame.parent.load(acquire);
-  const Stamp newest = frame.latest_stamp.load(acquire);
-  if (newest == stamp || frame.is_static.load(acquire))
-    return {parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, Place::kNewest};
+  const Stamp newest = frame.latest.stamp.load(acquire);
+  if (newest == stamp || frame.is_static.load(acquire)) {
+    const auto kind = parent == 0 ? Place::Kind::root : Place::Kind::ok;
+    return at_newest(frame, kind, parent, stamp, bracket);
+  }
   const Stamp oldest = frame.oldest_stamp.load(acquire);
   const std::uint32_t count = frame.count.load(acquire);
   const Ring ring = frame.ring.load(acquire);
   if (count < 2 || stamp < oldest || stamp > newest || !ring ||
       frame.parent_changes.load(acquire) != 0) [[unlikely]]
-    return search(frame, stamp);
-  const auto guess =
-      static_cast<std::uint32_t>(static_cast<std::int64_t>(share(oldest, stamp, newest) * (count - 1)));
-  const std::uint32_t slot = frame.first.load(acquire) + std::min(guess, count - 2);
-  if (ring.stamp(slot) > stamp || ring.stamp(slot + 1) <= stamp) [[unlikely]]
-    return search(frame, stamp);
+    return search(frame, stamp, bracket);
+  const double rate = frame.samples_per_ns.load(acquire);
+  const auto back = static_cast<std::int64_t>(distance(stamp, newest) * rate);
+  const std::uint32_t last = count - 2;
+  const std::uint32_t slot =
+      frame.first.load(acquire) + last - std::min(static_cast<std::uint32_t>(back), last);
+  const Sample& older = ring.sample(slot);
+  const Sample& newer = ring.sample(slot + 1);
+  if (older.stamp.load(acquire) > stamp || newer.stamp.load(acquire) <= stamp) [[unlikely]]
+    return search(frame, stamp, bracket);
+  bracket.older = &older;
+  bracket.newer = &newer;
+  bracket.time = stamp;
   return {Place::Kind::ok, parent, slot & Place::kSlots};
-}
-
-// The samples on both sides of a time, and how far it lies between them: 0 where
-// the older one is the answer.
-struct Between {
-  const SharedPose* older;
-  const SharedPose* newer;
-  double ratio;
-};
-
-// From a place that was found for the time.
-ZTF_HOT Between between(const Frame& frame, std::uint32_t slot, Stamp stamp) noexcept {
-  const Ring ring = frame.ring.load(std::memory_order_acquire);
-  if (slot == Place::kNewest || !ring)  // no ring: only in a collision with a writer
-    return {&frame.latest_pose, &frame.latest_pose, 0};
-  const Between samples{&ring.pose(slot), &ring.pose(slot + 1), 0};
-  if (frame.parent_changes.load(std::memory_order_acquire) != 0 &&
-      ring.parent(slot) != ring.parent(slot + 1)) [[unlikely]]
-    return {samples.older, samples.older, 0};
-  return {samples.older, samples.newer, share(ring.stamp(slot), stamp, ring.stamp(slot + 1))};
 }
 
 // The oldest stamp that the frame can serve; its newest where it has only one.
 inline Stamp oldest_stamp(const Frame& frame) noexcept {
   const auto acquire = std::memory_order_acquire;
-  return (frame.count.load(acquire) == 0 ? frame.latest_stamp : frame.oldest_stamp).load(acquire);
+  return (frame.count.load(acquire) == 0 ? frame.latest.stamp : frame.oldest_stamp).load(acquire);
 }
 
 // The parent of that sample.
@@ -114,8 +118,8 @@ enum class Inserted : std::uint8_t {
 
 inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
   frame.parent.store(parent, std::memory_order_release);
-  frame.latest_stamp.store(stamp, std::memory_order_release);
-  frame.latest_pose.store(pose);
+  frame.latest.stamp.store(stamp, std::memory_order_release);
+  frame.latest.pose.store(pose);
 }
 
 // Leaves the frame without samples and without a parent.
@@ -165,6 +169,11 @@ inline void prefetch_for_write(const Frame& frame) noexcept {
   ring.prefetch(first + 1);  // the oldest, once the first is pruned
 }
 
+// A little less than it is: a time that is a sample's is not taken for one before it.
+inline double mean_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcept {
+  return count < 2 ? 0 : (count - 1 - 1e-9) / distance(oldest, newest);
+}
+
 // Puts a sample in that is not too old, after reserve().
 inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                        const HistoryLimits& limits) noexcept {
@@ -179,7 +188,7 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   frame.is_static.store(false, release);
 
   // Mostly it is the newest. Else back to its place.
-  const Stamp newest_before = frame.latest_stamp.load(relaxed);
+  const Stamp newest_before = frame.latest.stamp.load(relaxed);
   const bool is_newest = count == 0 || stamp > newest_before;
   std::uint32_t place = count;
   while (!is_newest && place > 0 && ring.stamp(first + place - 1) > stamp) --place;
@@ -217,6 +226,7 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   }
   frame.parent_changes.store(changes, release);
   frame.oldest_stamp.store(oldest, release);
+  frame.samples_per_ns.store(mean_rate(count, oldest, newest), release);
   frame.first.store(first, release);
   frame.count.store(count, release);
   return result;

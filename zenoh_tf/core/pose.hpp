@@ -75,13 +75,15 @@ ZTF_HOT PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
 namespace detail {
 
 // sin(a * h) / sin(h) for 0 <= a <= 1 and h2 = h * h <= 0.002, by its series in
-// h2; truncation below 1e-14.
+// h2; truncation below 1e-14. In short chains: who interpolates waits for them.
 template <class T>
 ZTF_HOT T sine_ratio(T a, T h2) noexcept {
   const T b = a * a;
-  const T second = (7.0 - 3.0 * b) * (1.0 / 360);
-  const T third = (31.0 + b * (3.0 * b - 18.0)) * (1.0 / 15120);
-  return a * (1.0 + (1.0 - b) * h2 * (1.0 / 6 + h2 * (second + h2 * third)));
+  const T scale = a * (1.0 - b);
+  const T first = scale * (1.0 / 6);
+  const T second = scale * (7.0 / 360 - b * (3.0 / 360));
+  const T third = scale * (31.0 / 15120 + b * (b * (3.0 / 15120) - 18.0 / 15120));
+  return (a + h2 * first) + (h2 * h2) * (second + h2 * third);
 }
 
 // Where the rotations are close (rest = 1 - cosine of the half angle, below kClose): the two
@@ -90,32 +92,16 @@ constexpr double kClose = 0.001;
 template <class T>
 ZTF_HOT void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
   // The square of the half angle from its cosine: 2 r + r^2/3 + 4 r^3/45 + ...
-  const T h2 = rest * (2.0 + rest * (1.0 / 3 + rest * (4.0 / 45)));
+  const T h2 = (rest + rest) + (rest * rest) * (1.0 / 3 + rest * (4.0 / 45));
   wa = sine_ratio(1.0 - ratio, h2);
   wb = sine_ratio(ratio, h2);
-}
-
-template <class T>
-ZTF_HOT T dot(const PoseOf<T>& a, const PoseOf<T>& b) noexcept {
-  return a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
-}
-
-template <class T>
-ZTF_HOT PoseOf<T> mix(const PoseOf<T>& a, const PoseOf<T>& b, T ratio, T wa, T wb) noexcept {
-  return {a.x + (b.x - a.x) * ratio,   //
-          a.y + (b.y - a.y) * ratio,   //
-          a.z + (b.z - a.z) * ratio,   //
-          wa * a.qx + wb * b.qx,       //
-          wa * a.qy + wb * b.qy,       //
-          wa * a.qz + wb * b.qz,       //
-          wa * a.qw + wb * b.qw};
 }
 
 }  // namespace detail
 
 // Linear in translation, slerp along the shorter arc in rotation; ratio in [0, 1].
 inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
-  const double dot = detail::dot(a, b);
+  const double dot = a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
   const double sign = dot < 0 ? -1.0 : 1.0;  // q and -q are one rotation
   const double cosine = std::min(std::abs(dot), 1.0);
   const double rest = 1.0 - cosine;
@@ -128,7 +114,10 @@ inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
     wa = std::sin((1.0 - ratio) * half) * scale;
     wb = std::sin(ratio * half) * scale;
   }
-  return detail::mix(a, b, ratio, wa, wb * sign);
+  wb *= sign;
+  return {a.x + (b.x - a.x) * ratio, a.y + (b.y - a.y) * ratio, a.z + (b.z - a.z) * ratio,
+          wa * a.qx + wb * b.qx,     wa * a.qy + wb * b.qy,     wa * a.qz + wb * b.qz,
+          wa * a.qw + wb * b.qw};
 }
 
 }  // namespace ztf

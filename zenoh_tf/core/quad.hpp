@@ -8,24 +8,55 @@
 namespace ztf {
 
 using NumberQuad = double __attribute__((vector_size(32)));
+using BitsQuad = long long __attribute__((vector_size(32)));
 using PoseQuad = PoseOf<NumberQuad>;
 
 ZTF_HOT Pose unpacked(const PoseQuad& p, std::size_t i) noexcept {
   return {p.x[i], p.y[i], p.z[i], p.qx[i], p.qy[i], p.qz[i], p.qw[i]};
 }
 
-ZTF_HOT PoseQuad packed(const SharedPose& a, const SharedPose& b, const SharedPose& c,
-                        const SharedPose& d) noexcept {
-  const auto component = [&](int i) { return NumberQuad{a[i], b[i], c[i], d[i]}; };
-  return {component(0), component(1), component(2), component(3),
-          component(4), component(5), component(6)};
+// Lane 0: lane 1's pose after lane 0's; lane 2: lane 3's after lane 2's.
+ZTF_HOT PoseQuad product_of_pairs(const PoseQuad& p) noexcept {
+  const auto later = [](NumberQuad v) {
+    return __builtin_shuffle(v, BitsQuad{1, 0, 3, 2});
+  };
+  return PoseQuad{later(p.x),  later(p.y),  later(p.z), later(p.qx),
+                  later(p.qy), later(p.qz), later(p.qw)} *
+         p;
 }
 
-// Large angles: one after the other.
-[[gnu::noinline]] inline PoseQuad interpolate_each(const Between (&rows)[4]) noexcept {
+// One sample each of four histories.
+struct SampleQuad {
+  const Sample &a, &b, &c, &d;
+
+  ZTF_HOT NumberQuad operator[](int i) const noexcept {
+    return NumberQuad{a.pose[i], b.pose[i], c.pose[i], d.pose[i]};
+  }
+};
+
+// How far the times lie between the samples, from 0 to 1: 0 where those are one.
+ZTF_HOT NumberQuad shares(const Bracket& a, const Bracket& b, const Bracket& c,
+                          const Bracket& d) noexcept {
+  const auto acquire = std::memory_order_acquire;
+  const Stamp from[4] = {a.older->stamp.load(acquire), b.older->stamp.load(acquire),
+                         c.older->stamp.load(acquire), d.older->stamp.load(acquire)};
+  const NumberQuad span{distance(from[0], a.newer->stamp.load(acquire)),
+                        distance(from[1], b.newer->stamp.load(acquire)),
+                        distance(from[2], c.newer->stamp.load(acquire)),
+                        distance(from[3], d.newer->stamp.load(acquire))};
+  const NumberQuad passed{distance(from[0], a.time), distance(from[1], b.time),
+                          distance(from[2], c.time), distance(from[3], d.time)};
+  const NumberQuad zero{};
+  return span > zero ? passed / span : zero;
+}
+
+// Large angles: one after the other. Its caller may be compiled for a processor with wider
+// registers: vectors go by reference.
+[[gnu::noinline]] inline PoseQuad interpolate_each(const Bracket* const (&rows)[4],
+                                                   const NumberQuad& ratio) noexcept {
   Pose p[4];
   for (std::size_t i = 0; i < 4; ++i)
-    p[i] = interpolate(rows[i].older->load(), rows[i].newer->load(), rows[i].ratio);
+    p[i] = interpolate(rows[i]->older->pose.load(), rows[i]->newer->pose.load(), ratio[i]);
   const auto component = [&](double Pose::* c) {
     return NumberQuad{p[0].*c, p[1].*c, p[2].*c, p[3].*c};
   };
@@ -33,21 +64,35 @@ ZTF_HOT PoseQuad packed(const SharedPose& a, const SharedPose& b, const SharedPo
           component(&Pose::qy), component(&Pose::qz), component(&Pose::qw)};
 }
 
-// As interpolate() of each.
-ZTF_HOT PoseQuad interpolate(const Between (&rows)[4]) noexcept {
-  const PoseQuad a = packed(*rows[0].older, *rows[1].older, *rows[2].older, *rows[3].older);
-  const PoseQuad b = packed(*rows[0].newer, *rows[1].newer, *rows[2].newer, *rows[3].newer);
-  const NumberQuad ratio{rows[0].ratio, rows[1].ratio, rows[2].ratio, rows[3].ratio};
-  const NumberQuad dot = detail::dot(a, b);
-  const NumberQuad zero{}, one = zero + 1.0;
-  const NumberQuad sign = dot < zero ? -one : one;
-  const NumberQuad rest = one - (dot * sign > one ? one : dot * sign);
+// The numbers times 1 or -1.
+ZTF_HOT NumberQuad with_sign(NumberQuad numbers, BitsQuad sign) noexcept {
+  return reinterpret_cast<NumberQuad>(reinterpret_cast<BitsQuad>(numbers) ^ sign);
+}
+
+// As interpolate() of each. The rotations first: so fewer values are to be kept at a time.
+ZTF_HOT PoseQuad interpolate(const Bracket& a, const Bracket& b, const Bracket& c,
+                             const Bracket& d) noexcept {
+  const SampleQuad older{*a.older, *b.older, *c.older, *d.older};
+  const SampleQuad newer{*a.newer, *b.newer, *c.newer, *d.newer};
+  const NumberQuad ratio = shares(a, b, c, d);
+  const NumberQuad ax = older[3], bx = newer[3], ay = older[4], by = newer[4];
+  const NumberQuad az = older[5], bz = newer[5], aw = older[6], bw = newer[6];
+  const NumberQuad dot = (ax * bx + ay * by) + (az * bz + aw * bw);
+  constexpr long long kSign = std::numeric_limits<long long>::min();
+  const BitsQuad sign = reinterpret_cast<BitsQuad>(dot) & kSign;  // q and -q are one rotation
+  const NumberQuad rest = 1.0 - with_sign(dot, sign);
   const double widest = std::max(std::max(rest[0], rest[1]), std::max(rest[2], rest[3]));
   if (!(widest < detail::kClose)) [[unlikely]]
-    return interpolate_each(rows);
+    return interpolate_each({&a, &b, &c, &d}, ratio);
   NumberQuad wa, wb;
   detail::weights_if_close(rest, ratio, wa, wb);
-  return detail::mix(a, b, ratio, wa, wb * sign);
+  wb = with_sign(wb, sign);
+  const auto moved = [&](int i) {
+    const NumberQuad from = older[i];
+    return from + (newer[i] - from) * ratio;
+  };
+  return {moved(0),          moved(1),          moved(2),         wa * ax + wb * bx,
+          wa * ay + wb * by, wa * az + wb * bz, wa * aw + wb * bw};
 }
 
 }  // namespace ztf

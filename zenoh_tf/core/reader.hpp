@@ -35,8 +35,12 @@ inline void give_range(const StampRange& range, Answer& a) noexcept {
 template <class Guard>
 class Reader {
  public:
-  Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth)
-      : frames_(frames), guard_(guard), max_depth_(max_depth) {}
+  Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth,
+         const std::atomic<bool>& parents_changed)
+      : frames_(frames),
+        guard_(guard),
+        max_depth_(max_depth),
+        parents_changed_(parents_changed) {}
 
   ZTF_HOT bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;
@@ -84,7 +88,7 @@ class Reader {
     Answer& a = block.first_answer();
     a.failure.code = Code::ok;
     return between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
-      if (is_only_way(chain))
+      if (is_only_way())
         block.answer(chain, frames_);
       else
         block.leave_out();
@@ -111,22 +115,13 @@ class Reader {
     return static_cast<FrameId>(frame - frames_);
   }
 
-  // Whether the links of a chain, where they stand at another time, are the way that is then found.
-  // Among past links there can be loops; one that the chain is a part of has another way round,
-  // over what lies above the meeting point.
-  [[nodiscard]] bool is_only_way(const Chain& chain) const noexcept {
-    const auto acquire = std::memory_order_acquire;
-    const Frame* frame = chain.meeting;
-    for (std::uint32_t links = 0; links <= max_depth_; ++links) {
-      const FrameId parent = frame->parent.load(acquire);
-      if (parent == 0) return true;
-      if (!frame->is_static.load(acquire) && frame->parent_changes.load(acquire) != 0) return false;
-      frame = frames_ + parent;
-      for (const Side& side : {chain.source, chain.target})
-        for (std::size_t i = 0; i < side.links; ++i)
-          if (side.steps[i].frame == frame) return false;
-    }
-    return false;
+  // Whether the links of a chain, where they stand at another time too, are the way that is then
+  // found. Among past links there can be loops, and one that the chain is a part of has another way
+  // round, over what lies above the meeting point; not where all links have always led where the
+  // newest ones lead, which are a forest. At the instant of this load, that is: of the commits
+  // that change parents the answer then comes before the first (see guards.hpp).
+  [[nodiscard]] bool is_only_way() const noexcept {
+    return !parents_changed_.load(std::memory_order_seq_cst);
   }
 
   static bool unknown(FrameId target, FrameId source, Answer& a) {
@@ -172,7 +167,7 @@ class Reader {
     explain(from_target, from_source, stamp, a);
     for (Way* way : {&from_source, &from_target}) {
       if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
-      const Step top{way->top, way->top_version, 0, 0};
+      const Step top{way->top, way->top_version, {}};
       if (!guard_.rest(&top, 1)) return false;
     }
     return true;
@@ -200,14 +195,14 @@ class Reader {
     do {
       Step& step = steps[links];
       if (links == limit || !guard_.enter(*frame, step.version)) return false;
-      const Link link = NewestLink{}(*frame);
+      const Newest link(*frame);
       if (link.parent == 0) return false;
       if (one_stamp && link.stamp != kNoStamp) {
         if (link.stamp != stamp && stamp != kNoStamp) return false;
         stamp = link.stamp;
       }
       if (!one_stamp) stamps.include(link.stamp);
-      pose = links == 0 ? frame->latest_pose.load() : frame->latest_pose.load() * pose;
+      pose = links == 0 ? frame->latest.pose.load() : frame->latest.pose.load() * pose;
       step.frame = frame;
       ++links;
       frame = frames_ + link.parent;
@@ -225,7 +220,7 @@ class Reader {
     a.pose = Pose{};
     if (target == source) return true;
     return between(target, source, LinkAt{stamp}, stamp, a, [&](const Chain& chain) {
-      join(chain, stamp, a.pose);
+      join(chain, a.pose);
       return true;
     });
   }
@@ -238,10 +233,10 @@ class Reader {
       const Stamp oldest = stamps.oldest();
       a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
       // Mostly the links at that time are the newest ones.
-      if (is_only_way(chain) &&
+      if (is_only_way() &&
           (oldest == stamps.newest() || (go_back(chain.source, chain.meeting, a.stamp) &&
                                          go_back(chain.target, chain.meeting, a.stamp)))) {
-        join(chain, a.stamp, a.pose);
+        join(chain, a.pose);
         return true;
       }
       return at(target, source, a.stamp, a);
@@ -253,12 +248,11 @@ class Reader {
   bool go_back(const Side& side, const Frame* meeting, Stamp stamp) const noexcept {
     for (std::size_t i = 0; i < side.links; ++i) {
       Step& step = side.steps[i];
-      if (step.stamp == stamp || step.stamp == kNoStamp) continue;
-      const Place place = place_at(*step.frame, stamp);
+      if (step.bracket.time == stamp || step.bracket.time == kNoStamp) continue;
+      const Place place = place_at(*step.frame, stamp, step.bracket);
       if (place.kind != Place::Kind::ok ||
           frames_ + place.parent != side.frame_above(i + 1, meeting))
         return false;
-      step.slot = place.slot;
     }
     return true;
   }
@@ -268,7 +262,7 @@ class Reader {
     if (ascend<false>(target, source, a)) return true;
     return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
       give_range(StampRange(chain), a);
-      join(chain, kNoStamp, a.pose);
+      join(chain, a.pose);
       return true;
     });
   }
@@ -276,18 +270,17 @@ class Reader {
   ZTF_HOT bool compose_each(const Side& side, const Frame* meeting, StampRange& stamps, Pose& pose) const {
     for (std::size_t i = 0; i < side.links; ++i) {
       const Frame& frame = *side.steps[i].frame;
-      Version version;
-      Link link;
-      Pose newest;
-      do {
-        version = frame.version.unlocked();
-        link = NewestLink{}(frame);
-        newest = frame.latest_pose.load();
+      for (;;) {
+        const Version version = frame.version.unlocked();
+        const Newest link(frame);
+        const Pose newest = frame.latest.pose.load();
         fault_point();
-      } while (frame.version.load() != version);
-      if (frames_ + link.parent != side.frame_above(i + 1, meeting)) return false;
-      stamps.include(link.stamp);
-      pose = newest * pose;
+        if (frame.version.load() != version) continue;
+        if (frames_ + link.parent != side.frame_above(i + 1, meeting)) return false;
+        stamps.include(link.stamp);
+        pose = newest * pose;
+        break;
+      }
     }
     return true;
   }
@@ -323,21 +316,21 @@ class Reader {
     const Frame& frame = frames_[id];
     Version version;
     if (!guard_.enter(frame, version)) return false;
-    const Link link = NewestLink{}(frame);
+    const Newest link(frame);
     const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
     a.stamp = a.newest = timeless ? timeless_stamp : link.stamp;
     a.pose = Pose{};
-    const Step step{&frame, version, link.stamp, link.slot};
+    const Step step{&frame, version, {}};
     return guard_.rest(&step, 1);
   }
 
   // X_target_source = inverse(X_meeting_target) * X_meeting_source
-  ZTF_HOT void join(const Chain& chain, Stamp stamp, Pose& pose) const noexcept {
+  ZTF_HOT void join(const Chain& chain, Pose& pose) const noexcept {
     const auto [source, target, meeting] = chain;
-    if (source.links != 0) compose(source.steps, source.links, stamp, pose);
+    if (source.links != 0) compose(source.steps, source.links, pose);
     if (target.links == 0) return;
     Pose from_target;
-    compose(target.steps, target.links, stamp, from_target);
+    compose(target.steps, target.links, from_target);
     pose = source.links == 0 ? inverse(from_target) : inverse(from_target) * pose;
   }
 
@@ -363,7 +356,7 @@ class Reader {
                                ? oldest_parent(frame)
                                : frame.parent.load(std::memory_order_acquire);
         a.failure.oldest = oldest_stamp(frame);
-        a.failure.newest = frame.latest_stamp.load(std::memory_order_acquire);
+        a.failure.newest = frame.latest.stamp.load(std::memory_order_acquire);
         return;
       }
   }
@@ -371,6 +364,7 @@ class Reader {
   const Frame* frames_;
   Guard& guard_;
   const std::uint32_t max_depth_;
+  const std::atomic<bool>& parents_changed_;
 };
 
 }  // namespace ztf

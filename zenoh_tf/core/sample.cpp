@@ -8,23 +8,26 @@ namespace {
 // Where a frame's samples for one time after the other stand.
 class Cursor {
  public:
-  Cursor(const Frame& frame, std::uint32_t slot) noexcept
+  explicit Cursor(const Frame& frame) noexcept
       : frame_(frame),
         ring_(frame.ring.load(std::memory_order_acquire)),
-        newest_(frame.latest_stamp.load(std::memory_order_acquire)),
-        slot_(slot) {}
+        newest_(frame.latest.stamp.load(std::memory_order_acquire)) {}
 
-  // As place_at() and between(); false where the link has no sample for the time, or led elsewhere.
-  ZTF_HOT bool move_to(Stamp stamp, FrameId parent, Between& found) noexcept {
+  // As place_at(); false where the link has no sample for the time, or led elsewhere.
+  ZTF_HOT bool move_to(Stamp stamp, FrameId parent, Bracket& found) noexcept {
     if (slot_ == Place::kNewest || !ring_ || stamp >= newest_ || !walk_to(stamp)) {
-      const Place place = place_at(frame_, stamp);
+      const Place place = place_at(frame_, stamp, found);
       const bool served = place.kind == Place::Kind::ok && place.parent == parent;
       slot_ = served ? place.slot : Place::kNewest;
-      found = between(frame_, slot_, stamp);
       return served;
     }
-    found = between(frame_, slot_, stamp);
-    return frame_.parent_changes.load(std::memory_order_acquire) == 0 || ring_.parent(slot_) == parent;
+    found.older = &ring_.sample(slot_);
+    found.newer = &ring_.sample(slot_ + 1);
+    found.time = stamp;
+    if (frame_.parent_changes.load(std::memory_order_acquire) == 0) [[likely]]
+      return true;
+    if (ring_.parent(slot_) != ring_.parent(slot_ + 1)) found.newer = found.older;
+    return ring_.parent(slot_) == parent;
   }
 
  private:
@@ -44,7 +47,7 @@ class Cursor {
   const Frame& frame_;
   const Ring ring_;
   const Stamp newest_;
-  std::uint32_t slot_;  // kNewest: to be searched for
+  std::uint32_t slot_ = Place::kNewest;  // that is: to be searched for
 };
 
 }  // namespace
@@ -52,14 +55,14 @@ class Cursor {
 ZTF_CLONES void SampleBlock::follow(const Step& step, FrameId parent, bool is_first,
                                     Column& poses) noexcept {
   fault_point();
-  Cursor cursor(*step.frame, step.slot);
+  Cursor cursor(*step.frame);
   for (std::size_t quad = 0; quad < quads(); ++quad) {
-    Between rows[4];
+    Bracket rows[4];
     for (std::size_t i = 0; i < 4; ++i) {
       const std::size_t row = std::min(4 * quad + i, queries_.size() - 1);
       left_out_[row] |= !cursor.move_to(queries_[row].stamp, parent, rows[i]);
     }
-    const PoseQuad pose = interpolate(rows);
+    const PoseQuad pose = interpolate(rows[0], rows[1], rows[2], rows[3]);
     poses[quad] = is_first ? pose : pose * poses[quad];
   }
 }

@@ -158,6 +158,7 @@ class Tree {
   std::mutex topology_;
   CommitCount count_;
   std::atomic<std::uint64_t> time_jumps_{0};
+  std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever
   mutable WaitingRoom room_{*this};
 };
 

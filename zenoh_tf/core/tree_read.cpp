@@ -7,7 +7,7 @@ namespace ztf {
 ZTF_CLONES bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
   NoGuard guard;
-  Reader reader(frames_, guard, options_.max_depth);
+  Reader reader(frames_, guard, options_.max_depth, parents_changed_);
   answer.failure.code = Code::ok;
   return reader.latest_each(query.target, query.source, answer) &&
          answer.failure.code == Code::ok;
@@ -22,7 +22,7 @@ ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
   if (options_.concurrency == Concurrency::optimistic && query.op != Op::full) [[likely]] {
     for (int i = 0; i < kOptimisticAttempts; ++i) {
       WalkGuard guard;
-      Reader reader(frames_, guard, options_.max_depth);
+      Reader reader(frames_, guard, options_.max_depth, parents_changed_);
       if (reader.answer(query, answer)) [[likely]]
         return;
     }
@@ -56,9 +56,9 @@ FrameId Tree::parent(FrameId id, Stamp stamp) const {
   const Frame& frame = frames_[id];
   for (;;) {
     const Version version = frame.version.unlocked();
-    const Place place = stamp == kNoStamp
-                            ? Place{Place::Kind::ok, frame.parent.load(std::memory_order_acquire), 0}
-                            : place_at(frame, stamp);
+    Bracket bracket;
+    const Place place =
+        stamp == kNoStamp ? NewestLink{}(frame, bracket) : LinkAt{stamp}(frame, bracket);
     const FrameId parent = place.kind == Place::Kind::ok ? place.parent : 0;
     if (frame.version.load() == version) return parent;
   }
@@ -75,7 +75,7 @@ FrameInfo Tree::info(FrameId id) const {
     info.is_static = frame.is_static.load(acquire);
     info.samples = frame.count.load(acquire);
     info.oldest = oldest_stamp(frame);
-    info.newest = frame.latest_stamp.load(acquire);
+    info.newest = frame.latest.stamp.load(acquire);
     const FrameEvents& events = events_[id];
     info.change = events.change.load(acquire);
     info.change_stamp = events.change_stamp.load(acquire);

@@ -15,7 +15,7 @@ constexpr int kHeedWantedAttempts = 8;
 template <class Body>
 void Tree::read(ReadSet& reads, Body&& body) const {
   const auto attempt = [&](auto& guard) {
-    Reader reader(frames_, guard, options_.max_depth);
+    Reader reader(frames_, guard, options_.max_depth, parents_changed_);
     return body(reader) && guard.valid();
   };
   switch (options_.concurrency) {

@@ -137,7 +137,7 @@ class Commit {
     for (const Group& group : groups_) {
       const Frame& frame = frame_of(group);
       if (!frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0 &&
-          too_old(writes_[group.begin].stamp, frame.latest_stamp.load(relaxed),
+          too_old(writes_[group.begin].stamp, frame.latest.stamp.load(relaxed),
                   tree_.options_.cache_ns))
         return true;
     }
@@ -186,7 +186,7 @@ class Commit {
              "the frame is published by " + quoted(tree_.authority(authority)));
 
     bool has_newest = !goes && !frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0;
-    Stamp newest = frame.latest_stamp.load(relaxed);
+    Stamp newest = frame.latest.stamp.load(relaxed);
     FrameId parent = before;
     // Rows come by stamp, so what a full frame has no room for comes first.
     const bool is_full = has_newest && frame.count.load(relaxed) == tree_.options_.max_samples_per_frame;
@@ -273,7 +273,7 @@ class Commit {
       }
       ++tally_.stored;
       if (frame.is_static.load(relaxed) || frame.parent.load(relaxed) != write.parent ||
-          frame.latest_stamp.load(relaxed) >= write.stamp || request_.is_static)
+          frame.latest.stamp.load(relaxed) >= write.stamp || request_.is_static)
         group.change = WaitingRoom::Change::other;
       if (request_.is_static) {
         set_static(frame, write.stamp, write.parent, write.pose);
@@ -294,6 +294,9 @@ class Commit {
       }
     }
     if (tally_.stored == stored_before) return false;
+    // Before the frame is unlocked, and so before anybody's answer can rest on it.
+    if (frame.parent_changes.load(relaxed) != 0) [[unlikely]]
+      tree_.parents_changed_.store(true);
     if (group.new_parent != 0)
       tree_.frames_[group.new_parent].is_parent.store(true, relaxed);
     if (frame.authority.load(relaxed) != names_.authority() || group.new_parent != 0 ||

@@ -14,28 +14,31 @@
 
 namespace ztf {
 
-// How a way goes up from a frame.
-struct Link {
-  Place::Kind kind;  // root where there is no link
+// A frame's newest link.
+struct Newest {
+  ZTF_HOT explicit Newest(const Frame& frame) noexcept
+      : parent(frame.parent.load(std::memory_order_acquire)),
+        stamp(frame.is_static.load(std::memory_order_acquire)
+                  ? kNoStamp
+                  : frame.latest.stamp.load(std::memory_order_acquire)) {}
   FrameId parent;
-  std::uint32_t slot;
-  Stamp stamp;
+  Stamp stamp;  // kNoStamp where static, good for all times
 };
 
+// How a way goes up from a frame: by its newest link,
 struct NewestLink {
-  ZTF_HOT Link operator()(const Frame& frame) const noexcept {
-    const auto acquire = std::memory_order_acquire;
-    const FrameId parent = frame.parent.load(acquire);
-    const Stamp stamp = frame.is_static.load(acquire) ? kNoStamp : frame.latest_stamp.load(acquire);
-    return {parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, Place::kNewest, stamp};
+  ZTF_HOT Place operator()(const Frame& frame, Bracket& bracket) const noexcept {
+    const Newest newest(frame);
+    return at_newest(frame, newest.parent == 0 ? Place::Kind::root : Place::Kind::ok,
+                     newest.parent, newest.stamp, bracket);
   }
 };
 
+// or by that of a time.
 struct LinkAt {
   Stamp at;
-  ZTF_HOT Link operator()(const Frame& frame) const noexcept {
-    const Place place = place_at(frame, at);
-    return {place.kind, place.parent, place.slot, at};
+  ZTF_HOT Place operator()(const Frame& frame, Bracket& bracket) const noexcept {
+    return place_at(frame, at, bracket);
   }
 };
 
@@ -96,12 +99,12 @@ class StampRange {
   ZTF_HOT void include(const Side& side) noexcept {
     if (side.links == 0) return;
     // Links that are written together have one stamp: no search for the extremes.
-    const Stamp first = side.steps[0].stamp;
+    const Stamp first = side.steps[0].bracket.time;
     std::uint64_t differing = 0;
     for (std::size_t i = 1; i < side.links; ++i)
-      differing |= static_cast<std::uint64_t>(side.steps[i].stamp ^ first);
+      differing |= static_cast<std::uint64_t>(side.steps[i].bracket.time ^ first);
     include(first);
-    for (std::size_t i = 1; differing != 0 && i < side.links; ++i) include(side.steps[i].stamp);
+    for (std::size_t i = 1; differing != 0 && i < side.links; ++i) include(side.steps[i].bracket.time);
   }
   // kNoStamp where all links are static.
   [[nodiscard]] Stamp oldest() const noexcept {
@@ -143,7 +146,7 @@ class Walker {
       Version version;
       if (!guard_.enter(*frame, version)) [[unlikely]]
         return Climbed::restart;
-      const Link link = link_of_(*frame);
+      const Place link = link_of_(*frame, step->bracket);
       if (link.kind != Place::Kind::ok || link.parent == 0) [[unlikely]] {
         way.why = link.kind;
         way.top_version = version;
@@ -155,7 +158,9 @@ class Walker {
         way.end = Way::End::too_deep;
         break;
       }
-      *step++ = {frame, version, link.stamp, link.slot};
+      step->frame = frame;
+      step->version = version;
+      ++step;
       frame = frames_ + link.parent;
       if (frame == goal) {
         climbed = Climbed::arrived;
