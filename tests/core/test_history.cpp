@@ -51,7 +51,7 @@ class History {
     std::vector<Sent> all;
     const std::uint32_t first = frame->first.load();
     for (std::uint32_t i = frame->count.load(); i-- > 0;)
-      all.push_back({frame->ring.load().stamp(first + i), frame->ring.load().parent(first + i)});
+      all.push_back({frame->ring.load().stamp(first + i), parent_at(*frame, frame->ring, first + i)});
     return all;
   }
 

@@ -11,7 +11,7 @@
 // 2. Otherwise the ring holds `count` samples from index `first` on, of strictly
 //    increasing stamps, `latest` and `parent` repeat its newest one, and
 //    `oldest_stamp` its oldest one's time. Where `parent_changes` is 0, `parent`
-//    is that of all.
+//    is that of all, and the ring's parents mean nothing.
 // 3. count 0 and not static: the frame has no parent (root, new, or cleared).
 // 4. A ring, once replaced, is kept until the frame dies. Rings double, so what
 //    is kept is smaller than what is used.
@@ -71,7 +71,7 @@ static_assert(sizeof(Sample) == 64);
 // address with the capacity's logarithm in the bits that its alignment leaves
 // free. So a reader always has an address and a capacity that belong together,
 // and finds a sample without another load. Parents stand apart: mostly all are
-// the record's, and nobody reads them.
+// the record's, and nobody writes or reads them.
 class Ring {
  public:
   Ring() noexcept = default;  // none
@@ -113,19 +113,19 @@ class Ring {
     return parents()[i & (capacity() - 1)].load(std::memory_order_acquire);
   }
 
-  void store(std::uint32_t i, Stamp stamp, FrameId parent, const Pose& pose) const noexcept {
+  void store(std::uint32_t i, Stamp stamp, const Pose& pose) const noexcept {
     sample(i).stamp.store(stamp, std::memory_order_release);
     sample(i).pose.store(pose);
+  }
+  void store_parent(std::uint32_t i, FrameId parent) const noexcept {
     parents()[i & (capacity() - 1)].store(parent, std::memory_order_release);
   }
   void copy(std::uint32_t to, Ring from, std::uint32_t i) const noexcept {
-    store(to, from.stamp(i), from.parent(i), from.sample(i).pose.load());
+    store(to, from.stamp(i), from.sample(i).pose.load());
+    store_parent(to, from.parent(i));
   }
   void prefetch(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i)); }
-  void prefetch_for_write(std::uint32_t i) const noexcept {
-    __builtin_prefetch(&sample(i), 1);
-    __builtin_prefetch(parents() + (i & (capacity() - 1)), 1);
-  }
+  void prefetch_for_write(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i), 1); }
 
  private:
   static constexpr std::uintptr_t kLogarithm = 63;

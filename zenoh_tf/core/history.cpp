@@ -48,9 +48,8 @@ Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
   if (stamp < oldest) return none(Kind::backward);
 
   const std::uint32_t slot = first + find(frame, ring, first, count - 1, newest, stamp);
-  const bool one_parent = frame.parent_changes.load(acquire) == 0;
-  const FrameId older = one_parent ? parent : ring.parent(slot);
-  const FrameId newer = one_parent ? parent : ring.parent(slot + 1);
+  const FrameId older = parent_at(frame, ring, slot);
+  const FrameId newer = parent_at(frame, ring, slot + 1);
   bracket = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
   return {Kind::ok, older, slot & Place::kSlots};
 }

@@ -86,6 +86,12 @@ ZTF_HOT Place place_at(const Frame& frame, Stamp stamp, Bracket& bracket) noexce
   return {Place::Kind::ok, parent, slot & Place::kSlots};
 }
 
+// The parent of the sample at an index of the ring.
+inline FrameId parent_at(const Frame& frame, Ring ring, std::uint32_t slot) noexcept {
+  const auto acquire = std::memory_order_acquire;
+  return frame.parent_changes.load(acquire) == 0 ? frame.parent.load(acquire) : ring.parent(slot);
+}
+
 // The oldest stamp that the frame can serve; its newest where it has only one.
 inline Stamp oldest_stamp(const Frame& frame) noexcept {
   const auto acquire = std::memory_order_acquire;
@@ -97,7 +103,7 @@ inline FrameId oldest_parent(const Frame& frame) noexcept {
   const Ring ring = frame.ring.load(std::memory_order_acquire);
   if (!ring || frame.count.load(std::memory_order_acquire) == 0)
     return frame.parent.load(std::memory_order_acquire);
-  return ring.parent(frame.first.load(std::memory_order_acquire));
+  return parent_at(frame, ring, frame.first.load(std::memory_order_acquire));
 }
 
 struct HistoryLimits {
@@ -184,6 +190,9 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   std::uint32_t count = frame.count.load(relaxed);
   std::uint32_t changes = count == 0 ? 0 : frame.parent_changes.load(relaxed);
   const bool one_parent = changes == 0 && (count == 0 || frame.parent.load(relaxed) == parent);
+  if (!one_parent && changes == 0)  // so far nobody has asked for them
+    for (std::uint32_t i = 0; i < count; ++i)
+      ring.store_parent(first + i, frame.parent.load(relaxed));
   Inserted result = Inserted::added;
   frame.is_static.store(false, release);
 
@@ -210,8 +219,11 @@ inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
     for (std::uint32_t i = count; i > place; --i) ring.copy(first + i, ring, first + i - 1);
     ++count;
   }
-  ring.store(first + place, stamp, parent, pose);
-  if (!one_parent) changes += changes_at(ring, first, count, place);
+  ring.store(first + place, stamp, pose);
+  if (!one_parent) {
+    ring.store_parent(first + place, parent);
+    changes += changes_at(ring, first, count, place);
+  }
   if (place == count - 1) store_latest(frame, stamp, parent, pose);
 
   const Stamp newest = place == count - 1 ? stamp : newest_before;

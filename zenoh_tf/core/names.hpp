@@ -13,14 +13,14 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
-#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <memory>
-#include <new>
 #include <span>
 #include <string_view>
 #include <vector>
+
+#include "zeroed.hpp"
 
 namespace ztf {
 
@@ -28,14 +28,11 @@ class NameTable {
  public:
   using Id = std::uint32_t;
 
-  explicit NameTable(std::uint32_t max_names) : max_names_(max_names) {
-    // Untouched pages of this array cost no memory.
-    names_ = static_cast<Entry*>(std::calloc(std::size_t{max_names} + 1, sizeof(Entry)));
-    if (!names_) throw std::bad_alloc();
+  explicit NameTable(std::uint32_t max_names)
+      : max_names_(max_names), names_(std::size_t{max_names} + 1) {
     tables_.push_back(std::make_unique<Table>(64));
     table_.store(tables_.back().get(), std::memory_order_release);
   }
-  ~NameTable() { std::free(names_); }
   NameTable(const NameTable&) = delete;
   NameTable& operator=(const NameTable&) = delete;
 
@@ -124,9 +121,9 @@ class NameTable {
 
   // A slot: the hash's upper half, then the id. The hash's lower half chose the place.
   struct Table {
-    explicit Table(std::size_t size) : mask(size - 1), slots(new std::atomic<std::uint64_t>[size]()) {}
+    explicit Table(std::size_t size) : mask(size - 1), slots(size) {}
     std::size_t mask;
-    std::unique_ptr<std::atomic<std::uint64_t>[]> slots;
+    ZeroedArray<std::atomic<std::uint64_t>> slots;
   };
 
   static std::uint64_t hash_of(std::string_view name) noexcept {
@@ -152,7 +149,7 @@ class NameTable {
   }
 
   const std::uint32_t max_names_;
-  Entry* names_;
+  const ZeroedArray<Entry> names_;
   std::atomic<std::uint32_t> size_{0};
   std::atomic<const Table*> table_{nullptr};
   std::vector<std::unique_ptr<Table>> tables_;

@@ -62,7 +62,10 @@ class Commit {
       write.child = names_.resolve(row.child);  // tf2 numbers the child before the parent
       write.parent = names_.resolve(row.parent);
       if (!write.child || !write.parent) return false;
-      if (writes_.size() > 1) tree_.frames_[write.child].prefetch_for_write();
+      if (writes_.size() > 1) {
+        tree_.frames_[write.child].prefetch_for_write();
+        __builtin_prefetch(&tree_.events_[write.child], 1);
+      }
     }
     sort_and_group();
 

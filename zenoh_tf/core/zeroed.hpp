@@ -8,6 +8,10 @@
 #include <memory>
 #include <new>
 
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
 namespace ztf {
 
 // T must be good when all its bytes are zero, and need no destruction here.
@@ -17,12 +21,22 @@ class ZeroedArray {
   explicit ZeroedArray(std::size_t size) : memory_(std::calloc(1, size * sizeof(T) + alignof(T))) {
     if (!memory_) throw std::bad_alloc();
     const auto address = reinterpret_cast<std::uintptr_t>(memory_.get());
-    first_ = reinterpret_cast<T*>((address + alignof(T) - 1) & ~(alignof(T) - 1));
+    first_ = reinterpret_cast<T*>(aligned(address, alignof(T)));
+#if defined(__linux__)
+    // In huge pages, where that is left to us: but for the beginning, which is all of a small tree.
+    const std::uintptr_t large = aligned(address + kHugePage, kHugePage);
+    const std::uintptr_t end = address + size * sizeof(T);
+    if (large < end) (void)::madvise(reinterpret_cast<void*>(large), end - large, MADV_HUGEPAGE);
+#endif
   }
   [[nodiscard]] T* begin() const noexcept { return first_; }
   T& operator[](std::size_t i) const noexcept { return first_[i]; }
 
  private:
+  static constexpr std::uintptr_t kHugePage = std::uintptr_t{1} << 21;
+  static std::uintptr_t aligned(std::uintptr_t address, std::uintptr_t to) noexcept {
+    return (address + to - 1) & ~(to - 1);
+  }
   struct Free {
     void operator()(void* memory) const noexcept { std::free(memory); }
   };
