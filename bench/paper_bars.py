@@ -29,6 +29,8 @@ class Row:
     writes_per_s: list[float]
     links_written_per_s: list[float]
     unanswered_share: list[float | None]
+    restarts_per_read: list[float]
+    restarts_per_write: list[float]
     others_cores: list[float | None]
     read_ns: dict[str, list[float | None]]
     write_ns: dict[str, list[float | None]]

@@ -7,7 +7,7 @@ from bench.paper_bars import Row, Table, middle, ratios
 _HEAD = (
     f"{'side':<10} {'read':<13} {'reads/s':>22} {'to tf2':>18} {'link writes/s':>22}"
     f" {'to tf2':>20} {'read us p50/p99/p99.9':>22} {'write us p50/p99/p99.9':>22}"
-    f" {'delay ms oldest/mean':>20} {'no answer':>9}"
+    f" {'delay ms oldest/mean':>20} {'no answer':>9} {'restarts a read/write':>21}"
 )
 
 
@@ -42,11 +42,13 @@ def _line(row: Row, tf2: Row | None) -> str:
     reads, writes = row.reads_per_s, row.links_written_per_s
     tf2_reads, tf2_writes = (tf2.reads_per_s, tf2.links_written_per_s) if tf2 else (None, None)
     delays = [f"{middle(delay) * 1000:,.3g}" for delay in (row.delay_oldest_s, row.delay_mean_s)]
+    restarts = [f"{middle(x):.2g}" for x in (row.restarts_per_read, row.restarts_per_write)]
     return (
         f"{row.side:<10} {row.read:<13} {spread(reads):>22} {to_tf2(reads, tf2_reads):>18}"
         f" {spread(writes) if row.writers else '':>22} {to_tf2(writes, tf2_writes):>20}"
         f" {percentiles(row.read_ns):>22} {percentiles(row.write_ns):>22}"
         f" {'/'.join(delays) if row.writers else '':>20} {middle(row.unanswered_share):>9.2%}"
+        f" {'' if row.side == 'tf2' else '/'.join(restarts):>21}"
     )
 
 

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "others.hpp"
+#include "restarts.hpp"
 
 namespace bench {
 
@@ -63,10 +64,13 @@ class Member {
       : store_(store), load_(load), clock_(clock), thread_(thread), random_(thread + 1) {}
 
   void run(const std::atomic<Phase>& phase) {
-    if (thread_ < load_.readers)
+    if (thread_ < load_.readers) {
       repeat(phase, turn_.read_ns, [this](std::uint64_t n) { read(n); });
-    else
+      turn_.read_restarts = ztf::restarts - restarts_;
+    } else {
       repeat(phase, turn_.write_ns, [this](std::uint64_t) { write(); });
+      turn_.write_restarts = ztf::restarts - restarts_;
+    }
   }
   [[nodiscard]] const Turn& turn() const { return turn_; }
 
@@ -83,6 +87,7 @@ class Member {
         const double warm_up_s = std::chrono::duration<double>(Clock::now() - start).count();
         if (warm_up_s > kSlowCall_s * static_cast<double>(n)) every = 1;
         turn_ = Turn();
+        restarts_ = ztf::restarts;
         seen = now;
       }
       if (n % every != 0) {
@@ -135,6 +140,7 @@ class Member {
   const PausedClock& clock_;
   const unsigned thread_;
   Random random_;
+  std::uint64_t restarts_ = 0;  // before the turn
   alignas(128) Turn turn_;
 };
 
@@ -143,6 +149,8 @@ void add(Turn& sum, const Turn& turn) {
   sum.writes += turn.writes;
   sum.links_written += turn.links_written;
   sum.unanswered += turn.unanswered;
+  sum.read_restarts += turn.read_restarts;
+  sum.write_restarts += turn.write_restarts;
   sum.read_ns.add(turn.read_ns);
   sum.write_ns.add(turn.write_ns);
   sum.oldest_s += turn.oldest_s;

@@ -113,6 +113,11 @@ void add_row(Json& json, const std::vector<Turn>& turns) {
   list("unanswered_share", [](const Turn& t) {
     return static_cast<double>(t.unanswered) / static_cast<double>(t.reads + t.unanswered);
   });
+  const auto per = [](std::uint64_t restarts, std::uint64_t calls) {
+    return calls == 0 ? 0.0 : static_cast<double>(restarts) / static_cast<double>(calls);
+  };
+  list("restarts_per_read", [&](const Turn& t) { return per(t.read_restarts, t.reads + t.unanswered); });
+  list("restarts_per_write", [&](const Turn& t) { return per(t.write_restarts, t.writes); });
   list("others_cores", [](const Turn& t) { return t.others_cores; });
   add_percentiles(json, "read_ns", turns, &Turn::read_ns);
   add_percentiles(json, "write_ns", turns, &Turn::write_ns);

@@ -25,6 +25,7 @@ ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
       Reader reader(frames_, guard, options_.max_depth, parents_changed_);
       if (reader.answer(query, answer)) [[likely]]
         return;
+      count_restart();
     }
   }
   lookup_guarded(query, answer);

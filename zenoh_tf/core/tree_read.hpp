@@ -4,6 +4,7 @@
 #pragma once
 
 #include "reader.hpp"
+#include "restarts.hpp"
 #include "tree.hpp"
 
 namespace ztf {
@@ -23,12 +24,14 @@ void Tree::read(ReadSet& reads, Body&& body) const {
       for (int i = 0; i < kOptimisticAttempts; ++i) {
         OptimisticGuard guard(frames_, reads);
         if (attempt(guard)) return;
+        count_restart();
       }
       SmallVector<FrameId, 64> wanted;
       for (const ReadVersion& read : reads) wanted.push_back(read.frame);
       for (;;) {
         LockingGuard guard(frames_, reads, wanted);
         if (attempt(guard)) return;
+        count_restart();
       }
     }
     case Concurrency::two_phase: {
@@ -38,6 +41,7 @@ void Tree::read(ReadSet& reads, Body&& body) const {
           SharedGuard guard(frames_, reads, i < kHeedWantedAttempts);
           if (attempt(guard)) return;
         }
+        count_restart();
         backoff.wait();
       }
     }

@@ -21,7 +21,10 @@ class Commit {
   void run() {
     // Version 0: the frame did not exist, and only who holds the topology can say that it still does not.
     for (const Version version : request_.read_versions) needs_topology_ |= version == 0;
-    while (!attempt()) needs_topology_ = true;
+    while (!attempt()) {
+      needs_topology_ = true;
+      count_restart();
+    }
   }
 
   // Once it is counted.

@@ -10,6 +10,7 @@
 #include <random>
 #include <thread>
 
+#include "restarts.hpp"
 #include "tree.hpp"
 
 namespace ztf {
@@ -66,6 +67,7 @@ class WriteLocks {
       while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
       if (attempt >= kPoliteAttempts)
         for (const FrameId id : ids) tree_.frames_[id].shared.want();
+      count_restart();
       pause(attempt);
     }
     for (const FrameId id : ids) shared_held_.push_back(id);

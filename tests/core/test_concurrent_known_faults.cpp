@@ -1,0 +1,146 @@
+// Faults of an earlier implementation of this idea (the report that bench/README.md names),
+// each as a test. Some stand elsewhere:
+// - a write that is refused in part is done in part: bad_rows_leave_nothing_behind
+// - two threads give one name two ids: one_name_one_id
+// - the last link is lost where the target is above the source: ancestors_descendants_and_cousins
+// - a loop is followed for ever: depth_ends_exactly_at_the_limit, a_cycle_at_a_past_time
+#include <algorithm>
+#include <random>
+
+#include "crowd.hpp"
+#include "fixture.hpp"
+
+using namespace ztf;
+
+namespace {
+
+std::string link(int i) { return "f" + std::to_string(i); }
+
+// f0 <- f1 <- ... <- f<links>, of one stamp and one value.
+std::vector<Set> chain(int links, Stamp stamp, double x) {
+  std::vector<Set> sets;
+  for (int i = 1; i <= links; ++i) sets.push_back({link(i - 1), link(i), stamp, at_x(x)});
+  return sets;
+}
+
+}  // namespace
+
+// Lookups of (a, b) and (b, a) take their locks in opposite orders, and find the common time first.
+TEST(crossed_lookups_do_not_block) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    constexpr int kLinks = 6;
+    CHECK_EQ(w.refusal(chain(kLinks, 1, 1)), Code::ok);
+    Crowd crowd;
+    crowd.background([&](const auto& stop) {
+      for (Stamp stamp = 2; !stop; ++stamp)
+        CHECK_EQ(w.refusal(chain(kLinks, stamp, static_cast<double>(stamp))), Code::ok);
+    });
+    for (int thread = 0; thread < 4; ++thread)
+      crowd.foreground([&, up = thread % 2 == 0] {
+        for (int i = 0; i < 2000; ++i) {
+          const Answer a = up ? w.ask(Op::common, "f0", link(kLinks)) : w.ask(Op::common, link(kLinks), "f0");
+          CHECK_EQ(a.failure.code, Code::ok);
+          CHECK_EQ(a.pose.x, (up ? kLinks : -kLinks) * static_cast<double>(a.stamp));
+        }
+      });
+    crowd.join();
+  });
+}
+
+// Locks are taken in one order whatever the rows' is, and a frame that is named twice once.
+TEST(rows_in_any_order_and_twice_do_not_block) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    constexpr int kLinks = 8, kCommits = 500;
+    CHECK_EQ(w.refusal(chain(kLinks, 0, 0)), Code::ok);
+    Crowd crowd;
+    for (unsigned thread = 0; thread < 3; ++thread)
+      crowd.foreground([&, thread] {
+        std::mt19937 random(thread);
+        for (int i = 1; i <= kCommits; ++i) {
+          std::vector<Set> sets = chain(kLinks, i, i);
+          for (const Set& again : chain(kLinks, i, i)) sets.push_back(again);
+          std::shuffle(sets.begin(), sets.end(), random);
+          CHECK_EQ(w.refusal(sets), Code::ok);
+        }
+      });
+    crowd.join();
+    for (int i = 1; i <= kLinks; ++i)
+      CHECK_EQ(w.tree.info(w.id(link(i))).version / VersionLock::kCommit, Version{3 * kCommits + 1});
+  });
+}
+
+// A lookup that starts over has nothing left of what it had summed up. The chain's length changes
+// from commit to commit, so that half a walk more would show.
+TEST(a_lookup_that_starts_over_starts_anew) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    constexpr int kLinks = 12;
+    CHECK_EQ(w.refusal(chain(kLinks, 1, 1)), Code::ok);
+    Crowd crowd;
+    crowd.background([&](const auto& stop) {
+      for (Stamp stamp = 2; !stop; ++stamp) {
+        std::vector<Set> sets = chain(kLinks, stamp, 1);
+        if (stamp % 2) sets[6].parent = "f0";
+        CHECK_EQ(w.refusal(sets), Code::ok);
+      }
+    });
+    for (const Op op : {Op::latest_xact, Op::common})
+      crowd.foreground([&, op] {
+        for (int i = 0; i < 3000; ++i) {
+          const Answer a = w.ask(op, "f0", link(kLinks));
+          CHECK_EQ(a.failure.code, Code::ok);
+          CHECK(a.pose.x == kLinks || a.pose.x == kLinks - 6);
+        }
+      });
+    crowd.join();
+  });
+}
+
+// Two frames move from one tree to another in one commit: they are always connected, and who says
+// that they are not has seen the one before and the other after it.
+TEST(no_error_is_made_of_two_states) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    CHECK_EQ(w.refusal({{"here", "a", 1}, {"here", "b", 1}}), Code::ok);
+    CHECK_EQ(w.refusal({{"there", "else", 1}}), Code::ok);
+    Crowd crowd;
+    crowd.background([&](const auto& stop) {
+      for (Stamp stamp = 2; !stop; ++stamp) {
+        const char* const parent = stamp % 2 ? "here" : "there";
+        CHECK_EQ(w.refusal({{parent, "a", stamp}, {parent, "b", stamp}}), Code::ok);
+      }
+    });
+    for (const Op op : {Op::latest_xact, Op::common, Op::latest})
+      crowd.foreground([&, op] {
+        for (int i = 0; i < 3000; ++i) CHECK_EQ(w.code(op, "a", "b"), Code::ok);
+      });
+    crowd.join();
+  });
+}
+
+// Who waits gives its processor away: many more threads than processors, and all get on.
+TEST(far_more_threads_than_processors_get_on) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    constexpr int kLinks = 16, kEach = 300;
+    CHECK_EQ(w.refusal(chain(kLinks, 0, 0)), Code::ok);
+    std::atomic<Stamp> stamp{1};
+    Crowd crowd;
+    for (int thread = 0; thread < 12; ++thread) {
+      crowd.foreground([&] {
+        for (int i = 0; i < kEach; ++i) {
+          const Stamp now = stamp.fetch_add(1);
+          CHECK_EQ(w.refusal(chain(kLinks, now, static_cast<double>(now))), Code::ok);
+        }
+      });
+      crowd.foreground([&] {
+        for (int i = 0; i < kEach; ++i)
+          CHECK_EQ(w.code(Op::latest_xact, "f0", link(kLinks)), Code::ok);
+      });
+    }
+    crowd.join();
+    CHECK_EQ(w.tree.info(w.id("f1")).version / VersionLock::kCommit, Version{12 * kEach + 1});
+  });
+}
