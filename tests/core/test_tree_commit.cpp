@@ -188,6 +188,28 @@ TEST(read_versions_must_still_stand) {
 }
 
 // Version 0 says that a frame did not exist. It does as soon as it is somebody's parent.
+// While no frame has led two ways, a chain that was found for one time is taken for others: so who
+// read anything before the first one does must not commit after it.
+TEST(the_first_frame_of_two_parents_changes_all) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    CHECK_EQ(w.refusal({{"r", "a", 1}, {"r", "b", 1}, {"r", "q", 1}, {"r", "fixed", 1}}), Code::ok);
+    Answer answer;
+    const auto reads = w.reads_of(w.query(Op::common, "r", "a"), answer);
+    CHECK_EQ(w.refusal({{"q", "fixed", 1}}, {.is_static = true}), Code::ok);  // has no history
+    CHECK_EQ(w.refusal({{"r", "c", 2}}, {.reads = reads}), Code::ok);
+    CHECK_EQ(w.refusal({{"q", "b", 2}}), Code::ok);
+    CHECK_EQ(w.refusal({{"r", "c", 3}}, {.reads = reads}), Code::conflict);
+    const auto again = w.reads_of(w.query(Op::common, "r", "a"), answer);
+    CHECK_EQ(w.refusal({{"q", "a", 2}, {"r", "b", 3}}), Code::ok);
+    CHECK_EQ(w.refusal({{"r", "a", 3}, {"r", "c", 3}}), Code::ok);
+    const auto later = w.reads_of(w.query(Op::common, "r", "b"), answer);
+    CHECK_EQ(w.refusal({{"r", "a", 4}}), Code::ok);
+    CHECK_EQ(w.refusal({{"r", "c", 4}}, {.reads = later}), Code::ok);  // and it is but the first
+    CHECK_EQ(w.refusal({{"r", "c", 5}}, {.reads = again}), Code::conflict);
+  });
+}
+
 TEST(a_name_that_was_unknown_must_still_be) {
   for_each_concurrency([](Concurrency c) {
     World w(c);

@@ -141,6 +141,7 @@ FAULTS = [
         """      for (int i = 0; i < kOptimisticAttempts; ++i) {
         OptimisticGuard guard(frames_, reads);
         if (attempt(guard)) return;
+        count_restart();
       }
       SmallVector<FrameId, 64> wanted;
 """,

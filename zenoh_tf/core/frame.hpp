@@ -71,7 +71,7 @@ static_assert(sizeof(Sample) == 64);
 // address with the capacity's logarithm in the bits that its alignment leaves
 // free. So a reader always has an address and a capacity that belong together,
 // and finds a sample without another load. Parents stand apart: mostly all are
-// the record's, and nobody writes or reads them.
+// the record's, and inserts and lookups leave them alone.
 class Ring {
  public:
   Ring() noexcept = default;  // none

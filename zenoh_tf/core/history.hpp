@@ -175,7 +175,8 @@ inline void prefetch_for_write(const Frame& frame) noexcept {
   ring.prefetch(first + 1);  // the oldest, once the first is pruned
 }
 
-// A little less than it is: a time that is a sample's is not taken for one before it.
+// A little less than it is: a time that is a sample's is not taken for one before it. Below 1,
+// for stamps differ; so what is computed from it fits, in a collision too.
 inline double mean_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcept {
   return count < 2 ? 0 : (count - 1 - 1e-9) / distance(oldest, newest);
 }

@@ -1,6 +1,8 @@
 // Four poses computed at once: of four links at one time, or of one link at four times.
 //
 // Thread safety: values; what is read of samples is as everything about them (frame.hpp).
+// Everything is inlined that takes or returns vectors by value: how they are passed depends on
+// the processor that a caller is compiled for (ZTF_CLONES).
 #pragma once
 
 #include "history.hpp"
@@ -15,13 +17,12 @@ ZTF_HOT Pose unpacked(const PoseQuad& p, std::size_t i) noexcept {
   return {p.x[i], p.y[i], p.z[i], p.qx[i], p.qy[i], p.qz[i], p.qw[i]};
 }
 
+ZTF_HOT NumberQuad swapped(NumberQuad v) noexcept { return NumberQuad{v[1], v[0], v[3], v[2]}; }
+
 // Lane 0: lane 1's pose after lane 0's; lane 2: lane 3's after lane 2's.
 ZTF_HOT PoseQuad product_of_pairs(const PoseQuad& p) noexcept {
-  const auto later = [](NumberQuad v) {
-    return __builtin_shuffle(v, BitsQuad{1, 0, 3, 2});
-  };
-  return PoseQuad{later(p.x),  later(p.y),  later(p.z), later(p.qx),
-                  later(p.qy), later(p.qz), later(p.qw)} *
+  return PoseQuad{swapped(p.x),  swapped(p.y),  swapped(p.z), swapped(p.qx),
+                  swapped(p.qy), swapped(p.qz), swapped(p.qw)} *
          p;
 }
 
@@ -50,8 +51,7 @@ ZTF_HOT NumberQuad shares(const Bracket& a, const Bracket& b, const Bracket& c,
   return span > zero ? passed / span : zero;
 }
 
-// Large angles: one after the other. Its caller may be compiled for a processor with wider
-// registers: vectors go by reference.
+// Large angles: one after the other.
 [[gnu::noinline]] inline PoseQuad interpolate_each(const Bracket* const (&rows)[4],
                                                    const NumberQuad& ratio) noexcept {
   Pose p[4];
@@ -87,11 +87,10 @@ ZTF_HOT PoseQuad interpolate(const Bracket& a, const Bracket& b, const Bracket& 
   NumberQuad wa, wb;
   detail::weights_if_close(rest, ratio, wa, wb);
   wb = with_sign(wb, sign);
-  const auto moved = [&](int i) {
-    const NumberQuad from = older[i];
-    return from + (newer[i] - from) * ratio;
-  };
-  return {moved(0),          moved(1),          moved(2),         wa * ax + wb * bx,
+  const NumberQuad x = older[0], x_way = newer[0] - x;
+  const NumberQuad y = older[1], y_way = newer[1] - y;
+  const NumberQuad z = older[2], z_way = newer[2] - z;
+  return {x + x_way * ratio, y + y_way * ratio, z + z_way * ratio, wa * ax + wb * bx,
           wa * ay + wb * by, wa * az + wb * bz, wa * aw + wb * bw};
 }
 

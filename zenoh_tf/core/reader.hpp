@@ -89,7 +89,7 @@ class Reader {
     a.failure.code = Code::ok;
     return between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
       if (is_only_way())
-        block.answer(chain, frames_);
+        block.answer(chain);
       else
         block.leave_out();
       return true;
@@ -115,11 +115,11 @@ class Reader {
     return static_cast<FrameId>(frame - frames_);
   }
 
-  // Whether the links of a chain, where they stand at another time too, are the way that is then
-  // found. Among past links there can be loops, and one that the chain is a part of has another way
-  // round, over what lies above the meeting point; not where all links have always led where the
-  // newest ones lead, which are a forest. At the instant of this load, that is: of the commits
-  // that change parents the answer then comes before the first (see guards.hpp).
+  // Whether a chain that was found for one time is the way for others, too. Among past links there
+  // can be loops, and one that the chain is a part of has another way round, over what lies above
+  // the meeting point. Not as long as all links have always led where the newest ones lead, which
+  // are a forest. The commit that ends this changes all frames, so what follows from it stands and
+  // falls with the frames of the chain.
   [[nodiscard]] bool is_only_way() const noexcept {
     return !parents_changed_.load(std::memory_order_seq_cst);
   }
@@ -157,6 +157,7 @@ class Reader {
     Chain chain;
     switch (walker(link_of).meet(from_source, from_target, chain)) {
       case Climbed::arrived:
+        if (!LinkOf::is_forest && !is_only_way()) return body(chain) && rest(from_source, from_target);
         return body(chain) && guard_.rest(chain.source.steps, chain.source.links) &&
                guard_.rest(chain.target.steps, chain.target.links);
       case Climbed::restart:
@@ -165,10 +166,15 @@ class Reader {
         break;
     }
     explain(from_target, from_source, stamp, a);
-    for (Way* way : {&from_source, &from_target}) {
+    return rest(from_source, from_target);
+  }
+
+  // On all of two ways: no link, or no meeting, or no other meeting.
+  bool rest(const Way& from_source, const Way& from_target) {
+    for (const Way* way : {&from_source, &from_target}) {
       if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
       const Step top{way->top, way->top_version, {}};
-      if (!guard_.rest(&top, 1)) return false;
+      if (way->end != Way::End::open && !guard_.rest(&top, 1)) return false;
     }
     return true;
   }
@@ -234,8 +240,8 @@ class Reader {
       a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
       // Mostly the links at that time are the newest ones.
       if (is_only_way() &&
-          (oldest == stamps.newest() || (go_back(chain.source, chain.meeting, a.stamp) &&
-                                         go_back(chain.target, chain.meeting, a.stamp)))) {
+          (oldest == stamps.newest() ||
+                            (go_back(chain.source, a.stamp) && go_back(chain.target, a.stamp)))) {
         join(chain, a.pose);
         return true;
       }
@@ -243,16 +249,13 @@ class Reader {
     });
   }
 
-  // Moves the steps of a newest way to a time; false where one of the links led
-  // elsewhere then, or has no sample.
-  bool go_back(const Side& side, const Frame* meeting, Stamp stamp) const noexcept {
+  // Moves the steps of a newest way to a time; false where one of the links has no sample. They
+  // lead the same way then (is_only_way()).
+  static bool go_back(const Side& side, Stamp stamp) noexcept {
     for (std::size_t i = 0; i < side.links; ++i) {
       Step& step = side.steps[i];
       if (step.bracket.time == stamp || step.bracket.time == kNoStamp) continue;
-      const Place place = place_at(*step.frame, stamp, step.bracket);
-      if (place.kind != Place::Kind::ok ||
-          frames_ + place.parent != side.frame_above(i + 1, meeting))
-        return false;
+      if (place_at(*step.frame, stamp, step.bracket).kind != Place::Kind::ok) return false;
     }
     return true;
   }

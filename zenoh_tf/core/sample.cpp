@@ -13,21 +13,18 @@ class Cursor {
         ring_(frame.ring.load(std::memory_order_acquire)),
         newest_(frame.latest.stamp.load(std::memory_order_acquire)) {}
 
-  // As place_at(); false where the link has no sample for the time, or led elsewhere.
-  ZTF_HOT bool move_to(Stamp stamp, FrameId parent, Bracket& found) noexcept {
+  // As place_at(); false where the link has no sample for the time.
+  ZTF_HOT bool move_to(Stamp stamp, Bracket& found) noexcept {
     if (slot_ == Place::kNewest || !ring_ || stamp >= newest_ || !walk_to(stamp)) {
       const Place place = place_at(frame_, stamp, found);
-      const bool served = place.kind == Place::Kind::ok && place.parent == parent;
+      const bool served = place.kind == Place::Kind::ok;
       slot_ = served ? place.slot : Place::kNewest;
       return served;
     }
     found.older = &ring_.sample(slot_);
     found.newer = &ring_.sample(slot_ + 1);
     found.time = stamp;
-    if (frame_.parent_changes.load(std::memory_order_acquire) == 0) [[likely]]
-      return true;
-    if (ring_.parent(slot_) != ring_.parent(slot_ + 1)) found.newer = found.older;
-    return ring_.parent(slot_) == parent;
+    return true;
   }
 
  private:
@@ -52,34 +49,30 @@ class Cursor {
 
 }  // namespace
 
-ZTF_CLONES void SampleBlock::follow(const Step& step, FrameId parent, bool is_first,
-                                    Column& poses) noexcept {
+ZTF_CLONES void SampleBlock::follow(const Step& step, bool is_first, Column& poses) noexcept {
   fault_point();
   Cursor cursor(*step.frame);
   for (std::size_t quad = 0; quad < quads(); ++quad) {
     Bracket rows[4];
     for (std::size_t i = 0; i < 4; ++i) {
       const std::size_t row = std::min(4 * quad + i, queries_.size() - 1);
-      left_out_[row] |= !cursor.move_to(queries_[row].stamp, parent, rows[i]);
+      left_out_[row] |= !cursor.move_to(queries_[row].stamp, rows[i]);
     }
     const PoseQuad pose = interpolate(rows[0], rows[1], rows[2], rows[3]);
     poses[quad] = is_first ? pose : pose * poses[quad];
   }
 }
 
-void SampleBlock::compose(const Side& side, const Frame* meeting, const Frame* frames,
-                          Column& poses) noexcept {
-  for (std::size_t i = 0; i < side.links; ++i)
-    follow(side.steps[i], static_cast<FrameId>(side.frame_above(i + 1, meeting) - frames), i == 0,
-           poses);
+void SampleBlock::compose(const Side& side, Column& poses) noexcept {
+  for (std::size_t i = 0; i < side.links; ++i) follow(side.steps[i], i == 0, poses);
 }
 
-ZTF_CLONES void SampleBlock::answer(const Chain& chain, const Frame* frames) noexcept {
-  const auto [source, target, meeting] = chain;
+ZTF_CLONES void SampleBlock::answer(const Chain& chain) noexcept {
+  const auto& [source, target, meeting] = chain;
   left_out_.fill(false);
   Column poses, from_target;
-  compose(source, meeting, frames, poses);
-  compose(target, meeting, frames, from_target);
+  compose(source, poses);
+  compose(target, from_target);
   if (target.links != 0)
     for (std::size_t i = 0; i < quads(); ++i)
       poses[i] = source.links == 0 ? inverse(from_target[i]) : inverse(from_target[i]) * poses[i];

@@ -3,8 +3,9 @@
 // The chain between the two is found once, for the block's first time. Each of
 // its links is then followed through all times with a cursor into its history,
 // which for sorted times is a few steps instead of a search, and the poses of
-// four times are computed at once. A time at which a link led elsewhere, or has
-// no sample, is left to an ordinary lookup, which says why.
+// four times are computed at once. That holds while no link has ever led elsewhere
+// (Reader::is_only_way()). A time at which a link has no sample is left to an
+// ordinary lookup, which says why; so are all, where links have led elsewhere.
 //
 // Thread safety: a block lives on one thread's stack. What answer() gives is
 // good only once the guard says so (guards.hpp).
@@ -30,7 +31,7 @@ class SampleBlock {
   [[nodiscard]] Answer& first_answer() const noexcept { return answers_[0]; }
 
   // Answers the rows that the chain serves,
-  void answer(const Chain& chain, const Frame* frames) noexcept;
+  void answer(const Chain& chain) noexcept;
   // or none.
   void leave_out() noexcept { left_out_.fill(true); }
   [[nodiscard]] bool left_out(std::size_t row) const noexcept { return left_out_[row]; }
@@ -39,8 +40,8 @@ class SampleBlock {
   using Column = std::array<PoseQuad, kRows / 4>;
 
   [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
-  void follow(const Step& step, FrameId parent, bool is_first, Column& poses) noexcept;
-  void compose(const Side& side, const Frame* meeting, const Frame* frames, Column& poses) noexcept;
+  void follow(const Step& step, bool is_first, Column& poses) noexcept;
+  void compose(const Side& side, Column& poses) noexcept;
 
   const std::span<const Query> queries_;
   const std::span<Answer> answers_;

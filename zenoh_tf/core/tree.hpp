@@ -152,13 +152,13 @@ class Tree {
   Frame* const frames_;
   const ZeroedArray<FrameEvents> events_;
   const ZeroedArray<AuthorityCounters> authority_counters_;
+  std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever
   NameTable names_;
   NameTable authorities_;
   mutable std::mutex giant_;
   std::mutex topology_;
   CommitCount count_;
   std::atomic<std::uint64_t> time_jumps_{0};
-  std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever
   mutable WaitingRoom room_{*this};
 };
 

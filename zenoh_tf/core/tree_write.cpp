@@ -59,7 +59,12 @@ class Commit {
     std::unique_lock topology(tree_.topology_, std::defer_lock);
     if (needs_topology_) topology.lock();
     if (!names_.start(needs_topology_)) return false;
-    if (time_jumped_) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
+    // Where time was set back, all samples go in this same commit. And the first that gives a frame
+    // a second parent is a change of all frames: who relied on that there was none finds its frames
+    // changed (Reader::is_only_way()).
+    const bool jumped = time_jumped_, first_of_two_parents = first_of_two_parents_;
+    const bool locks_all = jumped || first_of_two_parents;
+    if (locks_all) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
       write.child = names_.resolve(row.child);  // tf2 numbers the child before the parent
@@ -72,19 +77,17 @@ class Commit {
     }
     sort_and_group();
 
-    // Where time was set back, all samples go in this same commit.
-    const bool locks_all = time_jumped_;
     SmallVector<FrameId, 16> all;
     if (locks_all) add_all_frames(all);
     WriteLocks locks(tree_, locks_all ? all : children_);
-    clears_ = locks_all && time_is_back();
+    clears_ = jumped && time_is_back();
     if (children_.size() > 1)
       for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     bool topology_changes = names_.any_new();
     for (Group& group : groups_) {
       topology_changes |= check_group(group);
-      if (time_jumped_ && !locks_all) return false;
+      if (jumped != time_jumped_ || first_of_two_parents != first_of_two_parents_) return false;
     }
     if (topology_changes) {
       if (!needs_topology_) return false;
@@ -105,8 +108,10 @@ class Commit {
     std::size_t group = 0;  // both ascend
     for (const FrameId id : all) {
       const bool written = group < children_.size() && children_[group] == id && changed_[group++];
-      all_changed.push_back(written || std::binary_search(dropped_.begin(), dropped_.end(), id));
+      all_changed.push_back(written || first_of_two_parents ||
+                            std::binary_search(dropped_.begin(), dropped_.end(), id));
     }
+    if (first_of_two_parents) tree_.parents_changed_.store(true);
     locks.release(locks_all ? all_changed : changed_);
     count_authority();
     return true;
@@ -197,7 +202,7 @@ class Commit {
     // Rows come by stamp, so what a full frame has no room for comes first.
     const bool is_full = has_newest && frame.count.load(relaxed) == tree_.options_.max_samples_per_frame;
     const Stamp oldest = oldest_stamp(frame);
-    bool moves = false;
+    bool moves = false, has_two_parents = false;
     for (std::uint32_t i = group.begin; i < group.end; ++i) {
       const Write& write = writes_[i];
       const bool old = !request_.is_static && has_newest &&
@@ -219,12 +224,14 @@ class Commit {
       // the other, nobody else may follow the newest parents. And also in the past:
       // only under the topology mutex is it sure that the parent is not removed.
       moves |= write.parent != before;
+      if (!request_.is_static && has_newest && write.parent != parent) has_two_parents = true;
       if (!has_newest || request_.is_static || write.stamp >= newest) {
         newest = write.stamp;
         parent = write.parent;
         has_newest = true;
       }
     }
+    if (has_two_parents && !tree_.parents_changed_.load()) first_of_two_parents_ = true;
     group.new_parent = parent == before ? 0 : parent;
     return moves;
   }
@@ -300,9 +307,6 @@ class Commit {
       }
     }
     if (tally_.stored == stored_before) return false;
-    // Before the frame is unlocked, and so before anybody's answer can rest on it.
-    if (frame.parent_changes.load(relaxed) != 0) [[unlikely]]
-      tree_.parents_changed_.store(true);
     if (group.new_parent != 0)
       tree_.frames_[group.new_parent].is_parent.store(true, relaxed);
     if (frame.authority.load(relaxed) != names_.authority() || group.new_parent != 0 ||
@@ -360,6 +364,7 @@ class Commit {
   bool needs_topology_ = false;
   bool time_jumped_ = false;  // a row is too old, and that means that time was set back
   bool clears_ = false;       // this attempt drops all samples first
+  bool first_of_two_parents_ = false;  // no frame has ever had samples of two parents; one will
   std::size_t conflict_ = 0;
   SmallVector<Write, 16> writes_;
   SmallVector<Group, 16> groups_;

@@ -27,6 +27,7 @@ struct Newest {
 
 // How a way goes up from a frame: by its newest link,
 struct NewestLink {
+  static constexpr bool is_forest = true;
   ZTF_HOT Place operator()(const Frame& frame, Bracket& bracket) const noexcept {
     const Newest newest(frame);
     return at_newest(frame, newest.parent == 0 ? Place::Kind::root : Place::Kind::ok,
@@ -36,6 +37,7 @@ struct NewestLink {
 
 // or by that of a time.
 struct LinkAt {
+  static constexpr bool is_forest = false;  // in the past there can be loops
   Stamp at;
   ZTF_HOT Place operator()(const Frame& frame, Bracket& bracket) const noexcept {
     return place_at(frame, at, bracket);
