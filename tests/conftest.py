@@ -18,7 +18,7 @@ from zenoh_tf_client import TransformClient
 
 START_TIMEOUT_S = 20.0
 
-# Whoever starts the tests in the background may have them ignore Ctrl-C, and so all that they start.
+# Who starts the tests in the background may have them ignore Ctrl-C, and so all that they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
