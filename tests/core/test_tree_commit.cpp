@@ -187,7 +187,6 @@ TEST(read_versions_must_still_stand) {
   });
 }
 
-// Version 0 says that a frame did not exist. It does as soon as it is somebody's parent.
 // While no frame has led two ways, a chain that was found for one time is taken for others: so who
 // read anything before the first one does must not commit after it.
 TEST(the_first_frame_of_two_parents_changes_all) {
@@ -197,6 +196,9 @@ TEST(the_first_frame_of_two_parents_changes_all) {
     Answer answer;
     const auto reads = w.reads_of(w.query(Op::common, "r", "a"), answer);
     CHECK_EQ(w.refusal({{"q", "fixed", 1}}, {.is_static = true}), Code::ok);  // has no history
+    w.set("r", "grasped", 1);
+    w.set("q", "grasped", 1 + Stamp{20'000'000'000});  // what was before is too old by then
+    CHECK_EQ(w.refusal({{"r", "q", 2}, {"q", "r", 2}, {"q", "b", 2}}), Code::invalid_argument);
     CHECK_EQ(w.refusal({{"r", "c", 2}}, {.reads = reads}), Code::ok);
     CHECK_EQ(w.refusal({{"q", "b", 2}}), Code::ok);
     CHECK_EQ(w.refusal({{"r", "c", 3}}, {.reads = reads}), Code::conflict);
@@ -210,6 +212,7 @@ TEST(the_first_frame_of_two_parents_changes_all) {
   });
 }
 
+// Version 0 says that a frame did not exist. It does as soon as it is somebody's parent.
 TEST(a_name_that_was_unknown_must_still_be) {
   for_each_concurrency([](Concurrency c) {
     World w(c);

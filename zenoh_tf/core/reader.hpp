@@ -157,7 +157,8 @@ class Reader {
     Chain chain;
     switch (walker(link_of).meet(from_source, from_target, chain)) {
       case Climbed::arrived:
-        if (!LinkOf::is_forest && !is_only_way()) return body(chain) && rest(from_source, from_target);
+        if (!LinkOf::is_forest && !is_only_way())
+          return body(chain) && rest(from_source, from_target);
         return body(chain) && guard_.rest(chain.source.steps, chain.source.links) &&
                guard_.rest(chain.target.steps, chain.target.links);
       case Climbed::restart:
@@ -241,7 +242,7 @@ class Reader {
       // Mostly the links at that time are the newest ones.
       if (is_only_way() &&
           (oldest == stamps.newest() ||
-                            (go_back(chain.source, a.stamp) && go_back(chain.target, a.stamp)))) {
+           (go_back(chain.source, a.stamp) && go_back(chain.target, a.stamp)))) {
         join(chain, a.pose);
         return true;
       }

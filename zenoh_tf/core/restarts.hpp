@@ -1,7 +1,7 @@
 // How often a call has started over, for builds that measure it.
 //
-// With ZTF_COUNT_RESTARTS every thread counts the attempts of its reads and commits that were in
-// vain. Empty otherwise.
+// With ZTF_COUNT_RESTARTS every thread counts the attempts of its lookups and commits that were in
+// vain, but not of blocks of samples. Empty otherwise.
 #pragma once
 
 #ifdef ZTF_COUNT_RESTARTS

@@ -3,9 +3,9 @@
 // The chain between the two is found once, for the block's first time. Each of
 // its links is then followed through all times with a cursor into its history,
 // which for sorted times is a few steps instead of a search, and the poses of
-// four times are computed at once. That holds while no link has ever led elsewhere
-// (Reader::is_only_way()). A time at which a link has no sample is left to an
-// ordinary lookup, which says why; so are all, where links have led elsewhere.
+// four times are computed at once. That holds while no frame has had samples of two
+// parents (Reader::is_only_way()); from then on all times are left to ordinary
+// lookups. So is a time at which a link has no sample, which a lookup explains.
 //
 // Thread safety: a block lives on one thread's stack. What answer() gives is
 // good only once the guard says so (guards.hpp).

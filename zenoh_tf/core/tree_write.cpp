@@ -54,16 +54,17 @@ class Commit {
     WaitingRoom::Change change = WaitingRoom::Change::appended;
   };
 
-  // False: the topology or the names change: again, with the topology mutex held.
+  // False: again, with the topology mutex held, for the topology or the names change; and with all
+  // frames locked, where time was set back, or a frame will be the first of two parents.
   bool attempt() {
     std::unique_lock topology(tree_.topology_, std::defer_lock);
     if (needs_topology_) topology.lock();
     if (!names_.start(needs_topology_)) return false;
-    // Where time was set back, all samples go in this same commit. And the first that gives a frame
-    // a second parent is a change of all frames: who relied on that there was none finds its frames
-    // changed (Reader::is_only_way()).
-    const bool jumped = time_jumped_, first_of_two_parents = first_of_two_parents_;
-    const bool locks_all = jumped || first_of_two_parents;
+    // Where time was set back, all samples go in this same commit. And the first that leaves a frame
+    // with samples of two parents is a change of all frames: who relied on that there was none
+    // finds its frames changed (Reader::is_only_way()).
+    const bool jumped = time_jumped_, locks_all = jumped || first_of_two_parents_;
+    first_of_two_parents_ = false;  // check_group() decides again
     if (locks_all) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
@@ -87,12 +88,13 @@ class Commit {
     bool topology_changes = names_.any_new();
     for (Group& group : groups_) {
       topology_changes |= check_group(group);
-      if (jumped != time_jumped_ || first_of_two_parents != first_of_two_parents_) return false;
+      if (jumped != time_jumped_) return false;
     }
     if (topology_changes) {
       if (!needs_topology_) return false;
       check_cycles();
     }
+    if (first_of_two_parents_ && !locks_all) return false;
     names_.reserve();
     (void)changed_.reserve(groups_.size());
     SmallVector<bool, 16> all_changed;
@@ -108,10 +110,10 @@ class Commit {
     std::size_t group = 0;  // both ascend
     for (const FrameId id : all) {
       const bool written = group < children_.size() && children_[group] == id && changed_[group++];
-      all_changed.push_back(written || first_of_two_parents ||
+      all_changed.push_back(written || first_of_two_parents_ ||
                             std::binary_search(dropped_.begin(), dropped_.end(), id));
     }
-    if (first_of_two_parents) tree_.parents_changed_.store(true);
+    if (first_of_two_parents_) tree_.parents_changed_.store(true);
     locks.release(locks_all ? all_changed : changed_);
     count_authority();
     return true;
@@ -224,7 +226,9 @@ class Commit {
       // the other, nobody else may follow the newest parents. And also in the past:
       // only under the topology mutex is it sure that the parent is not removed.
       moves |= write.parent != before;
-      if (!request_.is_static && has_newest && write.parent != parent) has_two_parents = true;
+      // But for a newest one so old that this row prunes it, and with it all that came before.
+      has_two_parents |= !request_.is_static && has_newest && write.parent != parent &&
+                         !too_old(newest, write.stamp, tree_.options_.cache_ns);
       if (!has_newest || request_.is_static || write.stamp >= newest) {
         newest = write.stamp;
         parent = write.parent;
