@@ -53,22 +53,23 @@ FAULTS = [
         "write locks are released before the last write",
         ("optimistic", "2pl"),
         "tree_write.cpp",
-        """    for (Group& group : groups_) changed_.push_back(apply(group));
-    std::size_t group = 0;  // both ascend
-""",
-        """    for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
-    for (std::size_t i = 0; i < groups_.size(); ++i) changed_.push_back(true);
+        """    write();
     locks.release(changed_);
+""",
+        """    names_.publish(children_);
+    for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
+    locks.release(children_);
     (void)apply(groups_.back());
-    std::size_t group = 0;
+    count_authority();
 """,
     ),
     Fault(
         "shared words are released before writing",
         ("2pl",),
         "write_locks.hpp",
-        "for (const FrameId id : ids) shared_held_.push_back(id);",
-        "for (const FrameId id : ids) tree_.frames_[id].shared.unlock();",
+        "      pause(attempt);\n    }\n",
+        "      pause(attempt);\n    }\n"
+        "    for (const FrameId id : ids) tree_.frames_[id].shared.unlock();\n",
     ),
     Fault(
         "a reader drops its shared locks early",
@@ -105,9 +106,8 @@ FAULTS = [
         "the last row of a commit is lost",
         EVERYWHERE,
         "tree_write.cpp",
-        "for (Group& group : groups_) changed_.push_back(apply(group));",
-        "for (Group& group : groups_)\n"
-        "  changed_.push_back((&group != &groups_.back() || groups_.size() != 3) && apply(group));",
+        "if (apply(group)) ",
+        "if ((&group != &groups_.back() || groups_.size() != 3) && apply(group)) ",
     ),
     Fault(
         "what was read is not checked at the commit",
@@ -127,11 +127,10 @@ FAULTS = [
         "what was read is checked before the locks are held",
         EVERYWHERE[:2],
         "tree_write.cpp",
-        "    WriteLocks locks(tree_, locks_all ? all : children_);\n",
-        """    const SmallVector<FrameId, 16> none;
-    if (!check_read_set(WriteLocks(tree_, none))) refuse_conflict({});
-    const auto check_read_set = [](const WriteLocks&) { return true; };
-    WriteLocks locks(tree_, locks_all ? all : children_);
+        "    WriteLocks locks(tree_, children_);\n",
+        """    if (!check_read_set(WriteLocks(tree_, FrameList()))) refuse_conflict({});
+    const_cast<CommitRequest&>(request_).read_names = {};
+    WriteLocks locks(tree_, children_);
 """,
     ),
     Fault(

@@ -104,9 +104,10 @@ bool equal(const StampedTransform& a, const StampedTransform& b) {
 
 }  // namespace
 
+// Pooled: lookups make such values all the time, and most are soon dropped.
 void bind_values(nb::module_& m) {
   nb::class_<Pose> transform(
-      m, "Transform",
+      m, "Transform", nb::pooled(),
       "A rigid transform: rotation, then translation. As `X_parent_child` it is the\n"
       "pose of child in parent and maps coordinates in child to coordinates in parent.\n"
       "Immutable. Metres; quaternions (x, y, z, w), expected to be of unit length:\n"
@@ -155,7 +156,7 @@ void bind_values(nb::module_& m) {
       });
   bind_apply(transform);
 
-  nb::class_<StampedTransform>(m, "StampedTransform",
+  nb::class_<StampedTransform>(m, "StampedTransform", nb::pooled(),
                                "The pose of `child_frame` in `parent_frame` at `stamp_ns`. Immutable.")
       .def("__init__",
            [](StampedTransform* self, nb::handle parent, nb::handle child, nb::handle stamp,
@@ -184,7 +185,7 @@ void bind_values(nb::module_& m) {
       });
 
   nb::class_<LatestTransform, StampedTransform>(
-      m, "LatestTransform",
+      m, "LatestTransform", nb::pooled(),
       "Of the newest of every link: `stamp_ns` is the oldest stamp used, `newest_stamp_ns` the\n"
       "newest. Static links do not count; where all are static, both are 0.")
       .def("__init__",

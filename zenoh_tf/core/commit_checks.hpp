@@ -68,8 +68,10 @@ inline void check_authority(const CommitRequest& request, const Options& options
   check_length(request.authority.size(), "authority", options);
 }
 
-// The row's pose with its rotation normalised.
-inline Pose check_row(const CommitRequest& request, std::uint32_t i, const Options& options) {
+// Gives the row's pose with its rotation normalised, in place: who copies what was stored in parts
+// just before, waits.
+inline void check_row(const CommitRequest& request, std::uint32_t i, const Options& options,
+                      Pose& pose) {
   const Row& row = request.rows[i];
   const auto check_name = [&](std::uint32_t index, const char* field) {
     const std::string_view name = stripped(request.names[index]);
@@ -86,18 +88,15 @@ inline Pose check_row(const CommitRequest& request, std::uint32_t i, const Optio
   for (int k = 0; k < 7; ++k)
     if (!std::isfinite(values[k]))
       refuse(request, row, k < 3 ? "translation" : "rotation", "a value is not finite");
-  Pose pose = row.pose;
-  const double norm2 =
-      pose.qx * pose.qx + pose.qy * pose.qy + pose.qz * pose.qz + pose.qw * pose.qw;
+  const double norm2 = row.pose.qx * row.pose.qx + row.pose.qy * row.pose.qy +
+                       row.pose.qz * row.pose.qz + row.pose.qw * row.pose.qw;
   if (!(std::abs(norm2 - 1.0) < 1e-2))
     refuse(request, row, "rotation",
            "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
   const double scale = 1.0 / std::sqrt(norm2);
-  pose.qx *= scale;
-  pose.qy *= scale;
-  pose.qz *= scale;
-  pose.qw *= scale;
-  return pose;
+  pose.x = row.pose.x, pose.y = row.pose.y, pose.z = row.pose.z;
+  pose.qx = row.pose.qx * scale, pose.qy = row.pose.qy * scale;
+  pose.qz = row.pose.qz * scale, pose.qw = row.pose.qw * scale;
 }
 
 }  // namespace ztf

@@ -62,7 +62,7 @@ class CommitNames {
 
   // A frame that exists has a version other than 0, be it but a parent; the written ones get theirs
   // where they are unlocked. One that comes back has it already.
-  void publish(const SmallVector<FrameId, 16>& written) noexcept {
+  void publish(const FrameList& written) noexcept {
     if (new_authority_) tree_.authorities_.insert(request_.authority);
     if (!new_) return;
     for (const auto& [id, name] : new_->in_order) {

@@ -30,6 +30,7 @@ struct ReadVersion {
   Version version;
 };
 using ReadSet = SmallVector<ReadVersion, 64>;
+using FrameList = SmallVector<FrameId, 16>;
 
 // For a transaction of one walk: checked as soon as it is over. Where a walk
 // decides that another is needed, it is checked after that one, so that the

@@ -4,9 +4,9 @@
 // hide() and show() from one thread at a time (the tree's topology mutex).
 // Invariants
 // 1. Ids count up from 1 without gaps; 0 means "no such name".
-// 2. A slot, once filled, never changes, but a name may be hidden and shown again; a smaller table that a reader may
-//    still probe is kept until the end. Tables double, so all that is kept is
-//    less than twice the last one.
+// 2. A slot, once filled, never changes, but a name may be hidden and shown
+//    again; a smaller table that a reader may still probe is kept until the
+//    end. Tables double, so all that is kept is less than twice the last one.
 // 3. insert() fills names_[id] before it publishes the slot with release order.
 #pragma once
 
@@ -14,12 +14,12 @@
 #include <atomic>
 #include <cstdint>
 #include <cstring>
-#include <functional>
 #include <memory>
 #include <span>
 #include <string_view>
 #include <vector>
 
+#include "name_hash.hpp"
 #include "zeroed.hpp"
 
 namespace ztf {
@@ -42,7 +42,7 @@ class NameTable {
     return hidden(id) ? 0 : id;
   }
   [[nodiscard]] Id find_any(std::string_view name) const noexcept {
-    const std::uint64_t hash = hash_of(name);
+    const std::uint64_t hash = hash_(name);
     const Table& table = *table_.load(std::memory_order_acquire);
     for (std::size_t i = hash & table.mask;; i = (i + 1) & table.mask) {
       const std::uint64_t slot = table.slots[i].load(std::memory_order_acquire);
@@ -65,7 +65,7 @@ class NameTable {
       const std::atomic<std::uint64_t>* slots[kTogether];
       const Entry* entries[kTogether];
       for (std::size_t i = 0; i < n; ++i) {
-        slots[i] = &table.slots[hash_of(names[i]) & table.mask];
+        slots[i] = &table.slots[hash_(names[i]) & table.mask];
         __builtin_prefetch(slots[i]);
       }
       for (std::size_t i = 0; i < n; ++i) {
@@ -106,7 +106,7 @@ class NameTable {
     const Id id = size() + 1;
     names_[id].text = copy(name);
     names_[id].length = static_cast<std::uint32_t>(name.size());
-    place(*tables_.back(), hash_of(name), id);
+    place(*tables_.back(), hash_(name), id);
     size_.store(id, std::memory_order_release);
     return id;
   }
@@ -126,9 +126,6 @@ class NameTable {
     ZeroedArray<std::atomic<std::uint64_t>> slots;
   };
 
-  static std::uint64_t hash_of(std::string_view name) noexcept {
-    return std::hash<std::string_view>{}(name);
-  }
   static void place(Table& table, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash & table.mask;
     while (table.slots[i].load(std::memory_order_relaxed) != 0) i = (i + 1) & table.mask;
@@ -136,7 +133,7 @@ class NameTable {
   }
   void grow() {
     auto bigger = std::make_unique<Table>((tables_.back()->mask + 1) * 2);
-    for (Id id = 1; id <= size(); ++id) place(*bigger, hash_of(name(id)), id);
+    for (Id id = 1; id <= size(); ++id) place(*bigger, hash_(name(id)), id);
     tables_.push_back(std::move(bigger));
     table_.store(tables_.back().get(), std::memory_order_release);
   }
@@ -148,6 +145,7 @@ class NameTable {
     return text;
   }
 
+  const NameHash hash_;
   const std::uint32_t max_names_;
   const ZeroedArray<Entry> names_;
   std::atomic<std::uint32_t> size_{0};

@@ -5,8 +5,10 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
-#include <memory>
+#include <limits>
+#include <new>
 #include <type_traits>
 
 namespace ztf {
@@ -20,6 +22,8 @@ class SmallVector {
   SmallVector(const SmallVector&) = delete;
   SmallVector& operator=(const SmallVector&) = delete;
 
+  ~SmallVector() { release(); }
+
   void push_back(const T& value) {
     const T copy = value;  // `value` may live in the storage that grow() frees
     *append(1) = copy;
@@ -28,40 +32,46 @@ class SmallVector {
   [[nodiscard]] T* reserve(std::size_t extra) {
     while (size_ + extra > capacity_) [[unlikely]]
       grow();
-    return begin();
+    return begin_;
   }
   // Adds `n` values, to be written through the result.
   [[nodiscard]] T* append(std::size_t n) {
     T* const first = reserve(n) + size_;
-    size_ += n;
+    size_ += static_cast<std::uint32_t>(n);
     return first;
   }
-  void set_size(std::size_t size) noexcept { size_ = size; }
+  void set_size(std::size_t size) noexcept { size_ = static_cast<std::uint32_t>(size); }
   void clear() noexcept { size_ = 0; }
 
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
-  [[nodiscard]] T* begin() noexcept { return heap_ ? heap_.get() : reinterpret_cast<T*>(inline_); }
-  [[nodiscard]] const T* begin() const noexcept {
-    return heap_ ? heap_.get() : reinterpret_cast<const T*>(inline_);
-  }
-  [[nodiscard]] T* end() noexcept { return begin() + size_; }
-  [[nodiscard]] const T* end() const noexcept { return begin() + size_; }
-  [[nodiscard]] T& operator[](std::size_t i) noexcept { return begin()[i]; }
-  [[nodiscard]] const T& operator[](std::size_t i) const noexcept { return begin()[i]; }
-  [[nodiscard]] T& back() noexcept { return begin()[size_ - 1]; }
+  [[nodiscard]] T* begin() noexcept { return begin_; }
+  [[nodiscard]] const T* begin() const noexcept { return begin_; }
+  [[nodiscard]] T* end() noexcept { return begin_ + size_; }
+  [[nodiscard]] const T* end() const noexcept { return begin_ + size_; }
+  [[nodiscard]] T& operator[](std::size_t i) noexcept { return begin_[i]; }
+  [[nodiscard]] const T& operator[](std::size_t i) const noexcept { return begin_[i]; }
+  [[nodiscard]] T& back() noexcept { return begin_[size_ - 1]; }
 
  private:
   [[gnu::noinline]] void grow() {
-    const std::size_t capacity = capacity_ * 2;
-    std::unique_ptr<T[]> bigger(new T[capacity]);
-    std::memcpy(static_cast<void*>(bigger.get()), begin(), size_ * sizeof(T));
-    heap_ = std::move(bigger);
-    capacity_ = capacity;
+    if (capacity_ > kMost / 2) throw std::bad_alloc();
+    T* const bigger = new T[std::size_t{capacity_} * 2];
+    std::memcpy(static_cast<void*>(bigger), begin_, size_ * sizeof(T));
+    release();
+    begin_ = bigger;
+    capacity_ *= 2;
+  }
+  void release() noexcept {
+    if (begin_ != reinterpret_cast<T*>(inline_)) [[unlikely]]
+      delete[] begin_;
   }
 
-  std::size_t size_ = 0;
-  std::size_t capacity_ = N;
-  std::unique_ptr<T[]> heap_;
+  static constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
+
+  // Two words to begin with: lookups and commits have several of these.
+  T* begin_ = reinterpret_cast<T*>(inline_);
+  std::uint32_t size_ = 0;
+  std::uint32_t capacity_ = N;
   alignas(T) std::byte inline_[N * sizeof(T)];  // left alone until it is used
 };
 

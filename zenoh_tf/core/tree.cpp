@@ -20,34 +20,41 @@ Tree::~Tree() {
   for (FrameId id = 1; id <= names_.size(); ++id) frames_[id].~Frame();
 }
 
-void Tree::wake_changed(const SmallVector<FrameId, 16>& frames,
-                        const SmallVector<bool, 16>& changed) {
-  count_.add();
-  for (std::size_t i = 0; room_.size() != 0 && i < frames.size(); ++i)
-    if (changed[i] && frames_[frames[i]].waiters.load(std::memory_order_seq_cst) != 0)
-      room_.changed(frames[i], WaitingRoom::Change::other);
+void Tree::list_frames(FrameList& all) const {
+  for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
+}
+
+void Tree::drop_samples(const FrameList& frames, bool keep_static,
+                        FrameList& dropped) noexcept {
+  for (const FrameId id : frames) {
+    Frame& frame = frames_[id];
+    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
+    if (!has_data || (keep_static && frame.is_static.load(std::memory_order_relaxed))) continue;
+    forget(frame);
+    dropped.push_back(id);
+  }
+}
+
+void Tree::wake_waiters_of(const FrameList& changed) const {
+  if (room_.size() == 0) return;
+  for (const FrameId frame : changed)
+    if (is_waited_for(frame)) room_.changed(frame, WaitingRoom::Change::other);
 }
 
 void Tree::clear(bool keep_static) {
   std::unique_lock giant(giant_, std::defer_lock);
   if (options_.concurrency == Concurrency::giant) giant.lock();
-  SmallVector<FrameId, 16> all;
-  SmallVector<bool, 16> changed;
+  FrameList all, dropped;
   {
     const std::lock_guard topology(topology_);
-    for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
-    (void)changed.reserve(all.size());  // halfway nothing may fail
+    list_frames(all);
+    (void)dropped.reserve(all.size());  // halfway nothing may fail
     WriteLocks locks(*this, all);
-    for (const FrameId id : all) {
-      Frame& frame = frames_[id];
-      const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
-      const bool drop = has_data && !(keep_static && frame.is_static.load(std::memory_order_relaxed));
-      if (drop) forget(frame);
-      changed.push_back(drop);
-    }
-    locks.release(changed);
+    drop_samples(all, keep_static, dropped);
+    locks.release(dropped);
   }
-  wake_changed(all, changed);
+  count_.add();
+  wake_waiters_of(dropped);
 }
 
 void Tree::remove_frame(std::string_view name, bool subtree) {
@@ -56,8 +63,7 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
   const auto quoted = [](std::string_view text) {
     return std::string("'").append(text).append("'");
   };
-  SmallVector<FrameId, 16> gone;
-  SmallVector<bool, 16> changed;
+  FrameList gone;
   {
     const std::lock_guard topology(topology_);  // the newest parents stand still
     const FrameId id = names_.find(name);
@@ -90,17 +96,16 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
       }
     }
     std::sort(gone.begin(), gone.end());
-    (void)changed.reserve(gone.size());
     WriteLocks locks(*this, gone);
     for (const FrameId frame : gone) {
       forget(frames_[frame]);
       frames_[frame].authority.store(0, std::memory_order_release);
       names_.hide(frame);
-      changed.push_back(true);
     }
-    locks.release(changed);
+    locks.release(gone);
   }
-  wake_changed(gone, changed);
+  count_.add();
+  wake_waiters_of(gone);
 }
 
 }  // namespace ztf

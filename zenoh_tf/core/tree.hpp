@@ -145,7 +145,15 @@ class Tree {
   std::size_t sample(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
-  void wake_changed(const SmallVector<FrameId, 16>& frames, const SmallVector<bool, 16>& changed);
+  void list_frames(FrameList& all) const;
+  // For who holds all these frames; those that had samples are added to `dropped`, which has room.
+  void drop_samples(const FrameList& frames, bool keep_static,
+                    FrameList& dropped) noexcept;
+  // Once the commit that changed them is counted.
+  [[nodiscard]] bool is_waited_for(FrameId frame) const noexcept {
+    return frames_[frame].waiters.load(std::memory_order_seq_cst) != 0;
+  }
+  void wake_waiters_of(const FrameList& changed) const;
 
   const Options options_;
   const ZeroedArray<Frame> frame_array_;

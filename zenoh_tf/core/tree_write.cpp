@@ -13,8 +13,11 @@ class Commit {
   Commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
       : tree_(tree), request_(request), stored_(stored), names_(tree, request) {
     Write* const writes = writes_.append(request.rows.size());
-    for (std::uint32_t i = 0; i < request.rows.size(); ++i)
-      writes[i] = {0, 0, i, request.rows[i].stamp, check_row(request, i, tree.options_)};
+    for (std::uint32_t i = 0; i < request.rows.size(); ++i) {
+      writes[i].row = i;
+      writes[i].stamp = request.rows[i].stamp;
+      check_row(request, i, tree.options_, writes[i].pose);
+    }
     check_authority(request, tree.options_);
   }
 
@@ -32,12 +35,11 @@ class Commit {
     WaitingRoom& room = tree_.room_;
     if (room.size() == 0) [[likely]]
       return;
-    for (const FrameId frame : dropped_)
-      if (tree_.frames_[frame].waiters.load(std::memory_order_seq_cst) != 0)
-        room.changed(frame, WaitingRoom::Change::other);
-    for (std::size_t i = 0; i < groups_.size(); ++i)
-      if (changed_[i] && tree_.frames_[children_[i]].waiters.load(std::memory_order_seq_cst) != 0)
-        room.changed(children_[i], groups_[i].change);
+    for (const FrameId frame : changed_) {
+      if (!tree_.is_waited_for(frame)) continue;
+      const Group* const group = group_of(frame);
+      room.changed(frame, group ? group->change : WaitingRoom::Change::other);
+    }
     names_.for_each_new([&](std::string_view name, FrameId) { room.named(name); });
   }
 
@@ -59,13 +61,46 @@ class Commit {
   bool attempt() {
     std::unique_lock topology(tree_.topology_, std::defer_lock);
     if (needs_topology_) topology.lock();
-    if (!names_.start(needs_topology_)) return false;
-    // Where time was set back, all samples go in this same commit. And the first that leaves a frame
-    // with samples of two parents is a change of all frames: who relied on that there was none
-    // finds its frames changed (Reader::is_only_way()).
-    const bool jumped = time_jumped_, locks_all = jumped || first_of_two_parents_;
-    first_of_two_parents_ = false;  // check_group() decides again
-    if (locks_all) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
+    if (!names_.start(needs_topology_) || !resolve_names()) return false;
+    sort_and_group();
+    if (locks_all()) [[unlikely]]
+      return commit_holding_all();
+    WriteLocks locks(tree_, children_);
+    if (!prepare(locks)) return false;
+    write();
+    locks.release(changed_);
+    return true;
+  }
+
+  // Where time was set back, all samples go in this same commit. And the first that leaves a frame
+  // with samples of two parents is a change of all frames: who relied on that there was none finds
+  // its frames changed (Reader::is_only_way()).
+  [[nodiscard]] bool locks_all() const noexcept { return time_jumped_ || first_of_two_parents_; }
+
+  [[gnu::noinline]] bool commit_holding_all() {
+    FrameList all;
+    tree_.list_frames(all);
+    for (const FrameId child : children_)
+      if (child > tree_.names_.size()) all.push_back(child);  // that this commit creates
+    WriteLocks locks(tree_, all);
+    clears_ = time_jumped_ && time_is_back();
+    if (!prepare(locks)) return false;
+    (void)changed_.reserve(all.size() + groups_.size());
+    if (clears_) {  // nothing can fail from here on
+      tree_.time_jumps_.fetch_add(1);
+      tree_.drop_samples(all, true, changed_);
+    }
+    write();
+    std::ranges::sort(changed_);
+    const auto repeated = std::ranges::unique(changed_);
+    changed_.set_size(changed_.size() - repeated.size());
+    if (first_of_two_parents_) tree_.parents_changed_.store(true);
+    locks.release(first_of_two_parents_ ? all : changed_);
+    return true;
+  }
+
+  bool resolve_names() {
+    if (locks_all()) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
       write.child = names_.resolve(row.child);  // tf2 numbers the child before the parent
@@ -76,15 +111,16 @@ class Commit {
         __builtin_prefetch(&tree_.events_[write.child], 1);
       }
     }
-    sort_and_group();
+    return true;
+  }
 
-    SmallVector<FrameId, 16> all;
-    if (locks_all) add_all_frames(all);
-    WriteLocks locks(tree_, locks_all ? all : children_);
-    clears_ = jumped && time_is_back();
+  // Refuses, or decides all that write() will do, which then cannot fail.
+  bool prepare(const WriteLocks& locks) {
     if (children_.size() > 1)
       for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
+    const bool held_all = locks_all(), jumped = time_jumped_;
+    first_of_two_parents_ = false;  // check_group() decides again
     bool topology_changes = names_.any_new();
     for (Group& group : groups_) {
       topology_changes |= check_group(group);
@@ -94,29 +130,20 @@ class Commit {
       if (!needs_topology_) return false;
       check_cycles();
     }
-    if (first_of_two_parents_ && !locks_all) return false;
+    if (first_of_two_parents_ && !held_all) return false;
     names_.reserve();
     (void)changed_.reserve(groups_.size());
-    SmallVector<bool, 16> all_changed;
-    (void)all_changed.reserve(all.size());
-    (void)dropped_.reserve(all.size());
     for (const Group& group : groups_)
       if (!request_.is_static)
         reserve(frame_of(group), group.end - group.begin, limits());
-
-    names_.publish(children_);  // nothing can fail from here on
-    if (clears_) drop_samples(all);
-    for (Group& group : groups_) changed_.push_back(apply(group));
-    std::size_t group = 0;  // both ascend
-    for (const FrameId id : all) {
-      const bool written = group < children_.size() && children_[group] == id && changed_[group++];
-      all_changed.push_back(written || first_of_two_parents_ ||
-                            std::binary_search(dropped_.begin(), dropped_.end(), id));
-    }
-    if (first_of_two_parents_) tree_.parents_changed_.store(true);
-    locks.release(locks_all ? all_changed : changed_);
-    count_authority();
     return true;
+  }
+
+  void write() noexcept {
+    names_.publish(children_);
+    for (Group& group : groups_)
+      if (apply(group)) changed_.push_back(writes_[group.begin].child);
+    count_authority();
   }
 
   void sort_and_group() {
@@ -137,13 +164,6 @@ class Commit {
     }
   }
 
-  // With the topology mutex held, in ascending order, those that this commit creates included.
-  void add_all_frames(SmallVector<FrameId, 16>& all) const {
-    for (FrameId id = 1; id <= tree_.names_.size(); ++id) all.push_back(id);
-    for (const FrameId child : children_)
-      if (child > tree_.names_.size()) all.push_back(child);
-  }
-
   // Others may have dropped the samples meanwhile, and stored newer ones: those stay.
   [[nodiscard]] bool time_is_back() const noexcept {
     const auto relaxed = std::memory_order_relaxed;
@@ -157,15 +177,6 @@ class Commit {
     return false;
   }
 
-  void drop_samples(const SmallVector<FrameId, 16>& all) noexcept {
-    tree_.time_jumps_.fetch_add(1);
-    for (const FrameId id : all) {
-      Frame& frame = tree_.frames_[id];
-      if (!goes_first(frame) || frame.parent.load(std::memory_order_relaxed) == 0) continue;
-      forget(frame);
-      dropped_.push_back(id);
-    }
-  }
   // Whether the frame's link is one that goes before this commit's rows come.
   [[nodiscard]] bool goes_first(const Frame& frame) const noexcept {
     return clears_ && !frame.is_static.load(std::memory_order_relaxed);
@@ -243,7 +254,7 @@ class Commit {
   // Would the newest parents, with all of this commit's at once, close a cycle?
   void check_cycles() const {
     const std::uint64_t frames = names_.frames_after();
-    SmallVector<FrameId, 16> new_parents;
+    FrameList new_parents;
     for (const Group& group : groups_)
       if (group.new_parent != 0) new_parents.push_back(group.new_parent);
     std::sort(new_parents.begin(), new_parents.end());
@@ -262,11 +273,8 @@ class Commit {
     }
   }
   [[nodiscard]] FrameId parent_after(FrameId id) const noexcept {
-    const auto at = std::lower_bound(children_.begin(), children_.end(), id);
-    if (at != children_.end() && *at == id) {
-      const Group& group = groups_[static_cast<std::size_t>(at - children_.begin())];
-      if (group.new_parent != 0) return group.new_parent;
-    }
+    if (const Group* const group = group_of(id); group && group->new_parent != 0)
+      return group->new_parent;
     const Frame& frame = tree_.frames_[id];
     return goes_first(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
   }
@@ -354,6 +362,11 @@ class Commit {
     tree_.authority_counters_[names_.authority()].count(tally_, writes_.size() == 1);
   }
 
+  // The rows of a frame, or null.
+  [[nodiscard]] const Group* group_of(FrameId child) const noexcept {
+    const FrameId* const at = std::lower_bound(children_.begin(), children_.end(), child);
+    return at != children_.end() && *at == child ? &groups_[at - children_.begin()] : nullptr;
+  }
   [[nodiscard]] Frame& frame_of(const Group& group) const noexcept {
     return tree_.frames_[writes_[group.begin].child];
   }
@@ -372,9 +385,8 @@ class Commit {
   std::size_t conflict_ = 0;
   SmallVector<Write, 16> writes_;
   SmallVector<Group, 16> groups_;
-  SmallVector<FrameId, 16> children_;  // of groups_, ascending
-  SmallVector<bool, 16> changed_;
-  SmallVector<FrameId, 16> dropped_;  // frames that lost their samples first
+  FrameList children_;  // of groups_, ascending, as all lists of frames here
+  FrameList changed_;   // those that got samples, or lost theirs
   CommitTally tally_;
 };
 

@@ -17,10 +17,9 @@ namespace ztf {
 
 class WriteLocks {
  public:
-  WriteLocks(Tree& tree, const SmallVector<FrameId, 16>& ascending) : tree_(tree) {
-    // Before the first lock: a constructor that fails unlocks nothing.
+  WriteLocks(Tree& tree, const FrameList& ascending) : tree_(tree) {
+    // Before the first lock: nothing can fail once there is something to be unlocked.
     (void)locked_.reserve(ascending.size());
-    (void)shared_held_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
     for (const FrameId id : ascending) {
       VersionLock& word = tree.frames_[id].version;
@@ -29,9 +28,7 @@ class WriteLocks {
     }
   }
   ~WriteLocks() {
-    for (const ReadVersion& locked : locked_)
-      tree_.frames_[locked.frame].version.unlock_unchanged(locked.version);
-    unlock_shared_words();
+    if (locked_.size() != 0) release({});
   }
   WriteLocks(const WriteLocks&) = delete;
   WriteLocks& operator=(const WriteLocks&) = delete;
@@ -43,23 +40,27 @@ class WriteLocks {
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
   }
 
-  // After the last write: frame i of the ascending ids has changed or not.
-  void release(const SmallVector<bool, 16>& changed) noexcept {
-    for (std::size_t i = 0; i < locked_.size(); ++i) {
-      VersionLock& word = tree_.frames_[locked_[i].frame].version;
-      if (changed[i])
-        word.unlock_changed(locked_[i].version);
-      else
-        word.unlock_unchanged(locked_[i].version);
+  // After the last write. The frames that have changed ascend, too.
+  void release(const FrameList& changed) noexcept {
+    const FrameId* next = changed.begin();
+    for (const ReadVersion& locked : locked_) {
+      VersionLock& word = tree_.frames_[locked.frame].version;
+      if (next != changed.end() && *next == locked.frame) {
+        word.unlock_changed(locked.version);
+        ++next;
+      } else {
+        word.unlock_unchanged(locked.version);
+      }
     }
-    unlock_shared_words();
+    if (tree_.options_.concurrency == Concurrency::two_phase)
+      for (const ReadVersion& locked : locked_) tree_.frames_[locked.frame].shared.unlock();
     locked_.clear();
   }
 
  private:
   // No waiting while holding: all or nothing, and again after a jittered pause.
   // Who fails for long asks new readers to stay away from its frames.
-  void lock_shared_words(const SmallVector<FrameId, 16>& ids) {
+  void lock_shared_words(const FrameList& ids) {
     for (int attempt = 0;; ++attempt) {
       std::size_t taken = 0;
       while (taken < ids.size() && tree_.frames_[ids[taken]].shared.try_lock()) ++taken;
@@ -70,13 +71,7 @@ class WriteLocks {
       count_restart();
       pause(attempt);
     }
-    for (const FrameId id : ids) shared_held_.push_back(id);
     fault_point();
-  }
-
-  void unlock_shared_words() noexcept {
-    for (const FrameId id : shared_held_) tree_.frames_[id].shared.unlock();
-    shared_held_.clear();
   }
 
   static void pause(int attempt) {
@@ -95,7 +90,6 @@ class WriteLocks {
 
   Tree& tree_;
   SmallVector<ReadVersion, 16> locked_;
-  SmallVector<FrameId, 16> shared_held_;
 };
 
 }  // namespace ztf

@@ -1,0 +1,59 @@
+// The hash of names.
+//
+// Thread safety: constant once made.
+// Words of the name are multiplied, and both halves of the product folded into one (as wyhash does):
+// a few cycles for the usual name, where the standard library's hash takes a call. What they are
+// mixed with is random, of each table its own: nobody can prepare names that all land in one place.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <random>
+#include <string_view>
+
+#include "pose.hpp"
+
+namespace ztf {
+
+class NameHash {
+ public:
+  NameHash() : NameHash(std::random_device()) {}
+
+  [[nodiscard]] ZTF_HOT std::uint64_t operator()(std::string_view name) const noexcept {
+    const char* at = name.data();
+    std::size_t left = name.size();
+    std::uint64_t hash = seed_ ^ (left * mix_);
+    for (; left > 16; at += 16, left -= 16)
+      hash = folded(word<std::uint64_t>(at) ^ hash, word<std::uint64_t>(at + 8) ^ mix_);
+    std::uint64_t a = 0, b = 0;  // what is left, from both ends, which may overlap
+    if (left >= 8) {
+      a = word<std::uint64_t>(at), b = word<std::uint64_t>(at + left - 8);
+    } else if (left >= 4) {
+      a = word<std::uint32_t>(at), b = word<std::uint32_t>(at + left - 4);
+    } else if (left > 0) {
+      a = word<std::uint8_t>(at);
+      b = word<std::uint8_t>(at + left / 2) | word<std::uint8_t>(at + left - 1) << 8;
+    }
+    return folded(a ^ hash, b ^ mix_);
+  }
+
+ private:
+  explicit NameHash(std::random_device&& random) : seed_(random64(random)), mix_(random64(random)) {}
+  static std::uint64_t random64(std::random_device& random) {
+    return std::uint64_t{random()} << 32 | random();
+  }
+  template <class Word>
+  static Word word(const char* at) noexcept {
+    Word value;
+    std::memcpy(&value, at, sizeof value);
+    return value;
+  }
+  static std::uint64_t folded(std::uint64_t a, std::uint64_t b) noexcept {
+    __extension__ const auto product = static_cast<unsigned __int128>(a) * b;
+    return static_cast<std::uint64_t>(product >> 64) ^ static_cast<std::uint64_t>(product);
+  }
+
+  std::uint64_t seed_, mix_;
+};
+
+}  // namespace ztf
