@@ -13,10 +13,10 @@ class Commit {
   Commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
       : tree_(tree), request_(request), stored_(stored), names_(tree, request) {
     Write* const writes = writes_.append(request.rows.size());
+    Pose* const poses = poses_.append(request.rows.size());
     for (std::uint32_t i = 0; i < request.rows.size(); ++i) {
-      writes[i].row = i;
-      writes[i].stamp = request.rows[i].stamp;
-      check_row(request, i, tree.options_, writes[i].pose);
+      writes[i] = {0, 0, i, request.rows[i].stamp};
+      check_row(request, i, tree.options_, poses[i]);
     }
     check_authority(request, tree.options_);
   }
@@ -48,7 +48,6 @@ class Commit {
     FrameId child, parent;
     std::uint32_t row;
     Stamp stamp;
-    Pose pose;
   };
   struct Group {  // the writes of one child: writes_[begin, end)
     std::uint32_t begin, end;
@@ -301,10 +300,10 @@ class Commit {
           frame.latest.stamp.load(relaxed) >= write.stamp || request_.is_static)
         group.change = WaitingRoom::Change::other;
       if (request_.is_static) {
-        set_static(frame, write.stamp, write.parent, write.pose);
+        set_static(frame, write.stamp, write.parent, poses_[write.row]);
         continue;
       }
-      switch (insert(frame, write.stamp, write.parent, write.pose, limits())) {
+      switch (insert(frame, write.stamp, write.parent, poses_[write.row], limits())) {
         case Inserted::added:
           break;
         case Inserted::rewritten:
@@ -384,6 +383,7 @@ class Commit {
   bool first_of_two_parents_ = false;  // no frame has ever had samples of two parents; one will
   std::size_t conflict_ = 0;
   SmallVector<Write, 16> writes_;
+  SmallVector<Pose, 16> poses_;  // of the rows, normalised
   SmallVector<Group, 16> groups_;
   FrameList children_;  // of groups_, ascending, as all lists of frames here
   FrameList changed_;   // those that got samples, or lost theirs
