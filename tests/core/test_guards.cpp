@@ -43,6 +43,27 @@ TEST(a_walk_rests_on_unmoved_versions) {
   CHECK(!guard.rest(&step, 1));
 }
 
+TEST(who_only_has_a_frame_disturbs_no_reader_until_it_changes_it) {
+  Frames f;
+  f.change(1);
+  WalkGuard guard;
+  Version version, before, other;
+  CHECK(f[1].version.try_own(before));
+  CHECK(guard.enter(f[1], version));  // does not wait
+  CHECK_EQ(version, before);
+  const Step step{&f[1], version, {}};
+  CHECK(guard.rest(&step, 1));
+  CHECK(!f[1].version.try_own(other));  // but writers do,
+  CHECK(!f[1].version.try_lock(other));
+  CHECK(!f[1].version.stands(before));  // and transactions that have read it
+  f[1].version.hold_readers_off(before);
+  CHECK(f[1].version.load() & VersionLock::kLocked);
+  CHECK(!guard.rest(&step, 1));
+  f[1].version.unlock_unchanged(before);
+  CHECK(guard.rest(&step, 1));
+  CHECK(f[1].version.stands(before));
+}
+
 TEST(optimism_is_checked_at_the_end) {
   Frames f;
   {

@@ -53,10 +53,11 @@ FAULTS = [
         "write locks are released before the last write",
         ("optimistic", "2pl"),
         "tree_write.cpp",
-        """    write();
+        """    write(locks);
     locks.release(changed_);
 """,
-        """    names_.publish(children_);
+        """    locks.hold_readers_off();
+    names_.publish(children_);
     for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
     locks.release(children_);
     (void)apply(groups_.back());
@@ -84,6 +85,20 @@ FAULTS = [
         "tree_read.hpp",
         "const std::lock_guard lock(giant_);",
         "",
+    ),
+    Fault(
+        "readers are not held off",
+        ("optimistic",),
+        "tree_write.cpp",
+        "    locks.hold_readers_off();\n",
+        "",
+    ),
+    Fault(
+        "a commit that has read others holds readers off late",
+        ("optimistic",),
+        "tree_write.cpp",
+        "return has_read || children_.size() == 1 ?",
+        "return (has_read && request_.rows.empty()) || children_.size() == 1 ?",
     ),
     Fault(
         "rows are committed one by one",
@@ -120,17 +135,18 @@ FAULTS = [
         "what was read is checked only where it is written, too",
         EVERYWHERE,
         "tree_write.cpp",
-        "own ? *own : id ? tree_.frames_[id].version.load() : 0;",
-        "own ? *own : id ? request_.read_versions[i] : 0;",
+        "own ? *own != read : id ? !tree_.frames_[id].version.stands(read) : read != 0",
+        "own ? *own != read : id == 0 && read != 0",
     ),
     Fault(
         "what was read is checked before the locks are held",
         EVERYWHERE[:2],
         "tree_write.cpp",
-        "    WriteLocks locks(tree_, children_);\n",
-        """    if (!check_read_set(WriteLocks(tree_, FrameList()))) refuse_conflict({});
+        "    WriteLocks locks(tree_, children_, readers());\n",
+        """    const WriteLocks none(tree_, FrameList(), readers());
+    if (!check_read_set(none)) refuse_conflict({});
     const_cast<CommitRequest&>(request_).read_names = {};
-    WriteLocks locks(tree_, children_);
+    WriteLocks locks(tree_, children_, readers());
 """,
     ),
     Fault(

@@ -2,10 +2,10 @@
 //
 // Invariants
 // 1. Nobody waits for a lock while it holds one that others could be waiting
-//    for in another order: writers lock in ascending frame id, two-phase
+//    for in another order: writers wait in ascending frame id, two-phase
 //    readers wait holding shared locks only for writers, and two-phase writers
 //    never wait holding anything.
-// 2. A holder never blocks: it runs a bounded piece of code without the
+// 2. A holder hardly ever blocks: it runs a bounded piece of code without the
 //    interpreter lock. A wait is therefore long only where the holder has lost
 //    its processor, and then sleeping is right.
 #pragma once
@@ -29,69 +29,84 @@ inline void pause_cpu() noexcept {
 #endif
 }
 
-// Spin briefly, then give up the processor, then sleep for longer and longer:
-// with more threads than cores, a spinning waiter starves the holder.
+// Spin briefly, then sleep for longer and longer: with more threads than cores, a
+// spinning waiter starves the holder. No yielding between: who yields gives away all
+// that it had left of its turn, and then waits for everyone else's.
 class Backoff {
  public:
   void wait() {
+    if (!spin()) nap();
+  }
+  // False: it has been long enough.
+  bool spin() noexcept {
+    if (turns_ >= kSpins) return false;
     ++turns_;
-    if (turns_ <= 64) {
-      pause_cpu();
-    } else if (turns_ <= 96) {
-      std::this_thread::yield();
-    } else {
-      const auto nap = std::chrono::microseconds(20) * (1 << std::min(turns_ - 97, 5));
-      std::this_thread::sleep_for(nap);
-    }
+    pause_cpu();
+    return true;
+  }
+  void nap() {
+    std::this_thread::sleep_for(std::chrono::microseconds(5) * (1 << naps_));
+    naps_ = std::min(naps_ + 1, 4);
+    turns_ = 0;
   }
 
  private:
-  int turns_ = 0;
+  static constexpr int kSpins = 64;
+  int turns_ = 0, naps_ = 0;
 };
 
 using Version = std::uint64_t;
 
-// A frame's version word: bit 0 says "locked by a writer", the rest counts
+// A frame's version word: bit 0 says "being changed", for which readers wait; bit
+// 1 says "a writer has it", which other writers wait for; the rest counts
 // commits. 0 is a frame that was never written.
 //
-// Ordering. A writer locks (sequentially consistent), stores the frame's data
-// with release order, unlocks. A reader takes the version, loads data with
-// acquire order, and loads the version again (sequentially consistent): had it
-// seen any of the writer's data, that acquire would make the writer's lock
-// visible to the second load, so an unchanged version means unmixed data.
+// So a writer that has to look before it writes keeps readers off only while it
+// writes: if it loses its processor before, they go on with the state as it was.
+//
+// Ordering. A writer has the frame and holds readers off, then stores the frame's
+// data with release order, then unlocks. A reader takes the version, loads data
+// with acquire order, and loads the version again (sequentially consistent): had it
+// seen any of the writer's data, that acquire would make bit 0 visible to the
+// second load, so an unchanged version means unmixed data.
 class VersionLock {
  public:
-  // As it is now; locked where bit 0 is set.
-  [[nodiscard]] Version load() const noexcept { return word_.load(std::memory_order_seq_cst); }
+  // As it is for readers: being changed where bit 0 is set.
+  [[nodiscard]] ZTF_HOT Version load() const noexcept {
+    return word_.load(std::memory_order_seq_cst) & ~kOwned;
+  }
+  // For writers: as it was, and nobody has it.
+  [[nodiscard]] bool stands(Version version) const noexcept {
+    return word_.load(std::memory_order_seq_cst) == version;
+  }
 
-  // Waits until no writer holds it.
+  // Waits until it is not being changed.
   [[nodiscard]] ZTF_HOT Version unlocked() const {
     const Version version = load();
     return version & kLocked ? wait_unlocked() : version;
   }
 
-  // Waits for the lock; returns the version before.
+  // False where another writer has it; else gives the version before.
+  bool try_own(Version& before) { return try_take(kOwned, before); }
+  // The same, and holds readers off at once.
+  bool try_lock(Version& before) { return try_take(kOwned | kLocked, before); }
+  // Waits for it.
   Version lock() {
     Backoff backoff;
-    for (;;) {
-      Version version = word_.load(std::memory_order_relaxed);
-      if (!(version & kLocked) &&
-          word_.compare_exchange_weak(version, version | kLocked, std::memory_order_seq_cst,
-                                      std::memory_order_relaxed)) {
-        fault_point();
-        return version;
-      }
-      backoff.wait();
-    }
+    Version before;
+    while (!try_lock(before)) backoff.wait();
+    return before;
   }
-
-  // For who is already alone (two-phase and giant writers): marks the frame as
-  // being written. An exchange, so that it is ordered before the validation of
-  // what the same transaction has read (else two could miss each other).
-  Version mark() noexcept {
+  // For who is already alone (two-phase and giant writers).
+  Version lock_alone() noexcept {
     const Version version = word_.load(std::memory_order_relaxed);
-    word_.exchange(version | kLocked, std::memory_order_seq_cst);
+    word_.exchange(version | kOwned | kLocked, std::memory_order_seq_cst);
     return version;
+  }
+  // After own(), or for who is alone. Comes before the data is stored; a fence must come
+  // between it and the unlocking (WriteLocks).
+  void hold_readers_off(Version before) noexcept {
+    word_.store(before | kOwned | kLocked, std::memory_order_relaxed);
   }
 
   void unlock_changed(Version before) noexcept {
@@ -101,9 +116,19 @@ class VersionLock {
   void unlock_unchanged(Version before) noexcept { word_.store(before, std::memory_order_release); }
 
   static constexpr Version kLocked = 1;
-  static constexpr Version kCommit = 2;
+  static constexpr Version kOwned = 2;
+  static constexpr Version kCommit = 4;
 
  private:
+  bool try_take(Version bits, Version& before) {
+    before = word_.load(std::memory_order_relaxed);
+    if (before & (kOwned | kLocked)) return false;
+    if (!word_.compare_exchange_strong(before, before | bits, std::memory_order_seq_cst,
+                                       std::memory_order_relaxed))
+      return false;
+    fault_point();
+    return true;
+  }
   [[gnu::noinline, gnu::cold]] Version wait_unlocked() const {
     Backoff backoff;
     for (;;) {

@@ -64,11 +64,18 @@ class Commit {
     sort_and_group();
     if (locks_all()) [[unlikely]]
       return commit_holding_all();
-    WriteLocks locks(tree_, children_);
+    WriteLocks locks(tree_, children_, readers());
     if (!prepare(locks)) return false;
-    write();
+    write(locks);
     locks.release(changed_);
     return true;
+  }
+
+  // With one frame it would cost more than it brings to hold readers off in a step of its own.
+  [[nodiscard]] WriteLocks::Readers readers() const noexcept {
+    using Readers = WriteLocks::Readers;
+    const bool has_read = !request_.read_names.empty();
+    return has_read || children_.size() == 1 ? Readers::off_at_once : Readers::off_later;
   }
 
   // Where time was set back, all samples go in this same commit. And the first that leaves a frame
@@ -81,7 +88,7 @@ class Commit {
     tree_.list_frames(all);
     for (const FrameId child : children_)
       if (child > tree_.names_.size()) all.push_back(child);  // that this commit creates
-    WriteLocks locks(tree_, all);
+    WriteLocks locks(tree_, all, WriteLocks::Readers::off_at_once);
     clears_ = time_jumped_ && time_is_back();
     if (!prepare(locks)) return false;
     (void)changed_.reserve(all.size() + groups_.size());
@@ -89,7 +96,7 @@ class Commit {
       tree_.time_jumps_.fetch_add(1);
       tree_.drop_samples(all, true, changed_);
     }
-    write();
+    write(locks);
     std::ranges::sort(changed_);
     const auto repeated = std::ranges::unique(changed_);
     changed_.set_size(changed_.size() - repeated.size());
@@ -138,7 +145,8 @@ class Commit {
     return true;
   }
 
-  void write() noexcept {
+  void write(WriteLocks& locks) noexcept {
+    locks.hold_readers_off();
     names_.publish(children_);
     for (Group& group : groups_)
       if (apply(group)) changed_.push_back(writes_[group.begin].child);
@@ -187,9 +195,9 @@ class Commit {
   bool check_read_set(const WriteLocks& locks) {
     for (std::size_t i = 0; i < request_.read_names.size(); ++i) {
       const FrameId id = tree_.names_.find(request_.read_names[i]);
+      const Version read = request_.read_versions[i];
       const Version* own = id ? locks.before(id) : nullptr;
-      const Version now = own ? *own : id ? tree_.frames_[id].version.load() : 0;
-      if (now != request_.read_versions[i]) {
+      if (own ? *own != read : id ? !tree_.frames_[id].version.stands(read) : read != 0) {
         conflict_ = i;
         return false;
       }

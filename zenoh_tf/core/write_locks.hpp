@@ -3,7 +3,13 @@
 // Thread safety: lives on the writer's stack.
 // Two phases: all locks are taken before the first write and released after
 // the last. Ids come in ascending order without duplicates, which is the one
-// order in which frames are locked, so waiting writers cannot form a circle.
+// order in which frames are waited for, so waiting writers cannot form a circle.
+// Readers are held off from all frames before the first is released, and that is
+// the commit's place in the order: who has read one of its frames as it was, comes
+// before it; who has read one as it has become, after. It may be long after the
+// locks were taken, for a commit that depends on its own frames only. One that has
+// read others holds readers off at once, before it checks them: else a reader
+// could still come before it that has seen what it, too, should have seen.
 #pragma once
 
 #include <chrono>
@@ -17,14 +23,20 @@ namespace ztf {
 
 class WriteLocks {
  public:
-  WriteLocks(Tree& tree, const FrameList& ascending) : tree_(tree) {
+  enum class Readers { off_at_once, off_later };
+
+  WriteLocks(Tree& tree, const FrameList& ascending, Readers readers)
+      : tree_(tree), readers_on_(readers == Readers::off_later) {
     // Before the first lock: nothing can fail once there is something to be unlocked.
     (void)locked_.reserve(ascending.size());
+    if (tree.options_.concurrency == Concurrency::optimistic) {
+      lock_versions(ascending);
+      return;
+    }
     if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
     for (const FrameId id : ascending) {
       VersionLock& word = tree.frames_[id].version;
-      const bool alone = tree.options_.concurrency != Concurrency::optimistic;
-      locked_.push_back({id, alone ? word.mark() : word.lock()});
+      locked_.push_back({id, readers_on_ ? word.load() : word.lock_alone()});
     }
   }
   ~WriteLocks() {
@@ -38,6 +50,17 @@ class WriteLocks {
     const auto at = std::lower_bound(locked_.begin(), locked_.end(), id,
                                      [](const ReadVersion& r, FrameId f) { return r.frame < f; });
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
+  }
+
+  // Before the first write. The fence puts all of it before the unlocking for everyone: two readers
+  // cannot see two independent commits in opposite orders.
+  void hold_readers_off() noexcept {
+    if (!readers_on_) return;
+    fault_point();
+    for (const ReadVersion& locked : locked_)
+      tree_.frames_[locked.frame].version.hold_readers_off(locked.version);
+    std::atomic_thread_fence(std::memory_order_seq_cst);
+    readers_on_ = false;
   }
 
   // After the last write. The frames that have changed ascend, too.
@@ -58,6 +81,24 @@ class WriteLocks {
   }
 
  private:
+  // Who has to wait for long lets go of what it holds, so that nobody waits for one who waits, and
+  // begins again; but not for ever, and not where that is much.
+  void lock_versions(const FrameList& ids) {
+    Backoff backoff;
+    for (int naps = 0; locked_.size() < ids.size();) {
+      const FrameId id = ids[locked_.size()];
+      VersionLock& word = tree_.frames_[id].version;
+      Version before;
+      if (readers_on_ ? word.try_own(before) : word.try_lock(before)) {
+        locked_.push_back({id, before});
+      } else if (!backoff.spin()) {
+        if (++naps <= kPoliteAttempts && locked_.size() <= kFew) release({});
+        count_restart();
+        backoff.nap();
+      }
+    }
+  }
+
   // No waiting while holding: all or nothing, and again after a jittered pause.
   // Who fails for long asks new readers to stay away from its frames.
   void lock_shared_words(const FrameList& ids) {
@@ -87,8 +128,10 @@ class WriteLocks {
   }
 
   static constexpr int kPoliteAttempts = 16;
+  static constexpr std::size_t kFew = 64;
 
   Tree& tree_;
+  bool readers_on_;
   SmallVector<ReadVersion, 16> locked_;
 };
 
