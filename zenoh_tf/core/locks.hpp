@@ -51,7 +51,7 @@ class Backoff {
   }
 
  private:
-  static constexpr int kSpins = 64;
+  static constexpr int kSpins = 256;
   int turns_ = 0, naps_ = 0;
 };
 

@@ -118,13 +118,10 @@ class WriteLocks {
   static void pause(int attempt) {
     thread_local std::minstd_rand random(
         static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
-    if (attempt < 32) {
+    if (attempt < 32)
       for (auto turns = random() % (16u << std::min(attempt, 5)); turns > 0; --turns) pause_cpu();
-    } else if (attempt < 64) {
-      std::this_thread::yield();
-    } else {
+    else
       std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
-    }
   }
 
   static constexpr int kPoliteAttempts = 16;
