@@ -90,15 +90,15 @@ FAULTS = [
         "readers are not held off",
         ("optimistic",),
         "tree_write.cpp",
-        "    locks.hold_readers_off();\n",
-        "",
+        "    locks.hold_readers_off();\n    names_.publish(children_);\n",
+        "    names_.publish(children_);\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",
         ("optimistic",),
         "tree_write.cpp",
-        "return has_read || children_.size() == 1 ?",
-        "return (has_read && request_.rows.empty()) || children_.size() == 1 ?",
+        "    if (!request_.read_names.empty()) locks.hold_readers_off();\n",
+        "",
     ),
     Fault(
         "rows are committed one by one",
@@ -135,18 +135,17 @@ FAULTS = [
         "what was read is checked only where it is written, too",
         EVERYWHERE,
         "tree_write.cpp",
-        "own ? *own != read : id ? !tree_.frames_[id].version.stands(read) : read != 0",
+        "own ? *own != read : id ? tree_.frames_[id].version.load() != read : read != 0",
         "own ? *own != read : id == 0 && read != 0",
     ),
     Fault(
         "what was read is checked before the locks are held",
         EVERYWHERE[:2],
         "tree_write.cpp",
-        "    WriteLocks locks(tree_, children_, readers());\n",
-        """    const WriteLocks none(tree_, FrameList(), readers());
-    if (!check_read_set(none)) refuse_conflict({});
+        "    WriteLocks locks(tree_, children_);\n",
+        """    if (!check_read_set(WriteLocks(tree_, FrameList()))) refuse_conflict({});
     const_cast<CommitRequest&>(request_).read_names = {};
-    WriteLocks locks(tree_, children_, readers());
+    WriteLocks locks(tree_, children_);
 """,
     ),
     Fault(

@@ -133,7 +133,8 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
   const auto run = [&] {
     ReadSet reads;
     if (atomic) {
-      tree.lookup_all(queries, answers, reads);
+      do tree.lookup_all(queries, answers, reads);
+      while (!rows.names_stand(tree));
       if (versions) read_set.assign(reads.begin(), reads.end());
     } else if (!versions) {
       tree.lookup_each(queries, answers);
@@ -219,17 +220,34 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
     if (op(i) >= kOps) raise_invalid("op: no operation " + std::to_string(op(i)), "op");
     q.op = static_cast<Op>(op(i));
     names[i] = {checked(target(i), ids.size(), "target"), checked(source(i), ids.size(), "source"), 0};
-    q.target = ids[names[i].target];
-    q.source = ids[names[i].source];
     q.stamp = stamp(i);
     if (q.op == Op::at && q.stamp == kNoStamp) raise_invalid("stamp_ns is out of range", "stamp_ns");
     if (q.op == Op::full) {
       if (!fixed || !source_stamp) raise_invalid("a full lookup needs fixed and source_stamp_ns", "fixed");
       names[i].fixed = checked((*fixed)(i), ids.size(), "fixed");
-      q.fixed = ids[names[i].fixed];
       q.source_stamp = (*source_stamp)(i);
     }
   }
+  use_ids();
+}
+
+void ReadRows::use_ids() {
+  for (std::size_t i = 0; i < queries.size(); ++i) {
+    queries[i].target = ids[names[i].target];
+    queries[i].source = ids[names[i].source];
+    if (queries[i].op == Op::full) queries[i].fixed = ids[names[i].fixed];
+  }
+}
+
+bool ReadRows::names_stand(const Tree& tree) {
+  bool stand = true;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    const FrameId id = bad_name[i] ? 0 : tree.find(texts[i]);
+    stand &= id == ids[i];
+    ids[i] = id;
+  }
+  if (!stand) use_ids();
+  return stand;
 }
 
 bool ReadRows::has_bad_name(std::size_t row) const {

@@ -37,9 +37,16 @@ struct ReadRows {
   std::vector<Names> names;
   std::vector<Query> queries;
 
+  // Whether the names still are the frames that they were when the queries were answered: a new
+  // frame may have come with other things that were read. If not, the queries are of the new ones.
+  [[nodiscard]] bool names_stand(const Tree& tree);
+
   // Whether a row's names can be frames', and why not.
   [[nodiscard]] bool has_bad_name(std::size_t row) const;
   [[nodiscard]] nb::object name_error(const Tree& tree, std::size_t row) const;
+
+ private:
+  void use_ids();
 };
 
 // (status, stamps, newest stamps, poses, [(row, error)], reads); poses of rows

@@ -9,9 +9,10 @@
 // Why `optimistic` is strictly serializable: between the last reading and the
 // first check there is an instant at which every frame named had the version
 // that was read, since each had it before and still has it after. That instant
-// is the transaction's place in the order. Writers lock with sequentially
-// consistent operations and checks load likewise, so two readers cannot see two
-// independent writes in opposite orders.
+// is the transaction's place in the order. Between holding readers off and
+// unlocking, a writer has a sequentially consistent fence or exchange, and checks
+// load likewise, so two readers cannot see two independent writes in opposite
+// orders (docs/concurrency.md).
 #pragma once
 
 #include <algorithm>
@@ -86,8 +87,8 @@ class OptimisticGuard : public ReadList {
   }
 };
 
-// Where optimism has failed too often: holds the version locks of the frames
-// that the last attempt needed. Where an attempt needs another frame it reads
+// Where optimism has failed too often: owns the frames that the last attempt
+// needed, as a writer does that does not write. Where an attempt needs another frame it reads
 // on, unprotected, to learn what else it needs, and starts over with more. Each
 // attempt adds a frame at least, and what is locked stands still, so it ends.
 class LockingGuard : public ReadList {
@@ -98,7 +99,7 @@ class LockingGuard : public ReadList {
     wanted_.set_size(
         static_cast<std::size_t>(std::unique(wanted_.begin(), wanted_.end()) - wanted_.begin()));
     (void)held_.reserve(wanted_.size());  // before the first lock: a constructor that fails unlocks nothing
-    for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.lock()});
+    for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.own()});
   }
   ~LockingGuard() {
     for (const ReadVersion& held : held_) frames_[held.frame].version.unlock_unchanged(held.version);

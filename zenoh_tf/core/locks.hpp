@@ -75,36 +75,31 @@ class VersionLock {
   [[nodiscard]] ZTF_HOT Version load() const noexcept {
     return word_.load(std::memory_order_seq_cst) & ~kOwned;
   }
-  // For writers: as it was, and nobody has it.
-  [[nodiscard]] bool stands(Version version) const noexcept {
-    return word_.load(std::memory_order_seq_cst) == version;
-  }
-
   // Waits until it is not being changed.
   [[nodiscard]] ZTF_HOT Version unlocked() const {
     const Version version = load();
     return version & kLocked ? wait_unlocked() : version;
   }
 
-  // False where another writer has it; else gives the version before.
+  // False where another has it; else gives the version before.
   bool try_own(Version& before) { return try_take(kOwned, before); }
   // The same, and holds readers off at once.
   bool try_lock(Version& before) { return try_take(kOwned | kLocked, before); }
-  // Waits for it.
-  Version lock() {
+  // Waits for it. Also for readers that want it to stand still.
+  Version own() {
     Backoff backoff;
     Version before;
-    while (!try_lock(before)) backoff.wait();
+    while (!try_own(before)) backoff.wait();
     return before;
   }
-  // For who is already alone (two-phase and giant writers).
+  // try_lock() for who is already alone (two-phase and giant writers).
   Version lock_alone() noexcept {
     const Version version = word_.load(std::memory_order_relaxed);
     word_.exchange(version | kOwned | kLocked, std::memory_order_seq_cst);
     return version;
   }
-  // After own(), or for who is alone. Comes before the data is stored; a fence must come
-  // between it and the unlocking (WriteLocks).
+  // For who owns it, or is alone. Comes before the data is stored; a fence must come between
+  // it and the unlocking (WriteLocks).
   void hold_readers_off(Version before) noexcept {
     word_.store(before | kOwned | kLocked, std::memory_order_relaxed);
   }

@@ -49,7 +49,8 @@ void Tree::clear(bool keep_static) {
     const std::lock_guard topology(topology_);
     list_frames(all);
     (void)dropped.reserve(all.size());  // halfway nothing may fail
-    WriteLocks locks(*this, all, WriteLocks::Readers::off_at_once);
+    WriteLocks locks(*this, all);
+    locks.hold_readers_off();
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
   }
@@ -96,7 +97,8 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
       }
     }
     std::sort(gone.begin(), gone.end());
-    WriteLocks locks(*this, gone, WriteLocks::Readers::off_at_once);
+    WriteLocks locks(*this, gone);
+    locks.hold_readers_off();
     for (const FrameId frame : gone) {
       forget(frames_[frame]);
       frames_[frame].authority.store(0, std::memory_order_release);

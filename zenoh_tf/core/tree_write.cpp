@@ -64,18 +64,12 @@ class Commit {
     sort_and_group();
     if (locks_all()) [[unlikely]]
       return commit_holding_all();
-    WriteLocks locks(tree_, children_, readers());
+    WriteLocks locks(tree_, children_);
     if (!prepare(locks)) return false;
     write(locks);
     locks.release(changed_);
+    count_authority();
     return true;
-  }
-
-  // With one frame it would cost more than it brings to hold readers off in a step of its own.
-  [[nodiscard]] WriteLocks::Readers readers() const noexcept {
-    using Readers = WriteLocks::Readers;
-    const bool has_read = !request_.read_names.empty();
-    return has_read || children_.size() == 1 ? Readers::off_at_once : Readers::off_later;
   }
 
   // Where time was set back, all samples go in this same commit. And the first that leaves a frame
@@ -88,10 +82,11 @@ class Commit {
     tree_.list_frames(all);
     for (const FrameId child : children_)
       if (child > tree_.names_.size()) all.push_back(child);  // that this commit creates
-    WriteLocks locks(tree_, all, WriteLocks::Readers::off_at_once);
+    WriteLocks locks(tree_, all);
     clears_ = time_jumped_ && time_is_back();
     if (!prepare(locks)) return false;
     (void)changed_.reserve(all.size() + groups_.size());
+    locks.hold_readers_off();
     if (clears_) {  // nothing can fail from here on
       tree_.time_jumps_.fetch_add(1);
       tree_.drop_samples(all, true, changed_);
@@ -102,6 +97,7 @@ class Commit {
     changed_.set_size(changed_.size() - repeated.size());
     if (first_of_two_parents_) tree_.parents_changed_.store(true);
     locks.release(first_of_two_parents_ ? all : changed_);
+    count_authority();
     return true;
   }
 
@@ -121,9 +117,10 @@ class Commit {
   }
 
   // Refuses, or decides all that write() will do, which then cannot fail.
-  bool prepare(const WriteLocks& locks) {
+  bool prepare(WriteLocks& locks) {
     if (children_.size() > 1)
       for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
+    if (!request_.read_names.empty()) locks.hold_readers_off();
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     const bool held_all = locks_all(), jumped = time_jumped_;
     first_of_two_parents_ = false;  // check_group() decides again
@@ -150,7 +147,6 @@ class Commit {
     names_.publish(children_);
     for (Group& group : groups_)
       if (apply(group)) changed_.push_back(writes_[group.begin].child);
-    count_authority();
   }
 
   void sort_and_group() {
@@ -189,15 +185,15 @@ class Commit {
     return clears_ && !frame.is_static.load(std::memory_order_relaxed);
   }
 
-  // Under the write locks: does everything that was read still stand? Versions
-  // of frames outside the write set are loaded after all locks are held, so two
-  // commits that each read what the other writes cannot both pass.
+  // Under the write locks: does everything that was read still stand? Versions of frames
+  // outside the write set are loaded after readers were held off from all that is in it, so
+  // two commits that each read what the other writes cannot both pass.
   bool check_read_set(const WriteLocks& locks) {
     for (std::size_t i = 0; i < request_.read_names.size(); ++i) {
       const FrameId id = tree_.names_.find(request_.read_names[i]);
       const Version read = request_.read_versions[i];
       const Version* own = id ? locks.before(id) : nullptr;
-      if (own ? *own != read : id ? !tree_.frames_[id].version.stands(read) : read != 0) {
+      if (own ? *own != read : id ? tree_.frames_[id].version.load() != read : read != 0) {
         conflict_ = i;
         return false;
       }

@@ -5,11 +5,9 @@
 // the last. Ids come in ascending order without duplicates, which is the one
 // order in which frames are waited for, so waiting writers cannot form a circle.
 // Readers are held off from all frames before the first is released, and that is
-// the commit's place in the order: who has read one of its frames as it was, comes
-// before it; who has read one as it has become, after. It may be long after the
-// locks were taken, for a commit that depends on its own frames only. One that has
-// read others holds readers off at once, before it checks them: else a reader
-// could still come before it that has seen what it, too, should have seen.
+// the commit's turn: who has read one of its frames as it was, comes before it; who
+// has read one as it has become, after. It may be long after the locks were taken,
+// but must come before a commit checks what it has read of others.
 #pragma once
 
 #include <chrono>
@@ -23,10 +21,9 @@ namespace ztf {
 
 class WriteLocks {
  public:
-  enum class Readers { off_at_once, off_later };
-
-  WriteLocks(Tree& tree, const FrameList& ascending, Readers readers)
-      : tree_(tree), readers_on_(readers == Readers::off_later) {
+  // One frame is locked in one step, which holds readers off at once: it is as good as no time.
+  WriteLocks(Tree& tree, const FrameList& ascending)
+      : tree_(tree), readers_on_(ascending.size() > 1) {
     // Before the first lock: nothing can fail once there is something to be unlocked.
     (void)locked_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::optimistic) {
@@ -52,7 +49,7 @@ class WriteLocks {
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
   }
 
-  // Before the first write. The fence puts all of it before the unlocking for everyone: two readers
+  // Before the first write, and before a check of what was read of others. The fence puts all of it before the unlocking for everyone: two readers
   // cannot see two independent commits in opposite orders.
   void hold_readers_off() noexcept {
     if (!readers_on_) return;
