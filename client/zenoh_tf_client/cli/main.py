@@ -7,6 +7,7 @@ Ctrl-C ends the process by its signal.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import re
 import signal
@@ -14,6 +15,7 @@ import sys
 from collections.abc import Sequence
 from decimal import Decimal
 from importlib.metadata import version
+from typing import NoReturn
 
 from zenoh_tf import (
     BackwardExtrapolationException,
@@ -53,6 +55,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f"{type(error).__name__}: {error}{_distance(error)}")
     except CommandError as error:
         return _fail(str(error))
+
+
+def run() -> NoReturn:
+    """The process: ``main()``, and it is over.
+
+    Not by way of taking the interpreter down: a thread of Zenoh's that wants it at that moment
+    aborts the process, and the exit code would be that of a crash.
+    """
+    code = main()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    os._exit(code)
 
 
 def _fail(message: str) -> int:
@@ -133,4 +148,4 @@ def _positive_seconds(text: str) -> float:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run()
