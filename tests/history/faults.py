@@ -54,6 +54,7 @@ FAULTS = [
         ("optimistic", "2pl"),
         "tree_write.cpp",
         """    write(locks);
+    count_authority();  // before the release: after it a set took 5 % longer
     locks.release(changed_);
 """,
         """    locks.hold_readers_off();

@@ -67,8 +67,8 @@ class Commit {
     WriteLocks locks(tree_, children_);
     if (!prepare(locks)) return false;
     write(locks);
+    count_authority();  // before the release: after it a set took 5 % longer
     locks.release(changed_);
-    count_authority();
     return true;
   }
 
