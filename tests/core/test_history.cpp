@@ -33,7 +33,7 @@ class History {
   std::optional<Inserted> put(Stamp stamp, FrameId parent, double x = 0) {
     if (frame->count.load() > 0 && too_old(stamp, frame->latest.stamp.load(), limits.cache_ns))
       return std::nullopt;
-    reserve(*frame, 1, limits);
+    reserve(*frame, 1, limits, *memory);
     return insert(*frame, stamp, parent, at_x(x), limits);
   }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
@@ -55,6 +55,7 @@ class History {
     return all;
   }
 
+  std::unique_ptr<RingMemory> memory = std::make_unique<RingMemory>();
   std::unique_ptr<Frame> frame;
   HistoryLimits limits;
 };

@@ -122,8 +122,9 @@ FAULTS = [
         "the last row of a commit is lost",
         EVERYWHERE,
         "tree_write.cpp",
-        "if (apply(group)) ",
-        "if ((&group != &groups_.back() || groups_.size() != 3) && apply(group)) ",
+        "for (Group& group : groups_)\n      if (group.appends",
+        "for (Group& group : groups_)\n"
+        "      if (&group == &groups_.back() && groups_.size() == 3) break; else if (group.appends",
     ),
     Fault(
         "what was read is not checked at the commit",

@@ -68,6 +68,15 @@ inline void check_authority(const CommitRequest& request, const Options& options
   check_length(request.authority.size(), "authority", options);
 }
 
+[[noreturn]] inline void refuse_pose(const CommitRequest& request, const Row& row, double norm2) {
+  const double* const values = &row.pose.x;
+  for (int i = 0; i < 7; ++i)
+    if (!std::isfinite(values[i]))
+      refuse(request, row, i < 3 ? "translation" : "rotation", "a value is not finite");
+  refuse(request, row, "rotation",
+         "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
+}
+
 // Gives the row's pose with its rotation normalised, in place: who copies what was stored in parts
 // just before, waits.
 inline void check_row(const CommitRequest& request, std::uint32_t i, const Options& options,
@@ -81,18 +90,14 @@ inline void check_row(const CommitRequest& request, std::uint32_t i, const Optio
   };
   const std::string_view parent = check_name(row.parent, "parent_frame");
   const std::string_view child = check_name(row.child, "child_frame");
-  if (parent == child)
+  if (same_name(parent, child))
     refuse(request, row, "child_frame", "a frame cannot be its own parent");
   if (row.stamp == kNoStamp) refuse(request, row, "stamp_ns", "the stamp is out of range");
-  const double* values = &row.pose.x;
-  for (int k = 0; k < 7; ++k)
-    if (!std::isfinite(values[k]))
-      refuse(request, row, k < 3 ? "translation" : "rotation", "a value is not finite");
   const double norm2 = row.pose.qx * row.pose.qx + row.pose.qy * row.pose.qy +
                        row.pose.qz * row.pose.qz + row.pose.qw * row.pose.qw;
-  if (!(std::abs(norm2 - 1.0) < 1e-2))
-    refuse(request, row, "rotation",
-           "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
+  if (!std::isfinite(row.pose.x) || !std::isfinite(row.pose.y) || !std::isfinite(row.pose.z) ||
+      !(std::abs(norm2 - 1.0) < 1e-2)) [[unlikely]]
+    refuse_pose(request, row, norm2);
   const double scale = 1.0 / std::sqrt(norm2);
   pose.x = row.pose.x, pose.y = row.pose.y, pose.z = row.pose.z;
   pose.qx = row.pose.qx * scale, pose.qy = row.pose.qy * scale;

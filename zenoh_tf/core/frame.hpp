@@ -13,7 +13,7 @@
 //    `oldest_stamp` its oldest one's time. Where `parent_changes` is 0, `parent`
 //    is that of all, and the ring's parents mean nothing.
 // 3. count 0 and not static: the frame has no parent (root, new, or cleared).
-// 4. A ring, once replaced, is kept until the frame dies. Rings double, so what
+// 4. A ring, once replaced, is kept until the tree dies. Rings double, so what
 //    is kept is smaller than what is used.
 #pragma once
 
@@ -25,11 +25,22 @@
 
 #include "locks.hpp"
 #include "pose.hpp"
+#include "ring_memory.hpp"
 
 namespace ztf {
 
 using FrameId = std::uint32_t;  // 1, 2, ... in order of creation; 0: none
 using Stamp = std::int64_t;     // nanoseconds
+
+// Fetches a line that will be written, from other processors that have read it as well. (All
+// x86-64 processors take the instruction; a compiler that is not told so leaves it out.)
+ZTF_HOT void prefetch_for_write(const void* line) noexcept {
+#if defined(__x86_64__)
+  asm volatile("prefetchw %0" ::"m"(*static_cast<const char*>(line)));
+#else
+  __builtin_prefetch(line, 1);
+#endif
+}
 
 constexpr Stamp kNoStamp = std::numeric_limits<Stamp>::min();
 
@@ -77,26 +88,12 @@ class Ring {
   Ring() noexcept = default;  // none
   explicit operator bool() const noexcept { return word_ != 0; }
 
-  // Throws bad_alloc. `smaller`: what it replaces, and will free with itself.
-  static Ring make(std::uint32_t capacity, Ring smaller) {
-    void* const memory = ::operator new(bytes(capacity), std::align_val_t{64});
+  // Of zeros, which are good for all that is in it. Throws bad_alloc.
+  static Ring make(std::uint32_t capacity, RingMemory& memory) {
     Ring ring;
-    ring.word_ = reinterpret_cast<std::uintptr_t>(memory) |
+    ring.word_ = reinterpret_cast<std::uintptr_t>(memory.take(lines(capacity))) |
                  static_cast<std::uintptr_t>(std::countr_zero(capacity));
-    for (std::uint32_t i = 0; i < capacity; ++i) {
-      new (ring.samples() + i) Sample();
-      new (ring.parents() + i) std::atomic<FrameId>(0);
-    }
-    new (ring.smaller()) Ring(smaller);
     return ring;
-  }
-  // This ring and all that it replaced.
-  static void free_all(Ring ring) noexcept {
-    while (ring) {
-      const Ring smaller = *ring.smaller();
-      ::operator delete(ring.samples(), std::align_val_t{64});
-      ring = smaller;
-    }
   }
 
   [[nodiscard]] ZTF_HOT std::uint32_t capacity() const noexcept {
@@ -125,23 +122,20 @@ class Ring {
     store_parent(to, from.parent(i));
   }
   void prefetch(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i)); }
-  void prefetch_for_write(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i), 1); }
+  void prefetch_for_write(std::uint32_t i) const noexcept { ztf::prefetch_for_write(&sample(i)); }
 
  private:
   static constexpr std::uintptr_t kLogarithm = 63;
 
-  // The samples, their parents, and the ring before.
-  static std::size_t bytes(std::uint32_t capacity) noexcept {
-    return capacity * (sizeof(Sample) + sizeof(FrameId)) + sizeof(Ring);
+  // The samples, then their parents.
+  static std::size_t lines(std::uint32_t capacity) noexcept {
+    return capacity + (capacity * sizeof(FrameId) + 63) / 64;
   }
   [[nodiscard]] ZTF_HOT Sample* samples() const noexcept {
     return reinterpret_cast<Sample*>(word_ & ~kLogarithm);
   }
   [[nodiscard]] std::atomic<FrameId>* parents() const noexcept {
     return reinterpret_cast<std::atomic<FrameId>*>(samples() + capacity());
-  }
-  [[nodiscard]] Ring* smaller() const noexcept {
-    return reinterpret_cast<Ring*>(parents() + capacity());
   }
 
   std::uintptr_t word_ = 0;
@@ -168,11 +162,9 @@ struct alignas(128) Frame {
   Sample latest;
 
   void prefetch_for_write() const noexcept {
-    __builtin_prefetch(&version, 1);
-    __builtin_prefetch(&latest, 1);
+    ztf::prefetch_for_write(&version);
+    ztf::prefetch_for_write(&latest);
   }
-
-  ~Frame() { Ring::free_all(ring.load(std::memory_order_relaxed)); }
 };
 static_assert(sizeof(Frame) == 128);
 static_assert(std::atomic<Ring>::is_always_lock_free);

@@ -1,10 +1,12 @@
-// Samples from the ring, searched by time: irregular ones, and the reasons why there is none.
+// What is less usual about a history: samples that come at random times, or not as the newest, and
+// the reasons why there is none.
 #include "history.hpp"
 
 namespace ztf {
 
 namespace {
 
+constexpr std::uint32_t kNear = 8;
 constexpr int kGuesses = 12;
 
 // The last sample not after the stamp, counted from `first`, which is not after it; the one at
@@ -21,9 +23,25 @@ std::uint32_t find(const Frame& frame, Ring ring, std::uint32_t first, std::uint
     // In a collision with a writer the guess may be anything.
     at = !(guess > low) ? low + 1 : guess < high ? static_cast<std::uint32_t>(guess) : high - 1;
     from = ring.stamp(first + at);
-    (from <= stamp ? low : high) = at;
+    if (from <= stamp) {
+      for (low = at; low + 1 < high && low < at + kNear; ++low)
+        if ((from = ring.stamp(first + low + 1)) > stamp) return low;
+      at = low;
+    } else {
+      for (high = at; low + 1 < high && high + kNear > at; --high)
+        if ((from = ring.stamp(first + high - 1)) <= stamp) return high - 1;
+      at = high;
+    }
   }
   return low;
+}
+
+// How often the parent changes between a sample and its neighbours.
+std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
+                                std::uint32_t place) noexcept {
+  const FrameId parent = ring.parent(first + place);
+  return (place > 0 && ring.parent(first + place - 1) != parent) +
+         (place + 1 < count && ring.parent(first + place + 1) != parent);
 }
 
 }  // namespace
@@ -52,6 +70,69 @@ Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
   const FrameId newer = parent_at(frame, ring, slot + 1);
   bracket = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
   return {Kind::ok, older, slot & Place::kSlots};
+}
+
+Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                          const HistoryLimits& limits) noexcept {
+  const auto relaxed = std::memory_order_relaxed;  // the writer's own words
+  const auto release = std::memory_order_release;
+  const Ring ring = frame.ring.load(relaxed);
+  std::uint32_t first = frame.first.load(relaxed);
+  std::uint32_t count = frame.count.load(relaxed);
+  std::uint32_t changes = count == 0 ? 0 : frame.parent_changes.load(relaxed);
+  const bool one_parent = changes == 0 && (count == 0 || frame.parent.load(relaxed) == parent);
+  if (!one_parent && changes == 0)  // so far nobody has asked for them
+    for (std::uint32_t i = 0; i < count; ++i)
+      ring.store_parent(first + i, frame.parent.load(relaxed));
+  Inserted result = Inserted::added;
+  frame.is_static.store(false, release);
+
+  // Mostly it is the newest. Else back to its place.
+  const Stamp newest_before = frame.latest.stamp.load(relaxed);
+  const bool is_newest = count == 0 || stamp > newest_before;
+  std::uint32_t place = count;
+  while (!is_newest && place > 0 && ring.stamp(first + place - 1) > stamp) --place;
+  if (!is_newest && place > 0 && ring.stamp(first + place - 1) == stamp) {
+    --place;
+    if (!one_parent) changes -= changes_at(ring, first, count, place);
+    result = Inserted::rewritten;
+  } else {
+    if (count == limits.max_samples) {
+      if (place == 0) return Inserted::refused;
+      if (!one_parent) changes -= changes_at(ring, first, count, 0);
+      ++first;
+      --count;
+      --place;
+      result = Inserted::evicted;
+    }
+    if (!one_parent && place > 0 && place < count)
+      changes -= ring.parent(first + place - 1) != ring.parent(first + place);
+    for (std::uint32_t i = count; i > place; --i) ring.copy(first + i, ring, first + i - 1);
+    ++count;
+  }
+  ring.store(first + place, stamp, pose);
+  if (!one_parent) {
+    ring.store_parent(first + place, parent);
+    changes += changes_at(ring, first, count, place);
+  }
+  if (place == count - 1) store_latest(frame, stamp, parent, pose);
+
+  const Stamp newest = place == count - 1 ? stamp : newest_before;
+  Stamp oldest = place == 0                    ? stamp
+                 : result == Inserted::evicted ? ring.stamp(first)
+                                               : frame.oldest_stamp.load(relaxed);
+  while (too_old(oldest, newest, limits.cache_ns)) {
+    if (!one_parent) changes -= changes_at(ring, first, count, 0);
+    ++first;
+    --count;
+    oldest = ring.stamp(first);
+  }
+  frame.parent_changes.store(changes, release);
+  frame.oldest_stamp.store(oldest, release);
+  frame.samples_per_ns.store(mean_rate(count, oldest, newest), release);
+  frame.first.store(first, release);
+  frame.count.store(count, release);
+  return result;
 }
 
 }  // namespace ztf

@@ -143,7 +143,8 @@ inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
 
 // Makes room for `extra` more samples, so that insert() needs none. The only
 // step of a write that can fail (bad_alloc); it changes nothing a reader sees.
-inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits) {
+inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
+                    RingMemory& memory) {
   const auto relaxed = std::memory_order_relaxed;
   const Ring ring = frame.ring.load(relaxed);
   const std::uint32_t first = frame.first.load(relaxed);
@@ -152,17 +153,9 @@ inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limi
   if (ring && ring.capacity() >= wanted) return;
   std::uint32_t capacity = ring ? ring.capacity() : 4;
   while (capacity < wanted) capacity *= 2;
-  const Ring bigger = Ring::make(capacity, ring);
+  const Ring bigger = Ring::make(capacity, memory);
   for (std::uint32_t i = 0; i < count; ++i) bigger.copy(first + i, ring, first + i);
   frame.ring.store(bigger, std::memory_order_release);
-}
-
-// How often the parent changes between a sample and its neighbours.
-inline std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
-                                std::uint32_t place) noexcept {
-  const FrameId parent = ring.parent(first + place);
-  return (place > 0 && ring.parent(first + place - 1) != parent) +
-         (place + 1 < count && ring.parent(first + place + 1) != parent);
 }
 
 // For a frame that will get a sample: what its insert() mostly needs.
@@ -181,68 +174,46 @@ inline double mean_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcep
   return count < 2 ? 0 : (count - 1 - 1e-9) / distance(oldest, newest);
 }
 
-// Puts a sample in that is not too old, after reserve().
-inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
-                       const HistoryLimits& limits) noexcept {
+// Whether the usual insert will do: of a sample that is newer than all, and of the same parent.
+inline bool appends(const Frame& frame, Stamp stamp, FrameId parent) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  return frame.count.load(relaxed) > 0 && frame.latest.stamp.load(relaxed) < stamp &&
+         frame.parent.load(relaxed) == parent && frame.parent_changes.load(relaxed) == 0;
+}
+
+// That insert, after reserve(): `added` or `evicted`.
+inline Inserted append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
   const Ring ring = frame.ring.load(relaxed);
   std::uint32_t first = frame.first.load(relaxed);
   std::uint32_t count = frame.count.load(relaxed);
-  std::uint32_t changes = count == 0 ? 0 : frame.parent_changes.load(relaxed);
-  const bool one_parent = changes == 0 && (count == 0 || frame.parent.load(relaxed) == parent);
-  if (!one_parent && changes == 0)  // so far nobody has asked for them
-    for (std::uint32_t i = 0; i < count; ++i)
-      ring.store_parent(first + i, frame.parent.load(relaxed));
-  Inserted result = Inserted::added;
-  frame.is_static.store(false, release);
-
-  // Mostly it is the newest. Else back to its place.
-  const Stamp newest_before = frame.latest.stamp.load(relaxed);
-  const bool is_newest = count == 0 || stamp > newest_before;
-  std::uint32_t place = count;
-  while (!is_newest && place > 0 && ring.stamp(first + place - 1) > stamp) --place;
-  if (!is_newest && place > 0 && ring.stamp(first + place - 1) == stamp) {
-    --place;
-    if (!one_parent) changes -= changes_at(ring, first, count, place);
-    result = Inserted::rewritten;
-  } else {
-    if (count == limits.max_samples) {
-      if (place == 0) return Inserted::refused;
-      if (!one_parent) changes -= changes_at(ring, first, count, 0);
-      ++first;
-      --count;
-      --place;
-      result = Inserted::evicted;
-    }
-    if (!one_parent && place > 0 && place < count)
-      changes -= ring.parent(first + place - 1) != ring.parent(first + place);
-    for (std::uint32_t i = count; i > place; --i) ring.copy(first + i, ring, first + i - 1);
-    ++count;
-  }
-  ring.store(first + place, stamp, pose);
-  if (!one_parent) {
-    ring.store_parent(first + place, parent);
-    changes += changes_at(ring, first, count, place);
-  }
-  if (place == count - 1) store_latest(frame, stamp, parent, pose);
-
-  const Stamp newest = place == count - 1 ? stamp : newest_before;
-  Stamp oldest = place == 0                    ? stamp
-                 : result == Inserted::evicted ? ring.stamp(first)
-                                               : frame.oldest_stamp.load(relaxed);
-  while (too_old(oldest, newest, limits.cache_ns)) {
-    if (!one_parent) changes -= changes_at(ring, first, count, 0);
+  Stamp oldest = frame.oldest_stamp.load(relaxed);
+  const bool is_full = count == limits.max_samples;
+  ring.store(first + count, stamp, pose);
+  frame.latest.stamp.store(stamp, release);
+  frame.latest.pose.store(pose);
+  ++count;
+  while (count > limits.max_samples || too_old(oldest, stamp, limits.cache_ns)) {
     ++first;
     --count;
     oldest = ring.stamp(first);
   }
-  frame.parent_changes.store(changes, release);
   frame.oldest_stamp.store(oldest, release);
-  frame.samples_per_ns.store(mean_rate(count, oldest, newest), release);
+  frame.samples_per_ns.store(mean_rate(count, oldest, stamp), release);
   frame.first.store(first, release);
   frame.count.store(count, release);
-  return result;
+  return is_full ? Inserted::evicted : Inserted::added;
+}
+
+Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                         const HistoryLimits& limits) noexcept;
+
+// Puts a sample in that is not too old, after reserve().
+inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                       const HistoryLimits& limits) noexcept {
+  return appends(frame, stamp, parent) ? append(frame, stamp, pose, limits)
+                                       : insert_anywhere(frame, stamp, parent, pose, limits);
 }
 
 }  // namespace ztf

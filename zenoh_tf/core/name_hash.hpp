@@ -1,4 +1,4 @@
-// The hash of names.
+// The hash of names, and their comparison.
 //
 // Thread safety: constant once made.
 // Words of the name are multiplied, and both halves of the product folded into one (as wyhash does):
@@ -15,6 +15,29 @@
 
 namespace ztf {
 
+template <class Word>
+ZTF_HOT Word word_at(const char* text) noexcept {
+  Word word;
+  std::memcpy(&word, text, sizeof word);
+  return word;
+}
+
+// What == says, for the short texts that names are: a call of memcmp() takes longer.
+ZTF_HOT bool same_name(std::string_view a, std::string_view b) noexcept {
+  if (a.size() != b.size()) return false;
+  std::size_t left = a.size();
+  const char *p = a.data(), *q = b.data();
+  if (left < 8) {
+    for (; left > 0; --left, ++p, ++q)
+      if (*p != *q) return false;
+    return true;
+  }
+  for (; left > 8; p += 8, q += 8, left -= 8)
+    if (word_at<std::uint64_t>(p) != word_at<std::uint64_t>(q)) return false;
+  p -= 8 - left, q -= 8 - left;  // the last word may overlap the one before
+  return word_at<std::uint64_t>(p) == word_at<std::uint64_t>(q);
+}
+
 class NameHash {
  public:
   NameHash() : NameHash(std::random_device()) {}
@@ -24,15 +47,15 @@ class NameHash {
     std::size_t left = name.size();
     std::uint64_t hash = seed_ ^ (left * mix_);
     for (; left > 16; at += 16, left -= 16)
-      hash = folded(word<std::uint64_t>(at) ^ hash, word<std::uint64_t>(at + 8) ^ mix_);
+      hash = folded(word_at<std::uint64_t>(at) ^ hash, word_at<std::uint64_t>(at + 8) ^ mix_);
     std::uint64_t a = 0, b = 0;  // what is left, from both ends, which may overlap
     if (left >= 8) {
-      a = word<std::uint64_t>(at), b = word<std::uint64_t>(at + left - 8);
+      a = word_at<std::uint64_t>(at), b = word_at<std::uint64_t>(at + left - 8);
     } else if (left >= 4) {
-      a = word<std::uint32_t>(at), b = word<std::uint32_t>(at + left - 4);
+      a = word_at<std::uint32_t>(at), b = word_at<std::uint32_t>(at + left - 4);
     } else if (left > 0) {
-      a = word<std::uint8_t>(at);
-      b = word<std::uint8_t>(at + left / 2) | word<std::uint8_t>(at + left - 1) << 8;
+      a = word_at<std::uint8_t>(at);
+      b = word_at<std::uint8_t>(at + left / 2) | word_at<std::uint8_t>(at + left - 1) << 8;
     }
     return folded(a ^ hash, b ^ mix_);
   }
@@ -41,12 +64,6 @@ class NameHash {
   explicit NameHash(std::random_device&& random) : seed_(random64(random)), mix_(random64(random)) {}
   static std::uint64_t random64(std::random_device& random) {
     return std::uint64_t{random()} << 32 | random();
-  }
-  template <class Word>
-  static Word word(const char* at) noexcept {
-    Word value;
-    std::memcpy(&value, at, sizeof value);
-    return value;
   }
   static std::uint64_t folded(std::uint64_t a, std::uint64_t b) noexcept {
     __extension__ const auto product = static_cast<unsigned __int128>(a) * b;

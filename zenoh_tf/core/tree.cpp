@@ -1,4 +1,4 @@
-// The tree as a whole: its memory, and what drops samples of many frames.
+// The tree as a whole, and what drops samples of many frames.
 #include "tree.hpp"
 
 #include <algorithm>
@@ -15,10 +15,6 @@ Tree::Tree(const Options& options)
       authority_counters_(std::size_t{options.max_authorities} + 1),
       names_(options.max_frames),
       authorities_(options.max_authorities) {}
-
-Tree::~Tree() {
-  for (FrameId id = 1; id <= names_.size(); ++id) frames_[id].~Frame();
-}
 
 void Tree::list_frames(FrameList& all) const {
   for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);

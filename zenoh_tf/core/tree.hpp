@@ -74,7 +74,6 @@ struct Refused {
 class Tree {
  public:
   explicit Tree(const Options& options);
-  ~Tree();
   Tree(const Tree&) = delete;
   Tree& operator=(const Tree&) = delete;
 
@@ -158,6 +157,7 @@ class Tree {
   const Options options_;
   const ZeroedArray<Frame> frame_array_;
   Frame* const frames_;
+  RingMemory ring_memory_;
   const ZeroedArray<FrameEvents> events_;
   const ZeroedArray<AuthorityCounters> authority_counters_;
   std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever

@@ -50,9 +50,12 @@ class Commit {
     Stamp stamp;
   };
   struct Group {  // the writes of one child: writes_[begin, end)
+    Frame* frame;
+    FrameId child;
     std::uint32_t begin, end;
-    FrameId new_parent;  // of the newest link after this commit; 0: as before
+    FrameId new_parent = 0;  // of the newest link after this commit; 0: as before
     WaitingRoom::Change change = WaitingRoom::Change::appended;
+    bool appends = false;  // one row, which changes nothing but what is the newest sample
   };
 
   // False: again, with the topology mutex held, for the topology or the names change; and with all
@@ -119,7 +122,7 @@ class Commit {
   // Refuses, or decides all that write() will do, which then cannot fail.
   bool prepare(WriteLocks& locks) {
     if (children_.size() > 1)
-      for (const FrameId child : children_) prefetch_for_write(tree_.frames_[child]);
+      for (const Group& group : groups_) prefetch_for_write(*group.frame);
     if (!request_.read_names.empty()) locks.hold_readers_off();
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     const bool held_all = locks_all(), jumped = time_jumped_;
@@ -138,7 +141,7 @@ class Commit {
     (void)changed_.reserve(groups_.size());
     for (const Group& group : groups_)
       if (!request_.is_static)
-        reserve(frame_of(group), group.end - group.begin, limits());
+        reserve(*group.frame, group.end - group.begin, limits(), tree_.ring_memory_);
     return true;
   }
 
@@ -146,7 +149,7 @@ class Commit {
     locks.hold_readers_off();
     names_.publish(children_);
     for (Group& group : groups_)
-      if (apply(group)) changed_.push_back(writes_[group.begin].child);
+      if (group.appends ? append(group) : apply(group)) changed_.push_back(group.child);
   }
 
   void sort_and_group() {
@@ -158,20 +161,25 @@ class Commit {
       std::sort(writes_.begin(), writes_.end(), before);
     groups_.clear();
     children_.clear();
+    Group* group = groups_.reserve(writes_.size()) - 1;
+    FrameId* child = children_.reserve(writes_.size());
     for (std::uint32_t i = 0; i < writes_.size(); ++i) {
-      if (i == 0 || writes_[i].child != writes_[i - 1].child) {
-        *groups_.append(1) = Group{i, i, 0};
-        children_.push_back(writes_[i].child);
+      const FrameId id = writes_[i].child;
+      if (i == 0 || id != group->child) {
+        *++group = Group{&tree_.frames_[id], id, i, i};
+        *child++ = id;
       }
-      groups_.back().end = i + 1;
+      group->end = i + 1;
     }
+    groups_.set_size(static_cast<std::size_t>(group + 1 - groups_.begin()));
+    children_.set_size(groups_.size());
   }
 
   // Others may have dropped the samples meanwhile, and stored newer ones: those stay.
   [[nodiscard]] bool time_is_back() const noexcept {
     const auto relaxed = std::memory_order_relaxed;
     for (const Group& group : groups_) {
-      const Frame& frame = frame_of(group);
+      const Frame& frame = *group.frame;
       if (!frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0 &&
           too_old(writes_[group.begin].stamp, frame.latest.stamp.load(relaxed),
                   tree_.options_.cache_ns))
@@ -203,7 +211,18 @@ class Commit {
 
   // Decides which rows are stored; true where the newest parent changes.
   bool check_group(Group& group) {
-    const Frame& frame = frame_of(group);
+    const Write& first = writes_[group.begin];
+    group.appends = group.end - group.begin == 1 && !request_.is_static && !clears_ &&
+                    appends(*group.frame, first.stamp, first.parent) &&
+                    group.frame->authority.load(std::memory_order_relaxed) == names_.authority();
+    if (!group.appends) [[unlikely]]
+      return check_rows(group);
+    stored_[first.row] = true;
+    return false;
+  }
+
+  [[gnu::noinline]] bool check_rows(Group& group) {
+    const Frame& frame = *group.frame;
     const auto relaxed = std::memory_order_relaxed;
     const bool goes = goes_first(frame);
     const std::uint32_t authority = frame.authority.load(relaxed);
@@ -263,10 +282,10 @@ class Commit {
     std::sort(new_parents.begin(), new_parents.end());
     for (const Group& group : groups_) {
       if (group.new_parent == 0) continue;
-      const FrameId child = writes_[group.begin].child;
+      const FrameId child = group.child;
       FrameId frame = group.new_parent;
       // A frame that nobody stands on cannot be reached from below.
-      if (!tree_.frames_[child].is_parent.load(std::memory_order_relaxed) &&
+      if (!group.frame->is_parent.load(std::memory_order_relaxed) &&
           !std::binary_search(new_parents.begin(), new_parents.end(), child))
         continue;
       for (std::uint64_t steps = 0; frame != 0 && frame != child && steps <= frames; ++steps)
@@ -282,12 +301,23 @@ class Commit {
     return goes_first(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
   }
 
-  bool apply(Group& group) {
-    const FrameId child = writes_[group.begin].child;
-    Frame& frame = tree_.frames_[child];
-    FrameEvents& events = tree_.events_[child];
+  // For the words of a frame that this commit holds.
+  static void count(std::atomic<std::uint32_t>& counter) noexcept {
+    counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+  }
+
+  bool append(const Group& group) noexcept {
+    const Write& write = writes_[group.begin];
+    if (ztf::append(*group.frame, write.stamp, poses_[write.row], limits()) == Inserted::evicted)
+      count(tree_.events_[group.child].evicted);
+    ++tally_.stored;
+    return true;
+  }
+
+  [[gnu::noinline]] bool apply(Group& group) {
+    Frame& frame = *group.frame;
+    FrameEvents& events = tree_.events_[group.child];
     const auto relaxed = std::memory_order_relaxed;
-    const auto count = [](std::atomic<std::uint32_t>& counter) { counter.fetch_add(1, relaxed); };
 
     const FrameId parent_before = frame.parent.load(relaxed);
     const bool static_before = frame.is_static.load(relaxed);
@@ -334,12 +364,11 @@ class Commit {
   void note_change(const Group& group, FrameId parent_before, bool static_before) noexcept {
     using Change = FrameEvents::Change;
     const auto relaxed = std::memory_order_relaxed;
-    const FrameId child = writes_[group.begin].child;
-    Frame& frame = tree_.frames_[child];
-    FrameEvents& events = tree_.events_[child];
+    Frame& frame = *group.frame;
+    FrameEvents& events = tree_.events_[group.child];
     Change change = Change::none;
     const auto note = [&](std::atomic<std::uint32_t>& counter, Change what) {
-      counter.fetch_add(1, relaxed);
+      count(counter);
       change = what;
     };
     const bool had_data = parent_before != 0;
@@ -369,9 +398,6 @@ class Commit {
   [[nodiscard]] const Group* group_of(FrameId child) const noexcept {
     const FrameId* const at = std::lower_bound(children_.begin(), children_.end(), child);
     return at != children_.end() && *at == child ? &groups_[at - children_.begin()] : nullptr;
-  }
-  [[nodiscard]] Frame& frame_of(const Group& group) const noexcept {
-    return tree_.frames_[writes_[group.begin].child];
   }
   [[nodiscard]] HistoryLimits limits() const noexcept {
     return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
