@@ -44,10 +44,10 @@ class WalkGuard {
   }
   ZTF_HOT bool rest(const Step* steps, std::size_t n) const noexcept {
     fault_point();
-    bool same = true;
+    Version differ = 0;
     for (const Step* step = steps; step != steps + n; ++step)
-      same &= step->frame->version.load() == step->version;
-    return same;
+      differ |= step->frame->version.load() ^ step->version;
+    return differ == 0;
   }
 };
 
