@@ -32,6 +32,7 @@ class Row:
     restarts_per_read: list[float]
     restarts_per_write: list[float]
     others_cores: list[float | None]
+    round_trip_ns: list[float | None]
     read_ns: dict[str, list[float | None]]
     write_ns: dict[str, list[float | None]]
     delay_oldest_s: list[float | None]

@@ -18,10 +18,12 @@ def show(table: Table) -> None:
         own = [row for row in table.rows if row.cell == cell]
         where = "a core each" if own[0].pinned else "more threads than cores"
         others = [cores for row in own for cores in row.others_cores if cores is not None]
+        trips = [ns for row in own for ns in row.round_trip_ns if ns is not None]
         print(
             f"\n{links:,} links, {direction} direction, {readers} readers, {writers} writers"
             f" ({where}; history {own[0].cache_s:g} s, ours at most {own[0].samples:g} samples;"
-            f" others used {spread(others)} cores)"
+            f" others used {spread(others)} cores;"
+            f" a cache line between two cores and back {spread(trips)} ns)"
         )
         print(_HEAD)
         for row in own:
@@ -54,6 +56,8 @@ def _line(row: Row, tf2: Row | None) -> str:
 
 def spread(values: list[float]) -> str:
     """The median, [lowest-highest]."""
+    if not values:
+        return "unknown"
     return f"{_short(middle(values))} [{_short(min(values))}-{_short(max(values))}]"
 
 

@@ -32,8 +32,8 @@ def cell(side: str, readers: int, writers: int, **values: Any) -> dict[str, Any]
         "read_ns": percentiles,
         "write_ns": percentiles,
     }
-    lists = ("unanswered_share", "restarts_per_read", "restarts_per_write", "others_cores")
-    row |= {name: [0.0] for name in (*lists, "delay_oldest_s", "delay_mean_s")}
+    once = ("unanswered_share", "restarts_per_read", "restarts_per_write", "others_cores")
+    row |= {name: [0.0] for name in (*once, "round_trip_ns", "delay_oldest_s", "delay_mean_s")}
     return row | values
 
 

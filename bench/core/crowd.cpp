@@ -1,8 +1,5 @@
 #include "crowd.hpp"
 
-#include <pthread.h>
-#include <sched.h>
-
 #include <atomic>
 #include <cmath>
 #include <exception>
@@ -11,6 +8,7 @@
 
 #include "others.hpp"
 #include "restarts.hpp"
+#include "round_trip.hpp"
 
 namespace bench {
 
@@ -24,23 +22,6 @@ enum class Phase { warm_up, measure, stop };
 constexpr double kSlowCall_s = 3e-6;
 constexpr std::uint64_t kTimedEvery = 16;
 constexpr std::uint64_t kDelayEvery = 512;
-
-std::vector<int> cores() {
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  std::vector<int> result;
-  if (sched_getaffinity(0, sizeof set, &set) == 0)
-    for (int core = 0; core < CPU_SETSIZE; ++core)
-      if (CPU_ISSET(core, &set)) result.push_back(core);
-  return result;
-}
-
-void pin(int core) {
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  CPU_SET(core, &set);
-  pthread_setaffinity_np(pthread_self(), sizeof set, &set);
-}
 
 class Random {
  public:
@@ -199,6 +180,7 @@ Turn run_crowd(Store& store, const Load& load, PausedClock& clock, double warm_u
   for (const auto& member : members) add(sum, member->turn());
   sum.seconds = spent;
   sum.others_cores = others_cores;
+  sum.round_trip_ns = round_trip_ns();
   return sum;
 }
 

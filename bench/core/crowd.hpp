@@ -41,7 +41,8 @@ struct Load {
 
 struct Turn {
   double seconds = 0;
-  double others_cores = 0;  // used by other programs meanwhile
+  double others_cores = 0;   // used by other programs meanwhile
+  double round_trip_ns = 0;  // of a cache line between two cores, right after
   std::uint64_t reads = 0, writes = 0, links_written = 0;
   std::uint64_t unanswered = 0;  // reads that are not in `reads`
   std::uint64_t read_restarts = 0, write_restarts = 0;  // not of tf2, which never starts over

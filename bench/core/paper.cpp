@@ -119,6 +119,7 @@ void add_row(Json& json, const std::vector<Turn>& turns) {
   list("restarts_per_read", [&](const Turn& t) { return per(t.read_restarts, t.reads + t.unanswered); });
   list("restarts_per_write", [&](const Turn& t) { return per(t.write_restarts, t.writes); });
   list("others_cores", [](const Turn& t) { return t.others_cores; });
+  list("round_trip_ns", [](const Turn& t) { return t.round_trip_ns; });
   add_percentiles(json, "read_ns", turns, &Turn::read_ns);
   add_percentiles(json, "write_ns", turns, &Turn::write_ns);
   list("delay_oldest_s", [](const Turn& t) { return t.oldest_s / static_cast<double>(t.delays); });

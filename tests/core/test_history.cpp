@@ -36,6 +36,11 @@ class History {
     reserve(*frame, 1, limits, *memory);
     return insert(*frame, stamp, parent, at_x(x), limits);
   }
+  // As if nothing were usual about it.
+  Inserted put_anywhere(Stamp stamp, FrameId parent, double x) {
+    reserve(*frame, 1, limits, *memory);
+    return insert_anywhere(*frame, stamp, parent, at_x(x), limits);
+  }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
 
   [[nodiscard]] Place at(Stamp stamp) const {
@@ -73,6 +78,31 @@ TEST(samples_stand_in_order_of_time) {
   CHECK_EQ(*h.put(5, 10), Inserted::rewritten);
   const std::vector<Sent> pruned = {{15, 8}, {10, 2}, {8, 7}, {5, 10}};
   CHECK(h.newest_first() == pruned);
+}
+
+TEST(the_usual_insert_leaves_what_the_general_one_does) {
+  for (const std::uint32_t max_samples : {1u, 2u, 4u, 7u, 64u}) {
+    std::minstd_rand random(max_samples);
+    History usual(50, max_samples), general(50, max_samples);
+    Stamp stamp = 0;
+    for (int i = 0; i < 2000; ++i) {
+      stamp += static_cast<Stamp>(random() % 20) + 1;
+      const FrameId parent = random() % 50 == 0 ? 2 : 1;
+      CHECK_EQ(*usual.put(stamp, parent, i), general.put_anywhere(stamp, parent, i));
+      CHECK(usual.newest_first() == general.newest_first());
+      const Frame &a = *usual.frame, &b = *general.frame;
+      CHECK_EQ(a.first.load(), b.first.load());
+      CHECK_EQ(a.oldest_stamp.load(), b.oldest_stamp.load());
+      CHECK_EQ(a.samples_per_ns.load(), b.samples_per_ns.load());
+      CHECK_EQ(a.parent_changes.load(), b.parent_changes.load());
+      CHECK_EQ(a.parent.load(), b.parent.load());
+      for (Stamp back = 0; back < 60; back += 7) {
+        const Place place = usual.at(stamp - back);
+        CHECK_EQ(place.kind, general.at(stamp - back).kind);
+        if (place.kind == Kind::ok) CHECK_EQ(usual.x(stamp - back), general.x(stamp - back));
+      }
+    }
+  }
 }
 
 TEST(the_last_wins_at_every_equal_stamp) {

@@ -36,6 +36,20 @@ TEST(every_byte_of_a_name_and_its_length_count) {
   }
 }
 
+TEST(names_are_the_same_where_every_byte_is) {
+  for (std::size_t length = 0; length <= 40; ++length) {
+    const std::string name(length, 'a');
+    std::string other = name;
+    CHECK(same_name(name, other));
+    CHECK(!same_name(name, other + 'a'));
+    for (std::size_t at = 0; at < length; ++at) {
+      other[at] = at % 2 ? '\0' : 'b';
+      CHECK(!same_name(name, other));
+      other[at] = 'a';
+    }
+  }
+}
+
 TEST(names_spread_over_the_places_of_a_table) {
   const std::vector<std::string> names = frames_of_a_fleet();
   const NameHash hash;

@@ -161,18 +161,19 @@ class Commit {
       std::sort(writes_.begin(), writes_.end(), before);
     groups_.clear();
     children_.clear();
-    Group* group = groups_.reserve(writes_.size()) - 1;
-    FrameId* child = children_.reserve(writes_.size());
+    Group* const groups = groups_.reserve(writes_.size());
+    FrameId* const children = children_.reserve(writes_.size());
+    std::size_t n = 0;
     for (std::uint32_t i = 0; i < writes_.size(); ++i) {
-      const FrameId id = writes_[i].child;
-      if (i == 0 || id != group->child) {
-        *++group = Group{&tree_.frames_[id], id, i, i};
-        *child++ = id;
+      const FrameId child = writes_[i].child;
+      if (n == 0 || child != children[n - 1]) {
+        groups[n] = Group{&tree_.frames_[child], child, i, i};
+        children[n++] = child;
       }
-      group->end = i + 1;
+      groups[n - 1].end = i + 1;
     }
-    groups_.set_size(static_cast<std::size_t>(group + 1 - groups_.begin()));
-    children_.set_size(groups_.size());
+    groups_.set_size(n);
+    children_.set_size(n);
   }
 
   // Others may have dropped the samples meanwhile, and stored newer ones: those stay.
