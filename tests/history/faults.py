@@ -25,8 +25,8 @@ FAULTS = [
         "a lookup is not validated",
         ("optimistic",),
         "guards.hpp",
-        "same &= step->frame->version.load() == step->version;",
-        "same |= step->frame->version.load() == step->version;",
+        "differ |= step->frame->version.load() ^ step->version;",
+        "differ &= step->frame->version.load() ^ step->version;",
     ),
     Fault(
         "lookups together are not validated",
