@@ -3,7 +3,7 @@
 //
 // Thread safety: everything, from any thread.
 // Lock order: giant mutex (giant only), topology mutex, then frames in
-// ascending id. Reads take neither mutex, but for the giant one.
+// ascending id, then that of the rings' memory. Reads take none of these mutexes but the giant one.
 // Invariants
 // 1. Frames are never freed or moved; an id stays good for the tree's life.
 // 2. The newest parents form a forest: whoever changes a parent, or adds a
