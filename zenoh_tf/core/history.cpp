@@ -6,6 +6,7 @@ namespace ztf {
 
 namespace {
 
+// Samples looked at beside a guess, before the next one: their loads overlap, those of guesses do not.
 constexpr std::uint32_t kNear = 8;
 constexpr int kGuesses = 12;
 
@@ -38,7 +39,7 @@ std::uint32_t find(const Frame& frame, Ring ring, std::uint32_t first, std::uint
 
 // How often the parent changes between a sample and its neighbours.
 std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
-                                std::uint32_t place) noexcept {
+                         std::uint32_t place) noexcept {
   const FrameId parent = ring.parent(first + place);
   return (place > 0 && ring.parent(first + place - 1) != parent) +
          (place + 1 < count && ring.parent(first + place + 1) != parent);
@@ -73,7 +74,7 @@ Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
 }
 
 Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
-                          const HistoryLimits& limits) noexcept {
+                         const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
   const Ring ring = frame.ring.load(relaxed);
