@@ -188,10 +188,13 @@ TEST(a_full_frame_gives_up_its_oldest) {
   CHECK_EQ(*h.put(5, 1), Inserted::refused);
   CHECK_EQ(h.newest_first().back().stamp, 10);
   CHECK_EQ(*h.put(10, 2), Inserted::rewritten);
-  CHECK_EQ(*h.put(15, 3), Inserted::evicted);
+  CHECK_EQ(h.frame->evicted.load(), 0u);
+  CHECK_EQ(*h.put(15, 3), Inserted::added);
+  CHECK_EQ(h.frame->evicted.load(), 1u);
   const std::vector<Sent> expected = {{40, 1}, {30, 1}, {20, 1}, {15, 3}};
   CHECK(h.newest_first() == expected);
-  CHECK_EQ(*h.put(50, 1), Inserted::evicted);
+  CHECK_EQ(*h.put(50, 1), Inserted::added);
+  CHECK_EQ(h.frame->evicted.load(), 2u);
   CHECK_EQ(h.newest_first().back().stamp, 20);
 }
 
@@ -221,6 +224,7 @@ TEST(any_history_is_that_of_a_sorted_map) {
     const std::uint32_t max_samples = round % 4 ? 64 : 5;
     History h(cache, max_samples, round % 2 ? 0xFFFFFFFFu - static_cast<std::uint32_t>(round) : 0);
     std::map<Stamp, std::pair<FrameId, double>> model;
+    std::uint32_t evicted = 0;
     Stamp now = 0;
     for (int i = 0; i < 300; ++i) {
       // Bursts, pauses over many magnitudes, and stragglers.
@@ -237,14 +241,19 @@ TEST(any_history_is_that_of_a_sorted_map) {
         if (model.contains(stamp)) {
           expected = Inserted::rewritten;
         } else if (model.size() == max_samples) {
-          expected = stamp < model.begin()->first ? Inserted::refused : Inserted::evicted;
-          if (expected == Inserted::evicted) model.erase(model.begin());
+          if (stamp < model.begin()->first) {
+            expected = Inserted::refused;
+          } else {
+            model.erase(model.begin());
+            ++evicted;
+          }
         }
         if (expected != Inserted::refused) model[stamp] = {parent, x};
         while (too_old(model.begin()->first, model.rbegin()->first, cache)) model.erase(model.begin());
       }
       CHECK(result == expected);
       CHECK_EQ(h.frame->count.load(), model.size());
+      CHECK_EQ(h.frame->evicted.load(), evicted);
       CHECK_EQ(h.frame->latest.stamp.load(), model.rbegin()->first);
       CHECK_EQ(oldest_stamp(*h.frame), model.begin()->first);
       std::uint32_t changes = 0;

@@ -82,3 +82,17 @@ TEST(names_are_found_however_the_table_grows) {
   table.show(7);
   CHECK_EQ(table.find(names[6]), 7u);
 }
+
+TEST(names_of_every_length_are_kept) {
+  NameTable table(100);
+  std::vector<std::string> names;
+  for (std::size_t length = 1; length <= 60; ++length) names.push_back(std::string(length, 'a'));
+  for (const std::string& name : names) {
+    const NameTable::Id id = table.insert(name);
+    CHECK(table.name(id) == name);
+  }
+  for (std::uint32_t i = 0; i < names.size(); ++i) {
+    CHECK_EQ(table.find(names[i]), i + 1);
+    CHECK(table.name(i + 1) == names[i]);
+  }
+}

@@ -86,7 +86,7 @@ TEST(a_full_frame_refuses_older_rows) {
     CHECK(w.set("a", "b", 10, at_x(1)));
     CHECK(w.set("a", "b", 15));
     CHECK_EQ(w.tree.info(w.id("b")).oldest, 15);
-    CHECK_EQ(w.tree.events(w.id("b")).evicted.load(), 1u);
+    CHECK_EQ(w.tree.info(w.id("b")).evicted, 1u);
     check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 14}, {"a", "b", 60}});
   });
 }

@@ -67,7 +67,7 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   out["version"] = info.version;
   out["rewritten"] = load(events.rewritten);
   out["dropped"] = load(events.dropped);
-  out["evicted"] = load(events.evicted);
+  out["evicted"] = info.evicted;
   out["reparented"] = load(events.reparented);
   out["switched"] = load(events.switched);
   out["authority_changes"] = load(events.authority_changes);
@@ -121,7 +121,7 @@ nb::dict stats(const Tree& tree) {
       samples += info.samples;
     rewritten += load(events.rewritten);
     dropped += load(events.dropped);
-    evicted += load(events.evicted);
+    evicted += info.evicted;
   }
   nb::dict out;
   out["frames"] = frames;

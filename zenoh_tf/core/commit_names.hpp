@@ -17,7 +17,9 @@ namespace ztf {
 
 class CommitNames {
  public:
-  CommitNames(Tree& tree, const CommitRequest& request) : tree_(tree), request_(request) {}
+  CommitNames(Tree& tree, const CommitRequest& request) : tree_(tree), request_(request) {
+    tree.names_.prefetch(request.names, [&](FrameId id) { tree.frames_[id].prefetch(); });
+  }
 
   // Forgets what an earlier attempt has found. False where the authority is new and may not be numbered.
   bool start(bool may_number) {
@@ -25,7 +27,6 @@ class CommitNames {
     new_.reset();
     ids_.clear();
     std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
-    tree_.names_.prefetch(request_.names);
     return find_authority();
   }
 

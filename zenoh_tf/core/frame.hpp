@@ -157,10 +157,14 @@ struct alignas(128) Frame {
   std::atomic<bool> is_static;
   std::atomic<bool> is_parent;  // has ever been one; written under the topology mutex
   std::atomic<std::uint32_t> authority;
-  std::atomic<std::uint32_t> waiters;  // lookups that wait for a commit on it (waiting.hpp)
+  std::atomic<std::uint32_t> evicted;  // samples that went before their time: the frame was full
 
   Sample latest;
 
+  void prefetch() const noexcept {
+    __builtin_prefetch(&version);
+    __builtin_prefetch(&latest);
+  }
   void prefetch_for_write() const noexcept {
     ztf::prefetch_for_write(&version);
     ztf::prefetch_for_write(&latest);

@@ -17,7 +17,7 @@ using AuthorityId = std::uint32_t;  // 1, 2, ...; 0: none was named
 struct FrameEvents {
   enum class Change : std::uint8_t { none, reparented, switched, authority };
 
-  std::atomic<std::uint32_t> rewritten, dropped, evicted, reparented, switched, authority_changes;
+  std::atomic<std::uint32_t> rewritten, dropped, reparented, switched, authority_changes;
 
   std::atomic<Stamp> change_stamp;  // of the row that did it
   std::atomic<AuthorityId> change_authority;
@@ -57,7 +57,7 @@ struct FrameInfo {
   FrameId parent;
   AuthorityId authority;
   bool is_static;
-  std::uint32_t samples;
+  std::uint32_t samples, evicted;
   Stamp oldest, newest;
   Version version;
 

@@ -85,7 +85,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   if (!one_parent && changes == 0)  // so far nobody has asked for them
     for (std::uint32_t i = 0; i < count; ++i)
       ring.store_parent(first + i, frame.parent.load(relaxed));
-  Inserted result = Inserted::added;
+  bool is_rewritten = false, is_evicted = false;
   frame.is_static.store(false, release);
 
   // Mostly it is the newest. Else back to its place.
@@ -96,7 +96,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   if (!is_newest && place > 0 && ring.stamp(first + place - 1) == stamp) {
     --place;
     if (!one_parent) changes -= changes_at(ring, first, count, place);
-    result = Inserted::rewritten;
+    is_rewritten = true;
   } else {
     if (count == limits.max_samples) {
       if (place == 0) return Inserted::refused;
@@ -104,7 +104,8 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
       ++first;
       --count;
       --place;
-      result = Inserted::evicted;
+      is_evicted = true;
+      count_one(frame.evicted);
     }
     if (!one_parent && place > 0 && place < count)
       changes -= ring.parent(first + place - 1) != ring.parent(first + place);
@@ -119,9 +120,9 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   if (place == count - 1) store_latest(frame, stamp, parent, pose);
 
   const Stamp newest = place == count - 1 ? stamp : newest_before;
-  Stamp oldest = place == 0                    ? stamp
-                 : result == Inserted::evicted ? ring.stamp(first)
-                                               : frame.oldest_stamp.load(relaxed);
+  Stamp oldest = place == 0  ? stamp
+                 : is_evicted ? ring.stamp(first)
+                              : frame.oldest_stamp.load(relaxed);
   while (too_old(oldest, newest, limits.cache_ns)) {
     if (!one_parent) changes -= changes_at(ring, first, count, 0);
     ++first;
@@ -133,7 +134,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   frame.samples_per_ns.store(mean_rate(count, oldest, newest), release);
   frame.first.store(first, release);
   frame.count.store(count, release);
-  return result;
+  return is_rewritten ? Inserted::rewritten : Inserted::added;
 }
 
 }  // namespace ztf

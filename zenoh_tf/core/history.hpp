@@ -118,7 +118,6 @@ inline bool too_old(Stamp stamp, Stamp newest, std::uint64_t cache_ns) noexcept 
 enum class Inserted : std::uint8_t {
   added,
   rewritten,  // a sample of the same stamp was replaced
-  evicted,    // the frame was full: the oldest sample went before its time
   refused,    // the frame is full of newer samples
 };
 
@@ -174,6 +173,11 @@ inline double mean_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcep
   return count < 2 ? 0 : (count - 1 - 1e-9) / distance(oldest, newest);
 }
 
+// For who holds the frame: a locked add would wait for all the stores before it.
+inline void count_one(std::atomic<std::uint32_t>& counter) noexcept {
+  counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+}
+
 // Whether the usual insert will do: of a sample that is newer than all, and of the same parent.
 inline bool appends(const Frame& frame, Stamp stamp, FrameId parent) noexcept {
   const auto relaxed = std::memory_order_relaxed;
@@ -181,15 +185,15 @@ inline bool appends(const Frame& frame, Stamp stamp, FrameId parent) noexcept {
          frame.parent.load(relaxed) == parent && frame.parent_changes.load(relaxed) == 0;
 }
 
-// That insert, after reserve(): `added` or `evicted`.
-inline Inserted append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLimits& limits) noexcept {
+// That insert, after reserve().
+inline void append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
   const Ring ring = frame.ring.load(relaxed);
   std::uint32_t first = frame.first.load(relaxed);
   std::uint32_t count = frame.count.load(relaxed);
   Stamp oldest = frame.oldest_stamp.load(relaxed);
-  const bool is_full = count == limits.max_samples;
+  if (count == limits.max_samples) count_one(frame.evicted);
   ring.store(first + count, stamp, pose);
   frame.latest.stamp.store(stamp, release);
   frame.latest.pose.store(pose);
@@ -203,7 +207,6 @@ inline Inserted append(Frame& frame, Stamp stamp, const Pose& pose, const Histor
   frame.samples_per_ns.store(mean_rate(count, oldest, stamp), release);
   frame.first.store(first, release);
   frame.count.store(count, release);
-  return is_full ? Inserted::evicted : Inserted::added;
 }
 
 Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
@@ -212,8 +215,9 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
 // Puts a sample in that is not too old, after reserve().
 inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                        const HistoryLimits& limits) noexcept {
-  return appends(frame, stamp, parent) ? append(frame, stamp, pose, limits)
-                                       : insert_anywhere(frame, stamp, parent, pose, limits);
+  if (!appends(frame, stamp, parent)) return insert_anywhere(frame, stamp, parent, pose, limits);
+  append(frame, stamp, pose, limits);
+  return Inserted::added;
 }
 
 }  // namespace ztf

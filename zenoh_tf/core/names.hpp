@@ -8,6 +8,7 @@
 //    again; a smaller table that a reader may still probe is kept until the
 //    end. Tables double, so all that is kept is less than twice the last one.
 // 3. insert() fills names_[id] before it publishes the slot with release order.
+// A short name stands in its entry: in a large tree every line that is looked at is a miss.
 #pragma once
 
 #include <algorithm>
@@ -55,30 +56,33 @@ class NameTable {
   }
 
   // For several names that will be looked for: fetches what find() is going to read, of all of
-  // them at the same time. With few names in the table that is in the cache anyway.
-  void prefetch(std::span<const std::string_view> names) const noexcept {
+  // them at the same time, and calls also_for(id) with what it will mostly say, for who will need
+  // more of them. With few names in the table all that is in the cache anyway.
+  template <class AlsoFor>
+  void prefetch(std::span<const std::string_view> names, AlsoFor&& also_for) const noexcept {
     constexpr std::size_t kTogether = 32;
     if (size() < kInCache || names.size() < 3) return;
     const Table& table = *table_.load(std::memory_order_acquire);
     for (; !names.empty(); names = names.subspan(std::min(kTogether, names.size()))) {
       const std::size_t n = std::min(kTogether, names.size());
       const std::atomic<std::uint64_t>* slots[kTogether];
-      const Entry* entries[kTogether];
+      for (std::size_t i = 0; i < n; ++i) __builtin_prefetch(names[i].data());
       for (std::size_t i = 0; i < n; ++i) {
         slots[i] = &table.slots[hash_(names[i]) & table.mask];
         __builtin_prefetch(slots[i]);
       }
       for (std::size_t i = 0; i < n; ++i) {
-        entries[i] = &names_[static_cast<Id>(slots[i]->load(std::memory_order_acquire))];
-        __builtin_prefetch(entries[i]);
+        const Id id = static_cast<Id>(slots[i]->load(std::memory_order_acquire));
+        __builtin_prefetch(&names_[id]);
+        also_for(id);
       }
-      for (std::size_t i = 0; i < n; ++i) __builtin_prefetch(entries[i]->text);
     }
   }
 
   // Only for ids that find() or size() have shown to this thread.
   [[nodiscard]] std::string_view name(Id id) const noexcept {
-    return {names_[id].text, names_[id].length};
+    const Entry& entry = names_[id];
+    return {entry.length <= sizeof entry.text ? entry.text : entry.long_text, entry.length};
   }
   [[nodiscard]] bool hidden(Id id) const noexcept {
     return names_[id].hidden.load(std::memory_order_acquire);
@@ -104,16 +108,23 @@ class NameTable {
   Id insert(std::string_view name) {
     reserve(1, name.size());
     const Id id = size() + 1;
-    names_[id].text = copy(name);
-    names_[id].length = static_cast<std::uint32_t>(name.size());
+    Entry& entry = names_[id];
+    entry.length = static_cast<std::uint32_t>(name.size());
+    if (name.size() > sizeof entry.text)
+      entry.long_text = copy(name);
+    else
+      std::ranges::copy(name, entry.text);
     place(*tables_.back(), hash_(name), id);
     size_.store(id, std::memory_order_release);
     return id;
   }
 
  private:
-  struct Entry {
-    const char* text;
+  struct alignas(32) Entry {
+    union {
+      char text[24];
+      const char* long_text;
+    };
     std::uint32_t length;
     std::atomic<bool> hidden;
   };
@@ -139,7 +150,7 @@ class NameTable {
   }
   const char* copy(std::string_view name) noexcept {
     char* text = free_;
-    if (!name.empty()) std::memcpy(text, name.data(), name.size());
+    std::memcpy(text, name.data(), name.size());
     free_ += name.size();
     left_ -= name.size();
     return text;

@@ -126,7 +126,7 @@ class Tree {
   [[nodiscard]] Stamp oldest_possible(Stamp newest) const noexcept;
   WaitingRoom& room() const noexcept { return room_; }
   void mark_waited(FrameId frame, bool more) const noexcept {
-    frames_[frame].waiters.fetch_add(more ? 1u : ~0u, std::memory_order_seq_cst);
+    waiters_[frame].fetch_add(more ? 1u : ~0u, std::memory_order_seq_cst);
   }
 
   [[nodiscard]] std::uint64_t commits() const noexcept { return count_.sum(); }
@@ -150,7 +150,7 @@ class Tree {
                     FrameList& dropped) noexcept;
   // Once the commit that changed them is counted.
   [[nodiscard]] bool is_waited_for(FrameId frame) const noexcept {
-    return frames_[frame].waiters.load(std::memory_order_seq_cst) != 0;
+    return waiters_[frame].load(std::memory_order_seq_cst) != 0;
   }
   void wake_waiters_of(const FrameList& changed) const;
 
@@ -159,6 +159,7 @@ class Tree {
   Frame* const frames_;
   RingMemory ring_memory_;
   const ZeroedArray<FrameEvents> events_;
+  const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // lookups that wait for a commit on a frame
   const ZeroedArray<AuthorityCounters> authority_counters_;
   std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever
   NameTable names_;

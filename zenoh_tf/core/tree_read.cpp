@@ -75,6 +75,7 @@ FrameInfo Tree::info(FrameId id) const {
     info.authority = frame.authority.load(acquire);
     info.is_static = frame.is_static.load(acquire);
     info.samples = frame.count.load(acquire);
+    info.evicted = frame.evicted.load(acquire);
     info.oldest = oldest_stamp(frame);
     info.newest = frame.latest.stamp.load(acquire);
     const FrameEvents& events = events_[id];

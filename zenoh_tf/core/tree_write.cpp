@@ -111,18 +111,15 @@ class Commit {
       write.child = names_.resolve(row.child);  // tf2 numbers the child before the parent
       write.parent = names_.resolve(row.parent);
       if (!write.child || !write.parent) return false;
-      if (writes_.size() > 1) {
-        tree_.frames_[write.child].prefetch_for_write();
-        __builtin_prefetch(&tree_.events_[write.child], 1);
-      }
+      if (writes_.size() > 1) tree_.frames_[write.child].prefetch_for_write();
     }
+    if (writes_.size() > 1)  // not locked yet: where another writes, a wrong line is fetched, no more
+      for (const Write& write : writes_) prefetch_for_write(tree_.frames_[write.child]);
     return true;
   }
 
   // Refuses, or decides all that write() will do, which then cannot fail.
   bool prepare(WriteLocks& locks) {
-    if (children_.size() > 1)
-      for (const Group& group : groups_) prefetch_for_write(*group.frame);
     if (!request_.read_names.empty()) locks.hold_readers_off();
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     const bool held_all = locks_all(), jumped = time_jumped_;
@@ -302,15 +299,9 @@ class Commit {
     return goes_first(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
   }
 
-  // For the words of a frame that this commit holds.
-  static void count(std::atomic<std::uint32_t>& counter) noexcept {
-    counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
-  }
-
   bool append(const Group& group) noexcept {
     const Write& write = writes_[group.begin];
-    if (ztf::append(*group.frame, write.stamp, poses_[write.row], limits()) == Inserted::evicted)
-      count(tree_.events_[group.child].evicted);
+    ztf::append(*group.frame, write.stamp, poses_[write.row], limits());
     ++tally_.stored;
     return true;
   }
@@ -326,7 +317,7 @@ class Commit {
     for (std::uint32_t i = group.begin; i < group.end; ++i) {
       const Write& write = writes_[i];
       if (!stored_[write.row]) {
-        count(events.dropped);
+        count_one(events.dropped);
         ++tally_.dropped;
         continue;
       }
@@ -338,18 +329,10 @@ class Commit {
         set_static(frame, write.stamp, write.parent, poses_[write.row]);
         continue;
       }
-      switch (insert(frame, write.stamp, write.parent, poses_[write.row], limits())) {
-        case Inserted::added:
-          break;
-        case Inserted::rewritten:
-          count(events.rewritten);
-          ++tally_.rewritten;
-          break;
-        case Inserted::evicted:
-          count(events.evicted);
-          break;
-        case Inserted::refused:  // never: check_group() has seen to it
-          break;
+      // Never refused: check_group() has seen to it.
+      if (insert(frame, write.stamp, write.parent, poses_[write.row], limits()) == Inserted::rewritten) {
+        count_one(events.rewritten);
+        ++tally_.rewritten;
       }
     }
     if (tally_.stored == stored_before) return false;
@@ -369,7 +352,7 @@ class Commit {
     FrameEvents& events = tree_.events_[group.child];
     Change change = Change::none;
     const auto note = [&](std::atomic<std::uint32_t>& counter, Change what) {
-      count(counter);
+      count_one(counter);
       change = what;
     };
     const bool had_data = parent_before != 0;
