@@ -84,15 +84,15 @@ nb::list authority_records(const Tree& tree) {
   }
   nb::list out;
   for (AuthorityId id = 1; id <= n; ++id) {
-    const AuthorityCounters& counters = tree.authority_counters(id);
+    const AuthorityCounts counts = tree.authority_counts(id);
     nb::dict record;
     record["name"] = text(tree.authority(id));
     record["frames"] = frames[id];
-    record["commits"] = counters.commits();
-    record["stored"] = counters.stored();
-    record["dropped"] = load(counters.dropped);
-    record["rewritten"] = load(counters.rewritten);
-    record["conflicts"] = load(counters.conflicts);
+    record["commits"] = counts.commits;
+    record["stored"] = counts.stored;
+    record["dropped"] = counts.dropped;
+    record["rewritten"] = counts.rewritten;
+    record["conflicts"] = counts.conflicts;
     out.append(record);
   }
   return out;

@@ -1,9 +1,9 @@
-// Counts commits.
+// Counts commits: all, and what each authority's did.
 //
 // Thread safety: all of it. Threads count in different places, mostly, so that
 // writers do not meet here.
-// Ordering: add() and sum() are sequentially consistent. A commit unlocks its
-// frames, then counts; who has seen it counted sees its frames' new versions.
+// Ordering: CommitCount is sequentially consistent. A commit unlocks its frames,
+// then counts; who has seen it counted sees its frames' new versions.
 #pragma once
 
 #include <pthread.h>
@@ -13,31 +13,92 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "zeroed.hpp"
+
 namespace ztf {
+
+using AuthorityId = std::uint32_t;  // 1, 2, ...; 0: none was named
+
+// Which of so many places, a power of two, this thread counts in. From the thread's own address: a
+// thread-local number would cost a call, for this is a loaded module. Stacks mostly lie at equal
+// distances, which this multiplier spreads evenly.
+template <std::size_t places>
+std::size_t place_of_thread() noexcept {
+  const auto self = reinterpret_cast<std::uintptr_t>(pthread_self());
+  return std::uint64_t{self >> 12} * 0x9E3779B97F4A7C15u >> (64 - std::countr_zero(places));
+}
 
 class CommitCount {
  public:
-  void add() noexcept { shards_[shard()].count.fetch_add(1, std::memory_order_seq_cst); }
+  void add() noexcept {
+    places_[place_of_thread<kPlaces>()].count.fetch_add(1, std::memory_order_seq_cst);
+  }
 
   [[nodiscard]] std::uint64_t sum() const noexcept {
     std::uint64_t sum = 0;
-    for (const Shard& shard : shards_) sum += shard.count.load(std::memory_order_seq_cst);
+    for (const Place& place : places_) sum += place.count.load(std::memory_order_seq_cst);
     return sum;
   }
 
  private:
-  static constexpr std::size_t kShards = 32;
-  struct alignas(64) Shard {
+  static constexpr std::size_t kPlaces = 32;
+  struct alignas(64) Place {
     std::atomic<std::uint64_t> count{0};
   };
-  // From the thread's own address: a thread-local number would cost a call, for this is a loaded
-  // module. Stacks mostly lie at equal distances, which this multiplier spreads evenly.
-  static std::size_t shard() noexcept {
-    const auto self = reinterpret_cast<std::uintptr_t>(pthread_self());
-    return std::uint64_t{self >> 12} * 0x9E3779B97F4A7C15u >> (64 - std::countr_zero(kShards));
+
+  Place places_[kPlaces];
+};
+
+// What one commit did to its rows.
+struct CommitTally {
+  std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
+};
+
+struct AuthorityCounts {
+  std::uint64_t commits = 0, stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
+};
+
+// Of the authorities with a name.
+class AuthorityCounters {
+ public:
+  explicit AuthorityCounters(std::uint32_t authorities) : places_(std::size_t{authorities} * kPlaces) {}
+
+  void add(AuthorityId id, const CommitTally& tally, bool one_row) noexcept {
+    Place& place = places_[std::size_t{id - 1} * kPlaces + place_of_thread<kPlaces>()];
+    const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
+      if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
+    };
+    const bool single = one_row && tally.stored == 1;
+    add(single ? place.single_commits : place.other_commits, 1);
+    if (!single) add(place.stored_by_others, tally.stored);
+    add(place.dropped, tally.dropped);
+    add(place.rewritten, tally.rewritten);
+    add(place.conflicts, tally.conflicts);
   }
 
-  Shard shards_[kShards];
+  [[nodiscard]] AuthorityCounts sum(AuthorityId id) const noexcept {
+    AuthorityCounts sum;
+    for (std::size_t i = 0; i < kPlaces; ++i) {
+      const Place& place = places_[std::size_t{id - 1} * kPlaces + i];
+      const std::uint64_t single = place.single_commits.load(std::memory_order_relaxed);
+      sum.commits += single + place.other_commits.load(std::memory_order_relaxed);
+      sum.stored += single + place.stored_by_others.load(std::memory_order_relaxed);
+      sum.dropped += place.dropped.load(std::memory_order_relaxed);
+      sum.rewritten += place.rewritten.load(std::memory_order_relaxed);
+      sum.conflicts += place.conflicts.load(std::memory_order_relaxed);
+    }
+    return sum;
+  }
+
+ private:
+  static constexpr std::size_t kPlaces = 8;
+  struct alignas(64) Place {
+    // The usual commit stores one row and counts one word.
+    std::atomic<std::uint64_t> single_commits, other_commits, stored_by_others;
+    std::atomic<std::uint64_t> dropped, rewritten, conflicts;
+  };
+
+  const ZeroedArray<Place> places_;
 };
 
 }  // namespace ztf

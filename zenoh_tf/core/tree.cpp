@@ -13,7 +13,7 @@ Tree::Tree(const Options& options)
       frames_(frame_array_.begin()),
       events_(std::size_t{options.max_frames} + 1),
       waiters_(std::size_t{options.max_frames} + 1),
-      authority_counters_(std::size_t{options.max_authorities} + 1),
+      authority_counters_(options.max_authorities),
       names_(options.max_frames),
       authorities_(options.max_authorities) {}
 

@@ -108,8 +108,8 @@ class Tree {
     return id ? authorities_.name(id) : std::string_view();
   }
   [[nodiscard]] AuthorityId authorities() const noexcept { return authorities_.size(); }
-  [[nodiscard]] const AuthorityCounters& authority_counters(AuthorityId id) const noexcept {
-    return authority_counters_[id];
+  [[nodiscard]] AuthorityCounts authority_counts(AuthorityId id) const noexcept {
+    return authority_counters_.sum(id);
   }
   // How often samples were dropped because time was set back.
   [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
@@ -160,7 +160,7 @@ class Tree {
   RingMemory ring_memory_;
   const ZeroedArray<FrameEvents> events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // lookups that wait for a commit on a frame
-  const ZeroedArray<AuthorityCounters> authority_counters_;
+  AuthorityCounters authority_counters_;
   std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever
   NameTable names_;
   NameTable authorities_;

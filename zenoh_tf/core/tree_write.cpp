@@ -375,7 +375,7 @@ class Commit {
 
   void count_authority() const noexcept {
     if (names_.authority() == 0) return;
-    tree_.authority_counters_[names_.authority()].count(tally_, writes_.size() == 1);
+    tree_.authority_counters_.add(names_.authority(), tally_, writes_.size() == 1);
   }
 
   // The rows of a frame, or null.
