@@ -36,29 +36,37 @@ struct Vec3Of {
 };
 using Vec3 = Vec3Of<double>;
 
-// Rotates v by the pose's rotation: v + 2 w (q x v) + 2 q x (q x v).
+// By how much the pose's rotation moves v, added to `to`: w u + q x u, with u = 2 q x v.
 template <class T>
-ZTF_HOT Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcept {
-  const T ux = p.qy * vz - p.qz * vy;
-  const T uy = p.qz * vx - p.qx * vz;
-  const T uz = p.qx * vy - p.qy * vx;
-  const T x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz, w2 = p.qw + p.qw;
-  return {(vx + w2 * ux) + (y2 * uz - z2 * uy),  //
-          (vy + w2 * uy) + (z2 * ux - x2 * uz),  //
-          (vz + w2 * uz) + (x2 * uy - y2 * ux)};
+ZTF_HOT Vec3Of<T> add_turn(const PoseOf<T>& p, const Vec3Of<T>& v, const Vec3Of<T>& to) noexcept {
+  const T x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz;
+  const T ux = y2 * v.z - z2 * v.y;
+  const T uy = z2 * v.x - x2 * v.z;
+  const T uz = x2 * v.y - y2 * v.x;
+  return {to.x + p.qw * ux + p.qy * uz - p.qz * uy,  //
+          to.y + p.qw * uy + p.qz * ux - p.qx * uz,  //
+          to.z + p.qw * uz + p.qx * uy - p.qy * ux};
 }
 
-// X_ac = X_ab * X_bc
+// Rotates v by the pose's rotation.
+template <class T>
+ZTF_HOT Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcept {
+  const Vec3Of<T> v{vx, vy, vz};
+  return add_turn(p, v, v);
+}
+
+// X_ac = X_ab * X_bc. Sums from left to right: so fused instructions make them without a rest.
 template <class T>
 ZTF_HOT PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
-  const Vec3Of<T> t = rotate(ab, bc.x, bc.y, bc.z);
-  return {ab.x + t.x,
-          ab.y + t.y,
-          ab.z + t.z,
-          (ab.qw * bc.qx + ab.qx * bc.qw) + (ab.qy * bc.qz - ab.qz * bc.qy),
-          (ab.qw * bc.qy + ab.qy * bc.qw) + (ab.qz * bc.qx - ab.qx * bc.qz),
-          (ab.qw * bc.qz + ab.qz * bc.qw) + (ab.qx * bc.qy - ab.qy * bc.qx),
-          (ab.qw * bc.qw - ab.qx * bc.qx) - (ab.qy * bc.qy + ab.qz * bc.qz)};
+  const Vec3Of<T> v{bc.x, bc.y, bc.z};
+  const Vec3Of<T> t = add_turn(ab, v, {ab.x + bc.x, ab.y + bc.y, ab.z + bc.z});
+  return {t.x,
+          t.y,
+          t.z,
+          ab.qw * bc.qx + ab.qx * bc.qw + ab.qy * bc.qz - ab.qz * bc.qy,
+          ab.qw * bc.qy + ab.qy * bc.qw + ab.qz * bc.qx - ab.qx * bc.qz,
+          ab.qw * bc.qz + ab.qz * bc.qw + ab.qx * bc.qy - ab.qy * bc.qx,
+          ab.qw * bc.qw - ab.qx * bc.qx - ab.qy * bc.qy - ab.qz * bc.qz};
 }
 
 // X_ba from X_ab, for a unit rotation.

@@ -191,35 +191,47 @@ class Reader {
   template <bool one_stamp>
   ZTF_HOT bool ascend(FrameId target, FrameId source, Answer& a) {
     constexpr std::size_t kNear = 16;
-    const std::size_t limit = std::min<std::size_t>(kNear, max_depth_);
     Step steps[kNear];  // only what rest() asks for
-    std::size_t links = 0;
+    const Step* const last = steps + std::min<std::size_t>(kNear, max_depth_) - 1;
+    Step* step = steps;
     StampRange stamps;
     Stamp stamp = kNoStamp;
-    Pose pose;
     const Frame* const goal = frames_ + target;
     const Frame* frame = frames_ + source;
-    do {
-      Step& step = steps[links];
-      if (links == limit || !guard_.enter(*frame, step.version)) return false;
-      const Newest link(*frame);
-      if (link.parent == 0) return false;
-      if (one_stamp && link.stamp != kNoStamp) {
-        if (link.stamp != stamp && stamp != kNoStamp) return false;
-        stamp = link.stamp;
+    // One link up; false: not the usual.
+    const auto climb = [&]() __attribute__((always_inline)) {
+      if (!guard_.enter(*frame, step->version)) return false;
+      step->frame = frame;
+      const auto acquire = std::memory_order_acquire;
+      const FrameId parent = frame->parent.load(acquire);
+      if (parent == 0) return false;
+      if (!frame->is_static.load(acquire)) {
+        const Stamp own = frame->latest.stamp.load(acquire);
+        if (!one_stamp) {
+          stamps.include(own);
+        } else if (own != stamp) {
+          if (stamp != kNoStamp) return false;
+          stamp = own;
+        }
       }
-      if (!one_stamp) stamps.include(link.stamp);
-      pose = links == 0 ? frame->latest.pose.load() : frame->latest.pose.load() * pose;
-      step.frame = frame;
-      ++links;
-      frame = frames_ + link.parent;
-    } while (frame != goal);
+      frame = frames_ + parent;
+      return true;
+    };
+    if (!climb()) return false;
+    Pose pose = steps[0].frame->latest.pose.load();
+    while (frame != goal) {
+      if (step == last) return false;
+      ++step;
+      const Frame* const top = frame;
+      if (!climb()) return false;
+      pose = top->latest.pose.load() * pose;
+    }
     a.pose = pose;
     if (one_stamp)
       a.stamp = stamp == kNoStamp ? 0 : stamp;
     else
       give_range(stamps, a);
-    return guard_.rest(steps, links);
+    return guard_.rest(steps, static_cast<std::size_t>(step - steps) + 1);
   }
 
   ZTF_HOT bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
