@@ -32,12 +32,12 @@ def measure() -> Iterator[Figure]:
             print(f"{_PYTHON_WITH_TF2} has no tf2_py (Debian: python3-tf2): no comparison")
         else:
             _check(cases, peer)
-        at_most = Bar(1.2)
-        yield _compare("lookup_transform, latest common", cases.lookup_common, peer, bar=at_most)
-        yield _compare("lookup_transform, at a time", cases.lookup_at, peer)
-        yield _compare(f"lookup_transforms, {ROWS} at a time", cases.bulk, peer, "lookup_at")
-        yield _compare(f"sample, {ROWS} at a time", cases.sample, peer, "lookup_at")
-        yield _compare("set_transform", cases.set_built, peer)
+        yield _compare("lookup_transform, latest common", cases.lookup_common, peer, bar=Bar(1.0))
+        yield _compare("lookup_transform, at a time", cases.lookup_at, peer, bar=Bar(1.0))
+        name = f"{ROWS} at a time"
+        yield _compare(f"lookup_transforms, {name}", cases.bulk, peer, "lookup_at", Bar(0.12))
+        yield _compare(f"sample, {name}", cases.sample, peer, "lookup_at", Bar(0.12))
+        yield _compare("set_transform", cases.set_built, peer, bar=Bar(1.2))
         yield _compare("the same with building it", cases.build_and_set, peer)
         yield _compare("lookup_latest_transform", cases.latest, peer, "lookup_common")
         yield _compare("lookup_latest_transform_xact", cases.latest_xact, peer, "lookup_common")

@@ -5,17 +5,19 @@ namespace ztf {
 
 namespace {
 
-// Where a frame's samples for one time after the other stand.
+// Where a frame's samples for one time after the other stand. Times that come in any order are not
+// walked to: whether the next is near could not be foretold.
 class Cursor {
  public:
-  explicit Cursor(const Frame& frame) noexcept
+  Cursor(const Frame& frame, bool ascending) noexcept
       : frame_(frame),
+        ascending_(ascending),
         ring_(frame.ring.load(std::memory_order_acquire)),
         newest_(frame.latest.stamp.load(std::memory_order_acquire)) {}
 
   // As place_at(); false where the link has no sample for the time.
   ZTF_HOT bool move_to(Stamp stamp, Bracket& found) noexcept {
-    if (slot_ == Place::kNewest || !ring_ || stamp >= newest_ || !walk_to(stamp)) {
+    if (!ascending_ || slot_ == Place::kNewest || !ring_ || stamp >= newest_ || !walk_to(stamp)) {
       const Place place = place_at(frame_, stamp, found);
       const bool served = place.kind == Place::Kind::ok;
       slot_ = served ? place.slot : Place::kNewest;
@@ -42,6 +44,7 @@ class Cursor {
   }
 
   const Frame& frame_;
+  const bool ascending_;
   const Ring ring_;
   const Stamp newest_;
   std::uint32_t slot_ = Place::kNewest;  // that is: to be searched for
@@ -51,7 +54,7 @@ class Cursor {
 
 ZTF_CLONES void SampleBlock::follow(const Step& step, bool is_first, Column& poses) noexcept {
   fault_point();
-  Cursor cursor(*step.frame);
+  Cursor cursor(*step.frame, ascending_);
   for (std::size_t quad = 0; quad < quads(); ++quad) {
     Bracket rows[4];
     for (std::size_t i = 0; i < 4; ++i) {
@@ -70,6 +73,7 @@ void SampleBlock::compose(const Side& side, Column& poses) noexcept {
 ZTF_CLONES void SampleBlock::answer(const Chain& chain) noexcept {
   const auto& [source, target, meeting] = chain;
   left_out_.fill(false);
+  ascending_ = std::ranges::is_sorted(queries_, {}, &Query::stamp);
   Column poses, from_target;
   compose(source, poses);
   compose(target, from_target);

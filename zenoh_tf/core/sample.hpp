@@ -2,7 +2,7 @@
 //
 // The chain between the two is found once, for the block's first time. Each of
 // its links is then followed through all times with a cursor into its history,
-// which for sorted times is a few steps instead of a search, and the poses of
+// which for ascending times is a few steps instead of a search, and the poses of
 // four times are computed at once. That holds while no frame has had samples of two
 // parents (Reader::is_only_way()); from then on all times are left to ordinary
 // lookups. So is a time at which a link has no sample, which a lookup explains.
@@ -46,6 +46,7 @@ class SampleBlock {
   const std::span<const Query> queries_;
   const std::span<Answer> answers_;
   std::array<bool, kRows> left_out_;
+  bool ascending_;
 };
 
 }  // namespace ztf

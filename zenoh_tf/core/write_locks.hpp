@@ -49,8 +49,9 @@ class WriteLocks {
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
   }
 
-  // Before the first write, and before a check of what was read of others. The fence puts all of it before the unlocking for everyone: two readers
-  // cannot see two independent commits in opposite orders.
+  // Before the first write, and before a check of what was read of others. The fence puts all of it
+  // before the unlocking for everyone: two readers cannot see two independent commits in opposite
+  // orders.
   void hold_readers_off() noexcept {
     if (!readers_on_) return;
     fault_point();
