@@ -113,13 +113,13 @@ class Commit {
       if (!write.child || !write.parent) return false;
       if (writes_.size() > 1) tree_.frames_[write.child].prefetch_for_write();
     }
-    if (writes_.size() > 1)  // not locked yet: where another writes, a wrong line is fetched, no more
-      for (const Write& write : writes_) prefetch_for_write(tree_.frames_[write.child]);
     return true;
   }
 
   // Refuses, or decides all that write() will do, which then cannot fail.
   bool prepare(WriteLocks& locks) {
+    if (children_.size() > 1)
+      for (const Group& group : groups_) prefetch_for_write(*group.frame);
     if (!request_.read_names.empty()) locks.hold_readers_off();
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     const bool held_all = locks_all(), jumped = time_jumped_;
