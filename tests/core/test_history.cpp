@@ -284,7 +284,7 @@ TEST(any_history_is_that_of_a_sorted_map) {
   }
 }
 
-TEST(the_index_that_means_newest_is_never_a_slot) {
+TEST(indices_count_on_over_their_end) {
   History h(1000, 64, 0xFFFFFFFE);
   for (Stamp t = 0; t < 10; ++t) h.put(10 * t, 1, static_cast<double>(10 * t));
   for (Stamp t = 0; t <= 90; ++t) CHECK_EQ(h.x(t), static_cast<double>(t));

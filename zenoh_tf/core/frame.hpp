@@ -11,7 +11,9 @@
 // 2. Otherwise the ring holds `count` samples from index `first` on, of strictly
 //    increasing stamps, `latest` and `parent` repeat its newest one, and
 //    `oldest_stamp` its oldest one's time. Where `parent_changes` is 0, `parent`
-//    is that of all, and the ring's parents mean nothing.
+//    is that of all, and the ring's parents mean nothing. `samples_per_ns` is
+//    not 0 only then, with two samples at least; it is stored after the ring, so
+//    that who has read it finds a ring, in a collision too.
 // 3. count 0 and not static: the frame has no parent (root, new, or cleared).
 // 4. A ring, once replaced, is kept until the tree dies. Rings double, so what
 //    is kept is smaller than what is used.
@@ -106,6 +108,11 @@ class Ring {
   [[nodiscard]] ZTF_HOT Stamp stamp(std::uint32_t i) const noexcept {
     return sample(i).stamp.load(std::memory_order_acquire);
   }
+  // Of one of its samples; in a collision, of another's, anything.
+  [[nodiscard]] std::uint32_t index_of(const Sample& sample) const noexcept {
+    const auto offset = reinterpret_cast<std::uintptr_t>(&sample) - (word_ & ~kLogarithm);
+    return static_cast<std::uint32_t>(offset / sizeof(Sample));
+  }
   [[nodiscard]] FrameId parent(std::uint32_t i) const noexcept {
     return parents()[i & (capacity() - 1)].load(std::memory_order_acquire);
   }
@@ -152,7 +159,7 @@ struct alignas(128) Frame {
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
   std::atomic<Stamp> oldest_stamp;            // of the ring
-  std::atomic<double> samples_per_ns;         // in the ring, on average
+  std::atomic<double> samples_per_ns;         // in the ring, on average; 0: not regular
   std::atomic<std::uint32_t> parent_changes;  // in the ring, from one sample to the next
   std::atomic<bool> is_static;
   std::atomic<bool> is_parent;  // has ever been one; written under the topology mutex

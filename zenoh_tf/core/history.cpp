@@ -13,9 +13,8 @@ constexpr int kGuesses = 12;
 // The last sample not after the stamp, counted from `first`, which is not after it; the one at
 // `high` is. Every guess starts from the sample of the guess before, at the history's mean rate:
 // where samples come at random, that is off by the root of the distance. Then by halves.
-std::uint32_t find(const Frame& frame, Ring ring, std::uint32_t first, std::uint32_t high,
-                   Stamp newest, Stamp stamp) noexcept {
-  const double rate = frame.samples_per_ns.load(std::memory_order_acquire);
+std::uint32_t find(Ring ring, std::uint32_t first, std::uint32_t high, double rate, Stamp newest,
+                   Stamp stamp) noexcept {
   std::uint32_t low = 0, at = high;
   Stamp from = newest;
   for (int i = 0; high - low > 1; ++i) {
@@ -66,11 +65,13 @@ Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
   const Stamp oldest = ring.stamp(first);
   if (stamp < oldest) return none(Kind::backward);
 
-  const std::uint32_t slot = first + find(frame, ring, first, count - 1, newest, stamp);
+  const double kept = frame.samples_per_ns.load(acquire);
+  const double rate = kept > 0 ? kept : mean_rate(count, oldest, newest);
+  const std::uint32_t slot = first + find(ring, first, count - 1, rate, newest, stamp);
   const FrameId older = parent_at(frame, ring, slot);
   const FrameId newer = parent_at(frame, ring, slot + 1);
   bracket = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
-  return {Kind::ok, older, slot & Place::kSlots};
+  return {Kind::ok, older};
 }
 
 Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
@@ -120,7 +121,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   if (place == count - 1) store_latest(frame, stamp, parent, pose);
 
   const Stamp newest = place == count - 1 ? stamp : newest_before;
-  Stamp oldest = place == 0  ? stamp
+  Stamp oldest = place == 0   ? stamp
                  : is_evicted ? ring.stamp(first)
                               : frame.oldest_stamp.load(relaxed);
   while (too_old(oldest, newest, limits.cache_ns)) {
@@ -131,7 +132,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   }
   frame.parent_changes.store(changes, release);
   frame.oldest_stamp.store(oldest, release);
-  frame.samples_per_ns.store(mean_rate(count, oldest, newest), release);
+  frame.samples_per_ns.store(changes == 0 ? mean_rate(count, oldest, newest) : 0, release);
   frame.first.store(first, release);
   frame.count.store(count, release);
   return is_rewritten ? Inserted::rewritten : Inserted::added;

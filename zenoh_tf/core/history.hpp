@@ -27,23 +27,18 @@ struct Bracket {
   Stamp time;
 };
 
-// Where a frame's samples for a time stand, or why there are none.
+// The parent that a frame has at a time, or why it has no sample then.
 struct Place {
   enum class Kind : std::uint8_t { ok, root, no_data, backward, forward };
-  static constexpr std::uint32_t kNewest = 0xFFFFFFFF;  // in the record, not in the ring
-  // Indices count on for ever and are masked; kNewest must not be one of them.
-  static constexpr std::uint32_t kSlots = kNewest >> 1;
-
   Kind kind;
   FrameId parent;
-  std::uint32_t slot;  // kNewest, or the ring's index of the bracket's older sample
 };
 
 ZTF_HOT Place at_newest(const Frame& frame, Place::Kind kind, FrameId parent, Stamp time,
                         Bracket& bracket) noexcept {
   bracket.older = bracket.newer = &frame.latest;
   bracket.time = time;
-  return {kind, parent, Place::kNewest};
+  return {kind, parent};
 }
 
 // From one stamp of a history to a later one. A history is shorter than the signed
@@ -52,38 +47,59 @@ ZTF_HOT double distance(Stamp from, Stamp to) noexcept {
   return static_cast<double>(static_cast<Stamp>(span_ns(from, to)));
 }
 
-// In the ring, wherever the sample is, or why there is none.
+// A frame's samples as they mostly are: of one parent, and at regular times. Then a time's neighbours
+// stand where its distance from the newest says.
+class Regular {
+ public:
+  // The rate first: whoever sees one, sees a ring (frame.hpp).
+  ZTF_HOT explicit Regular(const Frame& frame) noexcept
+      : rate_(frame.samples_per_ns.load(std::memory_order_acquire)),
+        newest_(frame.latest.stamp.load(std::memory_order_acquire)),
+        oldest_(frame.oldest_stamp.load(std::memory_order_acquire)),
+        ring_(frame.ring.load(std::memory_order_acquire)),
+        end_(frame.first.load(std::memory_order_acquire) + frame.count.load(std::memory_order_acquire)) {}
+
+  // Whether there are samples on both sides of all times between two.
+  ZTF_HOT bool spans(Stamp earliest, Stamp latest) const noexcept {
+    return rate_ > 0 && oldest_ <= earliest && latest < newest_;
+  }
+
+  // Those of a time that it spans; false: they stand elsewhere. Into a reference: who copies what
+  // was stored in parts just before, waits.
+  ZTF_HOT bool find(Stamp time, Bracket& found) const noexcept {
+    const auto back = static_cast<std::int64_t>(distance(time, newest_) * rate_);
+    const std::uint32_t slot = end_ - 2 - static_cast<std::uint32_t>(back);
+    const Sample& older = ring_.sample(slot);
+    const Sample& newer = ring_.sample(slot + 1);
+    if (older.stamp.load(std::memory_order_acquire) > time) [[unlikely]] return false;
+    if (newer.stamp.load(std::memory_order_acquire) <= time) [[unlikely]] return false;
+    found.older = &older;
+    found.newer = &newer;
+    found.time = time;
+    return true;
+  }
+
+ private:
+  const double rate_;
+  const Stamp newest_, oldest_;
+  const Ring ring_;
+  const std::uint32_t end_;
+};
+
+// Wherever the samples are, or why there are none.
 Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept;
 
-// Sensors are regular: mostly the sample stands where its distance from the newest says. Into
-// a reference: who copies what was stored in parts just before, waits.
 ZTF_HOT Place place_at(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
-  const auto acquire = std::memory_order_acquire;
-  const FrameId parent = frame.parent.load(acquire);
-  const Stamp newest = frame.latest.stamp.load(acquire);
-  if (newest == stamp || frame.is_static.load(acquire)) {
-    const auto kind = parent == 0 ? Place::Kind::root : Place::Kind::ok;
-    return at_newest(frame, kind, parent, stamp, bracket);
+  const FrameId parent = frame.parent.load(std::memory_order_acquire);
+  const Regular regular(frame);
+  if (!regular.spans(stamp, stamp)) [[unlikely]] {
+    if (frame.latest.stamp.load(std::memory_order_acquire) != stamp &&
+        !frame.is_static.load(std::memory_order_acquire))
+      return search(frame, stamp, bracket);
+    return at_newest(frame, parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, stamp, bracket);
   }
-  const Stamp oldest = frame.oldest_stamp.load(acquire);
-  const std::uint32_t count = frame.count.load(acquire);
-  const Ring ring = frame.ring.load(acquire);
-  if (count < 2 || stamp < oldest || stamp > newest || !ring ||
-      frame.parent_changes.load(acquire) != 0) [[unlikely]]
-    return search(frame, stamp, bracket);
-  const double rate = frame.samples_per_ns.load(acquire);
-  const auto back = static_cast<std::int64_t>(distance(stamp, newest) * rate);
-  const std::uint32_t last = count - 2;
-  const std::uint32_t slot =
-      frame.first.load(acquire) + last - std::min(static_cast<std::uint32_t>(back), last);
-  const Sample& older = ring.sample(slot);
-  const Sample& newer = ring.sample(slot + 1);
-  if (older.stamp.load(acquire) > stamp || newer.stamp.load(acquire) <= stamp) [[unlikely]]
-    return search(frame, stamp, bracket);
-  bracket.older = &older;
-  bracket.newer = &newer;
-  bracket.time = stamp;
-  return {Place::Kind::ok, parent, slot & Place::kSlots};
+  if (!regular.find(stamp, bracket)) [[unlikely]] return search(frame, stamp, bracket);
+  return {Place::Kind::ok, parent};
 }
 
 // The parent of the sample at an index of the ring.
@@ -130,11 +146,13 @@ inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
 // Leaves the frame without samples and without a parent.
 inline void forget(Frame& frame) noexcept {
   frame.is_static.store(false, std::memory_order_release);
+  frame.samples_per_ns.store(0, std::memory_order_release);
   frame.count.store(0, std::memory_order_release);
   frame.parent.store(0, std::memory_order_release);
 }
 
 inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
+  frame.samples_per_ns.store(0, std::memory_order_release);
   frame.count.store(0, std::memory_order_release);
   frame.is_static.store(true, std::memory_order_release);
   store_latest(frame, stamp, parent, pose);

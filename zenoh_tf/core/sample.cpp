@@ -5,63 +5,75 @@ namespace ztf {
 
 namespace {
 
-// Where a frame's samples for one time after the other stand. Times that come in any order are not
-// walked to: whether the next is near could not be foretold.
+// Finds a frame's samples for one time after the other.
 class Cursor {
  public:
-  Cursor(const Frame& frame, bool ascending) noexcept
+  Cursor(const Frame& frame, const Times& times) noexcept
       : frame_(frame),
-        ascending_(ascending),
+        regular_(frame),
         ring_(frame.ring.load(std::memory_order_acquire)),
-        newest_(frame.latest.stamp.load(std::memory_order_acquire)) {}
+        newest_(frame.latest.stamp.load(std::memory_order_acquire)),
+        is_regular_(regular_.spans(times.earliest, times.latest)),
+        ascending_(times.ascending) {}
 
   // As place_at(); false where the link has no sample for the time.
-  ZTF_HOT bool move_to(Stamp stamp, Bracket& found) noexcept {
-    if (!ascending_ || slot_ == Place::kNewest || !ring_ || stamp >= newest_ || !walk_to(stamp)) {
-      const Place place = place_at(frame_, stamp, found);
-      const bool served = place.kind == Place::Kind::ok;
-      slot_ = served ? place.slot : Place::kNewest;
-      return served;
-    }
-    found.older = &ring_.sample(slot_);
-    found.newer = &ring_.sample(slot_ + 1);
-    found.time = stamp;
-    return true;
+  ZTF_HOT bool move_to(Stamp time, Bracket& found) noexcept {
+    if (walks_ ? walk_to(time, found) : is_regular_ && regular_.find(time, found)) [[likely]]
+      return true;
+    return search(time, found);
   }
 
  private:
   static constexpr int kSteps = 4;
 
-  // To the last sample not after a time before the newest, if that is near. In a collision,
-  // somewhere in the ring.
-  ZTF_HOT bool walk_to(Stamp stamp) noexcept {
-    if (ring_.stamp(slot_) > stamp) return false;
+  // From then on ascending times are walked to. Whether others are near could not be foretold.
+  [[gnu::noinline]] bool search(Stamp time, Bracket& found) noexcept {
+    const bool served = place_at(frame_, time, found).kind == Place::Kind::ok;
+    walks_ = ascending_ && served && ring_ && found.older != found.newer;
+    if (walks_) slot_ = ring_.index_of(*found.older);
+    return served;
+  }
+
+  // To the last sample not after a time, from that of an earlier one, if that is near. In a
+  // collision, to somewhere in the ring.
+  ZTF_HOT bool walk_to(Stamp time, Bracket& found) noexcept {
+    if (time >= newest_ || ring_.stamp(slot_) > time) return false;
     for (int i = 0; i < kSteps; ++i) {
-      if (ring_.stamp(slot_ + 1) > stamp) return true;
+      const Sample& newer = ring_.sample(slot_ + 1);
+      if (newer.stamp.load(std::memory_order_acquire) > time) {
+        found.older = &ring_.sample(slot_);
+        found.newer = &newer;
+        found.time = time;
+        return true;
+      }
       ++slot_;
     }
     return false;
   }
 
   const Frame& frame_;
-  const bool ascending_;
+  const Regular regular_;
   const Ring ring_;
   const Stamp newest_;
-  std::uint32_t slot_ = Place::kNewest;  // that is: to be searched for
+  const bool is_regular_;
+  const bool ascending_;
+  bool walks_ = false;
+  std::uint32_t slot_ = 0;  // what was found last, where it walks
 };
 
 }  // namespace
 
+// First where, then what: finding the next times' samples does not wait for the arithmetic of the
+// times before, which is long.
 ZTF_CLONES void SampleBlock::follow(const Step& step, bool is_first, Column& poses) noexcept {
   fault_point();
-  Cursor cursor(*step.frame, ascending_);
+  Cursor cursor(*step.frame, times_);
+  Bracket rows[kRows];
+  for (std::size_t row = 0; row < 4 * quads(); ++row)
+    if (!cursor.move_to(times_.rows[row], rows[row])) left_out_[row] = true;
   for (std::size_t quad = 0; quad < quads(); ++quad) {
-    Bracket rows[4];
-    for (std::size_t i = 0; i < 4; ++i) {
-      const std::size_t row = std::min(4 * quad + i, queries_.size() - 1);
-      left_out_[row] |= !cursor.move_to(queries_[row].stamp, rows[i]);
-    }
-    const PoseQuad pose = interpolate(rows[0], rows[1], rows[2], rows[3]);
+    const Bracket* const four = rows + 4 * quad;
+    const PoseQuad pose = interpolate(four[0], four[1], four[2], four[3]);
     poses[quad] = is_first ? pose : pose * poses[quad];
   }
 }
@@ -70,10 +82,22 @@ void SampleBlock::compose(const Side& side, Column& poses) noexcept {
   for (std::size_t i = 0; i < side.links; ++i) follow(side.steps[i], i == 0, poses);
 }
 
+void SampleBlock::take_times() noexcept {
+  times_.ascending = true;
+  times_.earliest = times_.latest = queries_[0].stamp;
+  for (std::size_t row = 0; row < 4 * quads(); ++row) {
+    const Stamp time = row < queries_.size() ? queries_[row].stamp : times_.rows[row - 1];
+    times_.ascending &= times_.latest <= time;
+    times_.earliest = std::min(times_.earliest, time);
+    times_.latest = std::max(times_.latest, time);
+    times_.rows[row] = time;
+  }
+}
+
 ZTF_CLONES void SampleBlock::answer(const Chain& chain) noexcept {
   const auto& [source, target, meeting] = chain;
   left_out_.fill(false);
-  ascending_ = std::ranges::is_sorted(queries_, {}, &Query::stamp);
+  take_times();
   Column poses, from_target;
   compose(source, poses);
   compose(target, from_target);

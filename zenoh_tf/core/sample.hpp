@@ -2,10 +2,10 @@
 //
 // The chain between the two is found once, for the block's first time. Each of
 // its links is then followed through all times with a cursor into its history,
-// which for ascending times is a few steps instead of a search, and the poses of
-// four times are computed at once. That holds while no frame has had samples of two
-// parents (Reader::is_only_way()); from then on all times are left to ordinary
-// lookups. So is a time at which a link has no sample, which a lookup explains.
+// and the poses of four times are computed at once. That holds while no frame has
+// had samples of two parents (Reader::is_only_way()); from then on all times are
+// left to ordinary lookups. So is a time at which a link has no sample, which a
+// lookup explains.
 //
 // Thread safety: a block lives on one thread's stack. What answer() gives is
 // good only once the guard says so (guards.hpp).
@@ -19,9 +19,17 @@
 
 namespace ztf {
 
+// The times of a block: of whole quads, the last time again where there are no more.
+struct Times {
+  static constexpr std::size_t kRows = 64;
+  std::array<Stamp, kRows> rows;
+  Stamp earliest, latest;
+  bool ascending;
+};
+
 class SampleBlock {
  public:
-  static constexpr std::size_t kRows = 64;
+  static constexpr std::size_t kRows = Times::kRows;
 
   // One row at least and kRows at most, all `at`, of one target and one source.
   SampleBlock(std::span<const Query> queries, std::span<Answer> answers) noexcept
@@ -37,16 +45,22 @@ class SampleBlock {
   [[nodiscard]] bool left_out(std::size_t row) const noexcept { return left_out_[row]; }
 
  private:
-  using Column = std::array<PoseQuad, kRows / 4>;
+  // Without the identities that poses begin as.
+  union Column {
+    Column() noexcept {}
+    PoseQuad& operator[](std::size_t quad) noexcept { return quads[quad]; }
+    std::array<PoseQuad, kRows / 4> quads;
+  };
 
   [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
+  void take_times() noexcept;
   void follow(const Step& step, bool is_first, Column& poses) noexcept;
   void compose(const Side& side, Column& poses) noexcept;
 
   const std::span<const Query> queries_;
   const std::span<Answer> answers_;
   std::array<bool, kRows> left_out_;
-  bool ascending_;
+  Times times_;
 };
 
 }  // namespace ztf
