@@ -9,7 +9,7 @@ namespace bench {
 void run_lookups(Flags& flags) {
   Settings settings;
   settings.threads = flags.list<unsigned>("--threads", "1,2");
-  settings.repetitions = static_cast<int>(flags.number("--repetitions", 7));
+  settings.repetitions = static_cast<int>(flags.number("--repetitions", 15));
   settings.block_s = flags.number("--block", 0.05);
   const std::string only = flags.text("--only", ""), json = flags.text("--json", "");
   flags.done();

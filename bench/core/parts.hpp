@@ -6,7 +6,7 @@
 namespace bench {
 
 // Lookups at depth 4 and single sets, each concurrency control by turns with the real tf2.
-//   --threads 1,2  --repetitions 7  --block SECONDS  --only TEXT  --json FILE
+//   --threads 1,2  --repetitions 15  --block SECONDS  --only TEXT  --json FILE
 void run_lookups(Flags& flags);
 
 // Readers and writers on a snake of links: the workload of Kawashima, "data-driven robotics", 2022.
