@@ -38,12 +38,15 @@ std::vector<Query> at_times(const World& w, const std::string& target, const std
   return queries;
 }
 
-// root -> a -> b -> c -> d with a static link, root -> l; irregular samples from 100 to 1100 or so.
-// `d` hung below `l` until 600. All kinds of angles between samples, quaternions of either sign.
-void fill(World& w) {
+// root -> a -> b -> c -> d with a static link, root -> l; samples from 100 to 1100 or so, of `a` at
+// regular times. All kinds of angles between samples, quaternions of either sign.
+// `moved`: `d` hung below `l` until 600. Then blocks are no longer answered in one go.
+void fill(World& w, bool moved) {
   std::mt19937 random(3);
-  const auto samples = [&](const char* parent, const char* child, Stamp from, Stamp to, Stamp step) {
-    for (Stamp t = from; t <= to; t += 1 + static_cast<Stamp>(random() % static_cast<unsigned>(step))) {
+  const auto samples = [&](const char* parent, const char* child, Stamp from, Stamp to, Stamp shortest,
+                           Stamp longest) {
+    for (Stamp t = from; t <= to;
+         t += shortest + static_cast<Stamp>(random() % static_cast<unsigned>(longest - shortest + 1))) {
       Pose pose = some_pose(static_cast<int>(t % 7));
       if (t % 3 == 0) pose = {1e-3 * static_cast<double>(t), 0, 1, 0, 0, std::sin(t * 1e-4), std::cos(t * 1e-4)};
       if (random() % 2)
@@ -51,22 +54,31 @@ void fill(World& w) {
       w.set(parent, child, t, pose);
     }
   };
-  samples("root", "a", 100, 1100, 20);
-  samples("a", "b", 90, 1090, 3);
+  samples("root", "a", 100, 1100, 10, 10);
+  samples("a", "b", 90, 1090, 1, 3);
   w.set("b", "c", 0, some_pose(4), true);
-  samples("l", "d", 80, 600, 9);
-  samples("c", "d", 601, 1110, 9);
-  samples("root", "l", 100, 1000, 200);
+  if (moved) samples("l", "d", 80, 600, 1, 9);
+  samples("c", "d", moved ? 601 : 110, 1110, 1, 30);
+  samples("root", "l", 100, 1000, 1, 200);
   w.set("root", "once", 500, some_pose(2));
   w.set("island", "shore", 500, some_pose(2));
+}
+
+template <class Test>
+void for_each_fill(Test&& test) {
+  for_each_concurrency([&](Concurrency c) {
+    for (const bool moved : {false, true}) {
+      World w(c);
+      fill(w, moved);
+      test(w);
+    }
+  });
 }
 
 }  // namespace
 
 TEST(as_one_lookup_after_the_other) {
-  for_each_concurrency([](Concurrency c) {
-    World w(c);
-    fill(w);
+  for_each_fill([](World& w) {
     std::mt19937 random(5);
     const auto some = [&](std::size_t n, Stamp from, Stamp to) {
       std::vector<Stamp> stamps(n);
@@ -101,9 +113,7 @@ TEST(as_one_lookup_after_the_other) {
 }
 
 TEST(rows_of_all_kinds_beside_each_other) {
-  for_each_concurrency([](Concurrency c) {
-    World w(c);
-    fill(w);
+  for_each_fill([](World& w) {
     std::mt19937 random(7);
     const char* names[] = {"root", "d", "l", "nowhere"};
     std::vector<Query> queries;
@@ -120,9 +130,7 @@ TEST(rows_of_all_kinds_beside_each_other) {
 }
 
 TEST(after_a_switch_or_a_clear_nothing_is_left) {
-  for_each_concurrency([](Concurrency c) {
-    World w(c);
-    fill(w);
+  for_each_fill([](World& w) {
     std::vector<Stamp> stamps(70);
     for (std::size_t i = 0; i < stamps.size(); ++i) stamps[i] = 400 + 7 * static_cast<Stamp>(i);
     w.set("a", "b", 0, some_pose(1), true);  // was dynamic, has a ring
