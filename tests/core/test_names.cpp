@@ -96,3 +96,28 @@ TEST(names_of_every_length_are_kept) {
     CHECK(table.name(i + 1) == names[i]);
   }
 }
+
+TEST(several_names_are_found_as_each_by_itself) {
+  const std::vector<std::string> names = frames_of_a_fleet();
+  NameTable table(static_cast<std::uint32_t>(names.size()));
+  std::vector<std::string_view> asked;
+  const auto check = [&] {
+    std::vector<NameTable::Id> ids(asked.size() + 1, 77), fetched;
+    table.find_each(asked, ids.data(), [&](NameTable::Id id) { fetched.push_back(id); });
+    for (std::size_t i = 0; i < asked.size(); ++i) CHECK_EQ(ids[i], table.find(asked[i]));
+    CHECK_EQ(ids.back(), 77u);
+    return fetched.size();
+  };
+  CHECK_EQ(check(), 0u);
+  // More than are looked for at a time, among them unknown, hidden and repeated ones.
+  for (std::size_t i = 0; i < 100; ++i) asked.push_back(names[i * 7919 % names.size()]);
+  asked.insert(asked.end(), {names[0], "", "robot_1/arm/link_", names[0]});
+  for (std::size_t i = 0; i < names.size() / 2; ++i) table.insert(names[i]);
+  CHECK_EQ(check(), 0u);  // a small table
+  for (std::size_t i = names.size() / 2; i < names.size(); ++i) table.insert(names[i]);
+  table.hide(1);
+  CHECK_EQ(check(), asked.size());
+  CHECK_EQ(table.find(asked.back()), 0u);
+  table.show(1);
+  CHECK_EQ(check(), asked.size());
+}

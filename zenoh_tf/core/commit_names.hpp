@@ -18,22 +18,35 @@ namespace ztf {
 class CommitNames {
  public:
   CommitNames(Tree& tree, const CommitRequest& request) : tree_(tree), request_(request) {
-    tree.names_.prefetch(request.names, [&](FrameId id) { tree.frames_[id].prefetch(); });
+    std::string_view* name = names_.append(request.names.size());
+    for (const std::string_view as_given : request.names) {
+      *name = stripped(as_given);
+      are_fit_ &= is_fit(*name++, tree.options_);
+    }
+    (void)ids_.append(request.names.size());
+    find();
   }
 
-  // Forgets what an earlier attempt has found. False where the authority is new and may not be numbered.
+  // Whether all are neither empty nor too long.
+  [[nodiscard]] bool are_fit() const noexcept { return are_fit_; }
+  // 0 where the name is new.
+  [[nodiscard]] FrameId id(std::uint32_t index) const noexcept { return ids_[index]; }
+
+  // Forgets what an earlier attempt has numbered. False where a name, or the authority, is new and
+  // may not be numbered.
   bool start(bool may_number) {
     may_number_ = may_number;
-    new_.reset();
-    ids_.clear();
-    std::fill_n(ids_.append(request_.names.size()), request_.names.size(), FrameId{0});
-    return find_authority();
+    if (may_number) {
+      new_.reset();
+      find();
+    }
+    return find_authority() && (may_number || std::ranges::find(ids_, FrameId{0}) == ids_.end());
   }
 
-  // 0 where the name is new and may not be numbered.
-  FrameId resolve(std::uint32_t index) {
+  // Its id, or that it will have.
+  FrameId number(std::uint32_t index) {
     FrameId& id = ids_[index];
-    return id != 0 ? id : id = resolve(stripped(request_.names[index]));
+    return id != 0 ? id : id = number(names_[index]);
   }
 
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
@@ -92,9 +105,12 @@ class CommitNames {
     return true;
   }
 
-  FrameId resolve(std::string_view name) {
-    if (const FrameId id = tree_.names_.find(name)) return id;
-    if (!may_number_) return 0;
+  void find() noexcept {
+    tree_.names_.find_each({names_.begin(), names_.size()}, ids_.begin(),
+                           [&](FrameId id) { tree_.frames_[id].prefetch(); });
+  }
+
+  FrameId number(std::string_view name) {
     if (!new_) new_.emplace();
     const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
     FrameId& id = it->second;  // so far that of a hidden name
@@ -115,7 +131,9 @@ class CommitNames {
   bool may_number_ = false;
   AuthorityId authority_ = 0;
   bool new_authority_ = false;
-  SmallVector<FrameId, 32> ids_;  // of request_.names; 0: not resolved yet
+  bool are_fit_ = true;
+  SmallVector<std::string_view, 32> names_;  // of the request, stripped
+  SmallVector<FrameId, 32> ids_;             // of names_; 0: new
   std::optional<New> new_;
 };
 

@@ -196,14 +196,17 @@ inline void count_one(std::atomic<std::uint32_t>& counter) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
 }
 
-// Whether the usual insert will do: of a sample that is newer than all, and of the same parent.
-inline bool appends(const Frame& frame, Stamp stamp, FrameId parent) noexcept {
+// Whether the usual insert will do: of a sample that is newer than all, and of the same parent, and
+// for which there is room, be it by eviction.
+inline bool appends(const Frame& frame, Stamp stamp, FrameId parent, const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;
-  return frame.count.load(relaxed) > 0 && frame.latest.stamp.load(relaxed) < stamp &&
-         frame.parent.load(relaxed) == parent && frame.parent_changes.load(relaxed) == 0;
+  const std::uint32_t count = frame.count.load(relaxed);
+  return count > 0 && frame.latest.stamp.load(relaxed) < stamp && frame.parent.load(relaxed) == parent &&
+         frame.parent_changes.load(relaxed) == 0 &&
+         (count < frame.ring.load(relaxed).capacity() || count == limits.max_samples);
 }
 
-// That insert, after reserve().
+// That insert.
 inline void append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
@@ -233,7 +236,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
 // Puts a sample in that is not too old, after reserve().
 inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                        const HistoryLimits& limits) noexcept {
-  if (!appends(frame, stamp, parent)) return insert_anywhere(frame, stamp, parent, pose, limits);
+  if (!appends(frame, stamp, parent, limits)) return insert_anywhere(frame, stamp, parent, pose, limits);
   append(frame, stamp, pose, limits);
   return Inserted::added;
 }

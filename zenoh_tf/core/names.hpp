@@ -43,38 +43,37 @@ class NameTable {
     return hidden(id) ? 0 : id;
   }
   [[nodiscard]] Id find_any(std::string_view name) const noexcept {
-    const std::uint64_t hash = hash_(name);
-    const Table& table = *table_.load(std::memory_order_acquire);
-    for (std::size_t i = hash & table.mask;; i = (i + 1) & table.mask) {
-      const std::uint64_t slot = table.slots[i].load(std::memory_order_acquire);
-      if (slot == 0) return 0;
-      if ((slot ^ hash) >> 32 == 0) {
-        const Id id = static_cast<Id>(slot);
-        if (same_name(this->name(id), name)) return id;
-      }
-    }
+    return find_any(*table_.load(std::memory_order_acquire), hash_(name), name);
   }
 
-  // For several names that will be looked for: fetches what find() is going to read, of all of
-  // them at the same time, and calls also_for(id) with what it will mostly say, for who will need
-  // more of them. With few names in the table all that is in the cache anyway.
+  // find() of several names. In a large table most that it reads are misses: they are fetched for
+  // all names at the same time, and also_for(id) is called with what find() will mostly say, for who
+  // will need more of them.
   template <class AlsoFor>
-  void prefetch(std::span<const std::string_view> names, AlsoFor&& also_for) const noexcept {
+  void find_each(std::span<const std::string_view> names, Id* ids, AlsoFor&& also_for) const noexcept {
     constexpr std::size_t kTogether = 32;
-    if (size() < kInCache || names.size() < 3) return;
     const Table& table = *table_.load(std::memory_order_acquire);
+    const NameHash hash = hash_;
+    const bool in_cache = size() < kInCache;
+    std::uint64_t hashes[kTogether];
     for (; !names.empty(); names = names.subspan(std::min(kTogether, names.size()))) {
       const std::size_t n = std::min(kTogether, names.size());
-      const std::atomic<std::uint64_t>* slots[kTogether];
-      for (std::size_t i = 0; i < n; ++i) __builtin_prefetch(names[i].data());
+      if (!in_cache)
+        for (std::size_t i = 0; i < n; ++i) __builtin_prefetch(names[i].data());
       for (std::size_t i = 0; i < n; ++i) {
-        slots[i] = &table.slots[hash_(names[i]) & table.mask];
-        __builtin_prefetch(slots[i]);
+        hashes[i] = hash(names[i]);
+        __builtin_prefetch(&table.slots[hashes[i] & table.mask]);
       }
+      if (!in_cache)
+        for (std::size_t i = 0; i < n; ++i) {
+          const auto slot = table.slots[hashes[i] & table.mask].load(std::memory_order_acquire);
+          const Id id = static_cast<Id>(slot);
+          __builtin_prefetch(&names_[id]);
+          also_for(id);
+        }
       for (std::size_t i = 0; i < n; ++i) {
-        const Id id = static_cast<Id>(slots[i]->load(std::memory_order_acquire));
-        __builtin_prefetch(&names_[id]);
-        also_for(id);
+        const Id id = find_any(table, hashes[i], names[i]);
+        *ids++ = hidden(id) ? 0 : id;
       }
     }
   }
@@ -137,6 +136,16 @@ class NameTable {
     ZeroedArray<std::atomic<std::uint64_t>> slots;
   };
 
+  ZTF_HOT Id find_any(const Table& table, std::uint64_t hash, std::string_view name) const noexcept {
+    for (std::size_t i = hash & table.mask;; i = (i + 1) & table.mask) {
+      const std::uint64_t slot = table.slots[i].load(std::memory_order_acquire);
+      if (slot == 0) return 0;
+      if ((slot ^ hash) >> 32 == 0) {
+        const Id id = static_cast<Id>(slot);
+        if (same_name(this->name(id), name)) return id;
+      }
+    }
+  }
   static void place(Table& table, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash & table.mask;
     while (table.slots[i].load(std::memory_order_relaxed) != 0) i = (i + 1) & table.mask;

@@ -14,9 +14,16 @@ class Commit {
       : tree_(tree), request_(request), stored_(stored), names_(tree, request) {
     Write* const writes = writes_.append(request.rows.size());
     Pose* const poses = poses_.append(request.rows.size());
+    const bool several = request.rows.size() > 1;
     for (std::uint32_t i = 0; i < request.rows.size(); ++i) {
-      writes[i] = {0, 0, i, request.rows[i].stamp};
-      check_row(request, i, tree.options_, poses[i]);
+      const Row& row = request.rows[i];
+      const FrameId child = names_.id(row.child), parent = names_.id(row.parent);
+      writes[i] = {child, parent, i, row.stamp};
+      if (several) tree.frames_[child].prefetch_for_write();
+      // One name has one id; and two that are new may be one.
+      if (!names_.are_fit() || child == parent) [[unlikely]]
+        check_names(request, row, tree.options_);
+      check_values(request, row, poses[i]);
     }
     check_authority(request, tree.options_);
   }
@@ -63,11 +70,13 @@ class Commit {
   bool attempt() {
     std::unique_lock topology(tree_.topology_, std::defer_lock);
     if (needs_topology_) topology.lock();
-    if (!names_.start(needs_topology_) || !resolve_names()) return false;
+    if (!names_.start(needs_topology_)) return false;
+    if (needs_topology_) number_names();
     sort_and_group();
     if (locks_all()) [[unlikely]]
       return commit_holding_all();
     fetch_again();
+    fetch_rings();
     WriteLocks locks(tree_, children_);
     if (!prepare(locks)) return false;
     write(locks);
@@ -105,16 +114,14 @@ class Commit {
     return true;
   }
 
-  bool resolve_names() {
-    if (locks_all()) std::ranges::sort(writes_, {}, &Write::row);  // new names go by rows
+  // Those that are new, in the order of their rows; tf2 numbers the child before the parent.
+  void number_names() {
+    std::ranges::sort(writes_, {}, &Write::row);
     for (Write& write : writes_) {
       const Row& row = request_.rows[write.row];
-      write.child = names_.resolve(row.child);  // tf2 numbers the child before the parent
-      write.parent = names_.resolve(row.parent);
-      if (!write.child || !write.parent) return false;
-      if (writes_.size() > 1) tree_.frames_[write.child].prefetch_for_write();
+      write.child = names_.number(row.child);
+      write.parent = names_.number(row.parent);
     }
-    return true;
   }
 
   // The lines that readers have taken back since: all at once, instead of one after the other where
@@ -124,10 +131,15 @@ class Commit {
       for (const Group& group : groups_) group.frame->prefetch_for_write();
   }
 
+  // Before the locks, so that they come while these are taken: what another writer changes meanwhile
+  // makes the wrong lines come.
+  void fetch_rings() const noexcept {
+    if (groups_.size() > 1)
+      for (const Group& group : groups_) prefetch_for_write(*group.frame);
+  }
+
   // Refuses, or decides all that write() will do, which then cannot fail.
   bool prepare(WriteLocks& locks) {
-    if (children_.size() > 1)
-      for (const Group& group : groups_) prefetch_for_write(*group.frame);
     if (!request_.read_names.empty()) locks.hold_readers_off();
     if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);
     const bool held_all = locks_all(), jumped = time_jumped_;
@@ -144,9 +156,10 @@ class Commit {
     if (first_of_two_parents_ && !held_all) return false;
     names_.reserve();
     (void)changed_.reserve(groups_.size());
-    for (const Group& group : groups_)
-      if (!request_.is_static)
-        reserve(*group.frame, group.end - group.begin, limits(), tree_.ring_memory_);
+    if (!request_.is_static)
+      for (const Group& group : groups_)
+        if (!group.appends)
+          reserve(*group.frame, group.end - group.begin, limits(), tree_.ring_memory_);
     return true;
   }
 
@@ -154,8 +167,10 @@ class Commit {
     fetch_again();
     locks.hold_readers_off();
     names_.publish(children_);
+    FrameId* changed = changed_.end();
     for (Group& group : groups_)
-      if (group.appends ? append(group) : apply(group)) changed_.push_back(group.child);
+      if (group.appends ? append(group) : apply(group)) *changed++ = group.child;
+    changed_.set_size(static_cast<std::size_t>(changed - changed_.begin()));
   }
 
   void sort_and_group() {
@@ -220,7 +235,7 @@ class Commit {
   bool check_group(Group& group) {
     const Write& first = writes_[group.begin];
     group.appends = group.end - group.begin == 1 && !request_.is_static && !clears_ &&
-                    appends(*group.frame, first.stamp, first.parent) &&
+                    appends(*group.frame, first.stamp, first.parent, limits()) &&
                     group.frame->authority.load(std::memory_order_relaxed) == names_.authority();
     if (!group.appends) [[unlikely]]
       return check_rows(group);

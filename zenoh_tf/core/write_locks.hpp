@@ -63,10 +63,11 @@ class WriteLocks {
 
   // After the last write. The frames that have changed ascend, too.
   void release(const FrameList& changed) noexcept {
+    const bool all = changed.size() == locked_.size();
     const FrameId* next = changed.begin();
     for (const ReadVersion& locked : locked_) {
       VersionLock& word = tree_.frames_[locked.frame].version;
-      if (next != changed.end() && *next == locked.frame) {
+      if (all || (next != changed.end() && *next == locked.frame)) {
         word.unlock_changed(locked.version);
         ++next;
       } else {
