@@ -126,7 +126,19 @@ void add_row(Json& json, const std::vector<Turn>& turns) {
   list("delay_mean_s", [](const Turn& t) { return t.mean_s / static_cast<double>(t.delays); });
 }
 
-// All cells by turns over all series. Without writers first: then all links are of one age.
+// Whatever is compared comes one after the other, for the machine may become faster or slower: with
+// writers all series of a cell; without, all cells of a series, that is, numbers of threads.
+std::vector<std::pair<Cell, std::size_t>> order(const std::set<Cell>& cells, std::size_t series,
+                                                bool writing) {
+  std::vector<std::pair<Cell, std::size_t>> turns;
+  for (const Cell& cell : cells)
+    if ((cell.writers > 0) == writing)
+      for (std::size_t s = 0; s < series; ++s) turns.push_back({cell, s});
+  if (!writing) std::ranges::stable_sort(turns, {}, [](const auto& turn) { return turn.second; });
+  return turns;
+}
+
+// All cells, for all series. Without writers first: then all links are of one age.
 void measure(FrameIndex links, const std::string& direction, const PaperSettings& settings, Json& json) {
   std::fprintf(stderr, "%u links, %s direction\n", links, direction.c_str());
   const Forest forest = snake(links);
@@ -146,13 +158,10 @@ void measure(FrameIndex links, const std::string& direction, const PaperSettings
     if (writing) check(stores, links, settings.length, filled);
     std::vector<PausedClock> clocks(stores.size());  // nothing is old when the first writer begins
     for (unsigned repetition = 0; repetition < settings.repetitions; ++repetition)
-      for (const Cell& cell : settings.cells) {
-        if ((cell.writers > 0) != writing) continue;
-        for (std::size_t s = 0; s < all.size(); ++s) {
-          const Load load{cell.readers, cell.writers, all[s].kind, {}, links, settings.length};
-          turns[{cell, s}].push_back(run_crowd(*stores[all[s].store], load, clocks[all[s].store],
-                                               settings.warm_up_s, settings.seconds));
-        }
+      for (const auto& [cell, s] : order(settings.cells, all.size(), writing)) {
+        const Load load{cell.readers, cell.writers, all[s].kind, {}, links, settings.length};
+        turns[{cell, s}].push_back(run_crowd(*stores[all[s].store], load, clocks[all[s].store],
+                                             settings.warm_up_s, settings.seconds));
       }
   }
   for (const auto& [key, values] : turns) {

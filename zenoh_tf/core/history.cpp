@@ -131,10 +131,7 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
     oldest = ring.stamp(first);
   }
   frame.parent_changes.store(changes, release);
-  frame.oldest_stamp.store(oldest, release);
-  frame.samples_per_ns.store(changes == 0 ? mean_rate(count, oldest, newest) : 0, release);
-  frame.first.store(first, release);
-  frame.count.store(count, release);
+  store_range(frame, first, count, oldest, changes == 0 ? mean_rate(count, oldest, newest) : 0);
   return is_rewritten ? Inserted::rewritten : Inserted::added;
 }
 

@@ -59,6 +59,8 @@ class Regular {
         ring_(frame.ring.load(std::memory_order_acquire)),
         end_(frame.first.load(std::memory_order_acquire) + frame.count.load(std::memory_order_acquire)) {}
 
+  [[nodiscard]] Ring ring() const noexcept { return ring_; }
+  [[nodiscard]] Stamp newest() const noexcept { return newest_; }
   // Whether there are samples on both sides of all times between two.
   ZTF_HOT bool spans(Stamp earliest, Stamp latest) const noexcept {
     return rate_ > 0 && oldest_ <= earliest && latest < newest_;
@@ -206,6 +208,16 @@ inline bool appends(const Frame& frame, Stamp stamp, FrameId parent, const Histo
          (count < frame.ring.load(relaxed).capacity() || count == limits.max_samples);
 }
 
+// Which of the ring's samples are the frame's. The last stores of an insert.
+inline void store_range(Frame& frame, std::uint32_t first, std::uint32_t count, Stamp oldest,
+                        double samples_per_ns) noexcept {
+  const auto release = std::memory_order_release;
+  frame.oldest_stamp.store(oldest, release);
+  frame.samples_per_ns.store(samples_per_ns, release);
+  frame.first.store(first, release);
+  frame.count.store(count, release);
+}
+
 // That insert.
 inline void append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
@@ -224,10 +236,7 @@ inline void append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLim
     --count;
     oldest = ring.stamp(first);
   }
-  frame.oldest_stamp.store(oldest, release);
-  frame.samples_per_ns.store(mean_rate(count, oldest, stamp), release);
-  frame.first.store(first, release);
-  frame.count.store(count, release);
+  store_range(frame, first, count, oldest, mean_rate(count, oldest, stamp));
 }
 
 Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,

@@ -11,8 +11,6 @@ class Cursor {
   Cursor(const Frame& frame, const Times& times) noexcept
       : frame_(frame),
         regular_(frame),
-        ring_(frame.ring.load(std::memory_order_acquire)),
-        newest_(frame.latest.stamp.load(std::memory_order_acquire)),
         is_regular_(regular_.spans(times.earliest, times.latest)),
         ascending_(times.ascending) {}
 
@@ -29,19 +27,21 @@ class Cursor {
   // From then on ascending times are walked to. Whether others are near could not be foretold.
   [[gnu::noinline]] bool search(Stamp time, Bracket& found) noexcept {
     const bool served = place_at(frame_, time, found).kind == Place::Kind::ok;
-    walks_ = ascending_ && served && ring_ && found.older != found.newer;
-    if (walks_) slot_ = ring_.index_of(*found.older);
+    const Ring ring = regular_.ring();
+    walks_ = ascending_ && served && ring && found.older != found.newer;
+    if (walks_) slot_ = ring.index_of(*found.older);
     return served;
   }
 
   // To the last sample not after a time, from that of an earlier one, if that is near. In a
   // collision, to somewhere in the ring.
   ZTF_HOT bool walk_to(Stamp time, Bracket& found) noexcept {
-    if (time >= newest_ || ring_.stamp(slot_) > time) return false;
+    const Ring ring = regular_.ring();
+    if (time >= regular_.newest() || ring.stamp(slot_) > time) return false;
     for (int i = 0; i < kSteps; ++i) {
-      const Sample& newer = ring_.sample(slot_ + 1);
+      const Sample& newer = ring.sample(slot_ + 1);
       if (newer.stamp.load(std::memory_order_acquire) > time) {
-        found.older = &ring_.sample(slot_);
+        found.older = &ring.sample(slot_);
         found.newer = &newer;
         found.time = time;
         return true;
@@ -53,8 +53,6 @@ class Cursor {
 
   const Frame& frame_;
   const Regular regular_;
-  const Ring ring_;
-  const Stamp newest_;
   const bool is_regular_;
   const bool ascending_;
   bool walks_ = false;

@@ -71,6 +71,9 @@ struct Refused {
   std::int64_t limit = -1, value = -1;
 };
 
+template <class Guard>
+class Reader;
+
 class Tree {
  public:
   explicit Tree(const Options& options);
@@ -137,6 +140,8 @@ class Tree {
   friend class CommitNames;
   friend class WriteLocks;
 
+  template <class Guard>
+  Reader<Guard> reader(Guard& guard) const noexcept;
   template <class Body>
   void read(ReadSet& reads, Body&& body) const;
 

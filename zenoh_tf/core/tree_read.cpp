@@ -7,9 +7,8 @@ namespace ztf {
 ZTF_CLONES bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
   NoGuard guard;
-  Reader reader(frames_, guard, options_.max_depth, parents_changed_);
   answer.failure.code = Code::ok;
-  return reader.latest_each(query.target, query.source, answer) &&
+  return reader(guard).latest_each(query.target, query.source, answer) &&
          answer.failure.code == Code::ok;
 }
 
@@ -22,8 +21,7 @@ ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
   if (options_.concurrency == Concurrency::optimistic && query.op != Op::full) [[likely]] {
     for (int i = 0; i < kOptimisticAttempts; ++i) {
       WalkGuard guard;
-      Reader reader(frames_, guard, options_.max_depth, parents_changed_);
-      if (reader.answer(query, answer)) [[likely]]
+      if (reader(guard).answer(query, answer)) [[likely]]
         return;
       count_restart();
     }

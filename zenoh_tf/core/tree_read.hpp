@@ -12,12 +12,17 @@ namespace ztf {
 constexpr int kOptimisticAttempts = 64;
 constexpr int kHeedWantedAttempts = 8;
 
+template <class Guard>
+ZTF_HOT Reader<Guard> Tree::reader(Guard& guard) const noexcept {
+  return {frames_, guard, options_.max_depth, parents_changed_};
+}
+
 // Runs body(reader) until what it read was the tree's state at one instant.
 template <class Body>
 void Tree::read(ReadSet& reads, Body&& body) const {
   const auto attempt = [&](auto& guard) {
-    Reader reader(frames_, guard, options_.max_depth, parents_changed_);
-    return body(reader) && guard.valid();
+    Reader own = reader(guard);
+    return body(own) && guard.valid();
   };
   switch (options_.concurrency) {
     case Concurrency::optimistic: {

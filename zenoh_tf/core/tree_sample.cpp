@@ -44,7 +44,7 @@ std::size_t Tree::sample(std::span<const Query> queries, std::span<Answer> answe
   if (options_.concurrency == Concurrency::optimistic) {
     for (int i = 0; i < kBlockAttempts && !valid; ++i) {
       WalkGuard guard;
-      valid = Reader(frames_, guard, options_.max_depth, parents_changed_).sample(block);
+      valid = reader(guard).sample(block);
     }
   } else {
     ReadSet reads;
