@@ -230,7 +230,7 @@ def _caption(results: dict[str, Any], published: dict[str, Any], name: str) -> s
         lines[0] += " Medians of turns, with the lowest and the highest."
     if name != "staleness":
         rows = Table.of(results["delay" if name == "delay" else "paper"]).rows
-        others = middle(cores for row in rows for cores in row.others_cores)
+        others = max(0.0, middle(cores for row in rows for cores in row.others_cores))
         lines[0] += f" Other programs used {others:.1f} cores meanwhile."
     return "\n".join(lines)
 
