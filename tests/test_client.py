@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -16,10 +18,11 @@ from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
     LookupException,
+    ServerUnavailable,
     TransactionConflict,
     TransformException,
 )
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import Broadcaster, TransformClient
 
 from .conftest import ServerProcess, StartServer
 
@@ -176,6 +179,31 @@ def test_any_utf8_name(start_server: StartServer) -> None:
         assert tf.frame("e\u0301\0").authority == "lidar/front #1"
         with pytest.raises(InvalidArgumentException):
             tf.lookup_transform("\ud800", "x")
+
+
+@pytest.mark.parametrize("method", ["send", "send_static"])
+def test_a_broadcaster_is_closed_while_another_thread_sends(
+    client: TransformClient, method: str
+) -> None:
+    """Each message before is sent, the first after it is refused, and close() does not fail."""
+
+    def send_until_refused(broadcaster: Broadcaster, sent: threading.Event) -> int:
+        for n in range(1_000_000):
+            try:
+                getattr(broadcaster, method)(link("map", "base", n))
+            except ServerUnavailable:
+                return n
+            sent.set()
+        raise AssertionError("never refused")
+
+    with ThreadPoolExecutor(4) as threads:
+        for _ in range(20):
+            broadcaster = client.broadcaster("sensor")
+            events = [threading.Event() for _ in range(4)]
+            senders = [threads.submit(send_until_refused, broadcaster, sent) for sent in events]
+            assert all(sent.wait(10) for sent in events)
+            broadcaster.close()
+            assert all(sender.result(10) > 0 for sender in senders)
 
 
 def test_batch(client: TransformClient) -> None:

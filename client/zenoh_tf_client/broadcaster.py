@@ -60,9 +60,7 @@ class Broadcaster:
         """Publish transforms that hold for all times, now and to every server to come."""
         rows = _rows(stampeds)
         with self._lock:
-            if self._closed:
-                raise ServerUnavailable("the broadcaster is closed")
-            if self._servers is None:
+            if self._servers is None and not self._closed:
                 self._watch_servers()
             self._put(self._static, rows)
             self._statics.update((row.child_frame, row) for row in rows)
@@ -80,16 +78,12 @@ class Broadcaster:
         self._dynamic.undeclare()
         self._static.undeclare()
 
-    def _publisher(self, *, static: bool) -> zenoh.Publisher:
-        return self._session.declare_publisher(
-            keys.put(self._tree, self.authority, static=static),
-            # A sensor that outruns the network waits; losing transforms unseen is worse.
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
+    def _publisher(self, *, static: bool) -> _Publisher:
+        return _Publisher(self._session, keys.put(self._tree, self.authority, static=static))
 
     @staticmethod
     def _put(
-        publisher: zenoh.Publisher, stampeds: StampedTransform | Iterable[StampedTransform]
+        publisher: _Publisher, stampeds: StampedTransform | Iterable[StampedTransform]
     ) -> None:
         payload = wire.pack(wire.commit_body(columns.commit(_rows(stampeds))))
         if len(payload) > wire.MAX_MESSAGE_BYTES:
@@ -99,10 +93,7 @@ class Broadcaster:
                 limit=wire.MAX_MESSAGE_BYTES,
                 value=len(payload),
             )
-        try:
-            publisher.put(payload)
-        except zenoh.ZError as error:
-            raise ServerUnavailable(f"cannot publish: {error}") from error
+        publisher.put(payload)
 
     def _watch_servers(self) -> None:
         # A thread of our own, not a callback of Zenoh's: that runs on a thread which a
@@ -127,15 +118,48 @@ class Broadcaster:
 
     def _announce(self) -> None:
         deadline_s = time.monotonic() + _MATCHING_TIMEOUT_S
-        while not _matches(self._static) and time.monotonic() < deadline_s:
+        while not self._static.has_subscribers() and time.monotonic() < deadline_s:
+            if self._closed:
+                return
             time.sleep(0.01)
         with self._lock:
             if self._statics and not self._closed:
                 self._put(self._static, list(self._statics.values()))
 
 
-def _matches(publisher: zenoh.Publisher) -> bool:
-    return bool(publisher.matching_status.matching)  # type: ignore[attr-defined]  # not a bool
+class _Publisher:
+    """A publisher that one thread may close while others use it, where Zenoh's own raises
+    RuntimeError ("Already borrowed")."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._lock = threading.Lock()
+        self._publisher: zenoh.Publisher | None = session.declare_publisher(
+            key,
+            # A sensor that outruns the network waits; losing transforms unseen is worse.
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+    def put(self, payload: bytes) -> None:
+        with self._lock:
+            if self._publisher is None:
+                raise ServerUnavailable("the broadcaster is closed")
+            try:
+                self._publisher.put(payload)
+            except zenoh.ZError as error:
+                raise ServerUnavailable(f"cannot publish: {error}") from error
+
+    def has_subscribers(self) -> bool:
+        with self._lock:
+            if self._publisher is None:
+                return False
+            matching = self._publisher.matching_status.matching  # type: ignore[attr-defined]
+            return bool(matching)  # it is not a bool
+
+    def undeclare(self) -> None:
+        with self._lock:
+            publisher, self._publisher = self._publisher, None
+            if publisher is not None:
+                publisher.undeclare()
 
 
 def _rows(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
