@@ -11,8 +11,8 @@ endif
 # Two calls of make in one checkout must not build into the same folders at once.
 LOCK := $(if $(shell command -v flock),flock .venv.lock)
 
-CORE := $(shell find zenoh_tf/core -type f)
-PACKAGES := zenoh_tf server/zenoh_tf_server client/zenoh_tf_client
+CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f)
+CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
 .PHONY: help native demo test histories anomalies lint format bench figures core-test image-test clean
@@ -47,14 +47,16 @@ histories: native ## 10,000 random histories against the oracle, and against tf2
 anomalies: native ## 1,000,000 concurrent transactions, and every fault that the checker must find
 	@ANOMALIES=1000000 $(BIN)/python -m pytest tests/history -s $(ARGS)
 
-lint: native ## ruff, mypy --strict
+lint: native ## ruff, mypy --strict, clang-format
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+	@$(BIN)/clang-format --dry-run --Werror $(CPP)
 
-format: .venv/requirements.stamp ## let ruff format and sort the imports
+format: .venv/requirements.stamp ## format Python and C++, sort imports
 	@$(BIN)/ruff check --select I --fix .
 	@$(BIN)/ruff format .
+	@$(BIN)/clang-format -i $(CPP)
 
 bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "others.hpp"
-#include "restarts.hpp"
+#include "retries.hpp"
 #include "round_trip.hpp"
 
 namespace bench {
@@ -47,10 +47,10 @@ class Member {
   void run(const std::atomic<Phase>& phase) {
     if (thread_ < load_.readers) {
       repeat(phase, turn_.read_ns, [this](std::uint64_t n) { read(n); });
-      turn_.read_restarts = ztf::restarts - restarts_;
+      turn_.read_restarts = ztf::retries - restarts_;
     } else {
       repeat(phase, turn_.write_ns, [this](std::uint64_t) { write(); });
-      turn_.write_restarts = ztf::restarts - restarts_;
+      turn_.write_restarts = ztf::retries - restarts_;
     }
   }
   [[nodiscard]] const Turn& turn() const { return turn_; }
@@ -68,7 +68,7 @@ class Member {
         const double warm_up_s = std::chrono::duration<double>(Clock::now() - start).count();
         if (warm_up_s > kSlowCall_s * static_cast<double>(n)) every = 1;
         turn_ = Turn();
-        restarts_ = ztf::restarts;
+        restarts_ = ztf::retries;
         seen = now;
       }
       if (n % every != 0) {

@@ -44,7 +44,7 @@ struct Turn {
   double others_cores = 0;   // used by other programs meanwhile
   double round_trip_ns = 0;  // of a cache line between two cores, right after
   std::uint64_t reads = 0, writes = 0, links_written = 0;
-  std::uint64_t unanswered = 0;  // reads that are not in `reads`
+  std::uint64_t unanswered = 0;                         // reads that are not in `reads`
   std::uint64_t read_restarts = 0, write_restarts = 0;  // not of tf2, which never starts over
   Histogram read_ns, write_ns;
   // Time of the call less the stamp of the data, summed over some reads.

@@ -21,8 +21,7 @@ FrameIndex Forest::add(std::string name, FrameIndex parent) {
 
 Forest snake(FrameIndex links) {
   Forest forest;
-  for (FrameIndex i = 0; i <= links; ++i)
-    forest.add(numbered("link", i), i == 0 ? 0 : i - 1);
+  for (FrameIndex i = 0; i <= links; ++i) forest.add(numbered("link", i), i == 0 ? 0 : i - 1);
   return forest;
 }
 

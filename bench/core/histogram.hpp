@@ -25,7 +25,8 @@ class Histogram {
   // The middle of the bucket that holds it; NaN where there is nothing.
   [[nodiscard]] double percentile(double percent) const noexcept {
     if (size_ == 0) return std::nan("");
-    const auto wanted = static_cast<std::uint64_t>(std::ceil(static_cast<double>(size_) * percent / 100));
+    const auto wanted =
+        static_cast<std::uint64_t>(std::ceil(static_cast<double>(size_) * percent / 100));
     std::uint64_t seen = 0;
     std::size_t i = 0;
     while ((seen += buckets_[i]) < wanted) ++i;

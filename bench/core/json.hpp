@@ -13,10 +13,10 @@ namespace bench {
 
 class Json {
  public:
-  Json& open(const char* key = nullptr, char bracket = '{') {
+  Json& open(const char* key = nullptr, char interval = '{') {
     begin(key);
-    text_ += bracket;
-    closing_ += bracket == '{' ? '}' : ']';
+    text_ += interval;
+    closing_ += interval == '{' ? '}' : ']';
     first_ = true;
     return *this;
   }

@@ -9,10 +9,8 @@
 
 int main(int count, char** values) try {
   const std::map<std::string, void (*)(bench::Flags&)> parts{
-      {"lookups", bench::run_lookups},
-      {"paper", bench::run_paper},
-      {"shapes", bench::run_shapes},
-      {"staleness", bench::run_staleness},
+      {"lookups", bench::run_lookups}, {"paper", bench::run_paper},
+      {"shapes", bench::run_shapes},   {"staleness", bench::run_staleness},
       {"memory", bench::run_memory},
   };
   const auto part = parts.find(count > 1 ? values[1] : "");

@@ -50,7 +50,8 @@ std::size_t calls_for(Side& side, const Case& what, unsigned threads, double sec
   for (;;) {
     const double spent = block_s(side, what, threads, calls);
     if (spent > seconds / 4)
-      return std::max<std::size_t>(1, static_cast<std::size_t>(static_cast<double>(calls) * seconds / spent));
+      return std::max<std::size_t>(
+          1, static_cast<std::size_t>(static_cast<double>(calls) * seconds / spent));
     calls *= 2;
   }
 }
@@ -84,8 +85,7 @@ void check_answers(const Sides& sides) {
 Figures measure(const Sides& sides, const Case& what, unsigned threads, const Settings& settings) {
   Figures figures{what, threads, {}};
   std::vector<std::size_t> calls;
-  for (const auto& side : sides)
-    calls.push_back(calls_for(*side, what, threads, settings.block_s));
+  for (const auto& side : sides) calls.push_back(calls_for(*side, what, threads, settings.block_s));
   figures.rates.resize(sides.size());
   for (int repetition = 0; repetition < settings.repetitions; ++repetition)
     for (std::size_t i = 0; i < sides.size(); ++i)

@@ -19,7 +19,8 @@ struct Settings {
 struct Figures {
   Case what;
   unsigned threads;
-  // [side][repetition], calls per second over all threads; equal repetitions are neighbours in time.
+  // [side][repetition], calls per second over all threads; equal repetitions are neighbours in
+  // time.
   std::vector<std::vector<double>> rates;
 };
 

@@ -71,8 +71,8 @@ Stamp cache_for(FrameIndex links) {
   return (links > 100'000 ? Stamp{3600} : Stamp{1}) * 1'000'000'000;
 }
 
-// Samples that a link keeps, as far as memory goes. With fewer, more reads at a common time find that
-// a link has dropped the sample of that time.
+// Samples that a link keeps, as far as memory goes. With fewer, more reads at a common time find
+// that a link has dropped the sample of that time.
 std::uint32_t samples_for(FrameIndex links) { return links > 100'000 ? 16 : 64; }
 
 // Random stretches of the snake, some with stamps of their own.
@@ -89,7 +89,7 @@ void check(const Stores& stores, FrameIndex links, unsigned length, Stamp after)
 }
 
 void add_percentiles(Json& json, const char* key, const std::vector<Turn>& turns,
-                     Histogram Turn::*histogram) {
+                     Histogram Turn::* histogram) {
   json.open(key);
   for (const auto& [name, percent] :
        {std::pair("p50", 50.0), std::pair("p99", 99.0), std::pair("p999", 99.9)}) {
@@ -113,10 +113,11 @@ void add_row(Json& json, const std::vector<Turn>& turns) {
   list("unanswered_share", [](const Turn& t) {
     return static_cast<double>(t.unanswered) / static_cast<double>(t.reads + t.unanswered);
   });
-  const auto per = [](std::uint64_t restarts, std::uint64_t calls) {
-    return calls == 0 ? 0.0 : static_cast<double>(restarts) / static_cast<double>(calls);
+  const auto per = [](std::uint64_t retries, std::uint64_t calls) {
+    return calls == 0 ? 0.0 : static_cast<double>(retries) / static_cast<double>(calls);
   };
-  list("restarts_per_read", [&](const Turn& t) { return per(t.read_restarts, t.reads + t.unanswered); });
+  list("restarts_per_read",
+       [&](const Turn& t) { return per(t.read_restarts, t.reads + t.unanswered); });
   list("restarts_per_write", [&](const Turn& t) { return per(t.write_restarts, t.writes); });
   list("others_cores", [](const Turn& t) { return t.others_cores; });
   list("round_trip_ns", [](const Turn& t) { return t.round_trip_ns; });
@@ -139,7 +140,8 @@ std::vector<std::pair<Cell, std::size_t>> order(const std::set<Cell>& cells, std
 }
 
 // All cells, for all series. Without writers first: then all links are of one age.
-void measure(FrameIndex links, const std::string& direction, const PaperSettings& settings, Json& json) {
+void measure(FrameIndex links, const std::string& direction, const PaperSettings& settings,
+             Json& json) {
   std::fprintf(stderr, "%u links, %s direction\n", links, direction.c_str());
   const Forest forest = snake(links);
   const StoreOptions options{cache_for(links),

@@ -62,7 +62,8 @@ void print_line(const Sides& sides, const Figures& figures) {
 
 void write_json(const std::string& path, const Sides& sides, const std::vector<Figures>& all) {
   std::ofstream out(path);
-  out << "{\"compiler\": \"" << __VERSION__ << "\",\n \"unit\": \"calls per second\",\n \"cases\": [";
+  out << "{\"compiler\": \"" << __VERSION__
+      << "\",\n \"unit\": \"calls per second\",\n \"cases\": [";
   for (std::size_t k = 0; k < all.size(); ++k) {
     out << (k ? ",\n  " : "\n  ") << "{\"case\": \"" << all[k].what.name
         << "\", \"threads\": " << all[k].threads;

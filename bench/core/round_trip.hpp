@@ -1,6 +1,6 @@
-// How far two cores are apart. Writers and readers at full speed pass cache lines to each other, and
-// a virtual machine's cores may share one cache now and none a second later: a turn's figures are
-// only comparable with others taken at a like distance.
+// How far two cores are apart. Writers and readers at full speed pass cache lines to each other,
+// and a virtual machine's cores may share one cache now and none a second later: a turn's figures
+// are only comparable with others taken at a like distance.
 //
 // Thread safety: none; uses the first two cores.
 #pragma once

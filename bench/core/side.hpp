@@ -1,6 +1,6 @@
 // One of the systems that are compared.
 //
-// Thread safety: ask() and run() from any thread, a thread number from one at a time.
+// Thread safety: lookup_or_park() and run() from any thread, a thread number from one at a time.
 #pragma once
 
 #include <memory>

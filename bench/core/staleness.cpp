@@ -73,7 +73,8 @@ void run_staleness(Flags& flags) {
   std::atomic<bool> stop{false};
   std::vector<std::thread> sources;
   for (FrameIndex link = 0; link < kLinks; ++link)
-    sources.emplace_back([&, link] { publish(stores, clock, link + 1, kSources[link].rate_hz, stop); });
+    sources.emplace_back(
+        [&, link] { publish(stores, clock, link + 1, kSources[link].rate_hz, stop); });
 
   std::this_thread::sleep_for(std::chrono::milliseconds(500));
   constexpr Read kKinds[] = {Read::common, Read::latest, Read::latest_xact};

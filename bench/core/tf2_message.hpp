@@ -15,7 +15,7 @@ inline ros::Time time_of(Stamp stamp) {
   return ros::Time().fromNSec(static_cast<std::uint64_t>(stamp));
 }
 
-// Into a message that may be used again: its texts keep their room.
+// Into a message that may be used again: its texts keep their list.
 inline void fill(geometry_msgs::TransformStamped& m, const std::string& parent,
                  const std::string& child, Stamp stamp, const ztf::Pose& pose) {
   m.header.frame_id = parent;

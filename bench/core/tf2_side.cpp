@@ -35,8 +35,7 @@ class Tf2Side final : public Side {
 
   Reply ask(const std::string& target, const std::string& source,
             std::optional<Stamp> time) override {
-    const auto m =
-        buffer_.lookupTransform(target, source, time ? time_of(*time) : ros::Time(0));
+    const auto m = buffer_.lookupTransform(target, source, time ? time_of(*time) : ros::Time(0));
     const auto& t = m.transform.translation;
     const auto& q = m.transform.rotation;
     return {{t.x, t.y, t.z, q.x, q.y, q.z, q.w}, static_cast<Stamp>(m.header.stamp.toNSec())};

@@ -18,7 +18,9 @@ namespace {
 class Tf2Store final : public Store {
  public:
   Tf2Store(const Forest& forest, const StoreOptions& options)
-      : forest_(forest), reversed_(options.reversed), buffer_(ros::Duration().fromNSec(options.cache)) {
+      : forest_(forest),
+        reversed_(options.reversed),
+        buffer_(ros::Duration().fromNSec(options.cache)) {
     // Two writers that set a link at the same nanosecond: it would tell the terminal.
     console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);
     set_all(forest, reversed_, [&](FrameIndex link) { set(link, kStart); });
@@ -28,7 +30,8 @@ class Tf2Store final : public Store {
   bool can(Read kind) const override { return kind == Read::common; }
 
   bool read(unsigned, Read, FrameIndex target, FrameIndex source, Stamp& oldest) override try {
-    const auto m = buffer_.lookupTransform(forest_.names[target], forest_.names[source], ros::Time(0));
+    const auto m =
+        buffer_.lookupTransform(forest_.names[target], forest_.names[source], ros::Time(0));
     keep(m.transform.translation.x);
     oldest = static_cast<Stamp>(m.header.stamp.toNSec());
     return true;
@@ -37,7 +40,8 @@ class Tf2Store final : public Store {
   }
 
   bool ask(Read, FrameIndex target, FrameIndex source, Reply& reply) override try {
-    const auto m = buffer_.lookupTransform(forest_.names[target], forest_.names[source], ros::Time(0));
+    const auto m =
+        buffer_.lookupTransform(forest_.names[target], forest_.names[source], ros::Time(0));
     const auto& t = m.transform.translation;
     const auto& q = m.transform.rotation;
     reply = {{t.x, t.y, t.z, q.x, q.y, q.z, q.w}, static_cast<Stamp>(m.header.stamp.toNSec())};

@@ -27,7 +27,7 @@ class TreeSide final : public Side {
   Reply ask(const std::string& target, const std::string& source,
             std::optional<Stamp> time) override {
     ztf::Answer answer;
-    const ztf::Op op = time ? ztf::Op::at : ztf::Op::common;
+    const ztf::Op op = time ? ztf::Op::at : ztf::Op::latest_common;
     tree_.lookup({op, tree_.find(target), tree_.find(source), time.value_or(ztf::kNoStamp)},
                  answer);
     if (answer.failure.code != ztf::Code::ok) throw std::runtime_error(name_ + ": no answer");
@@ -42,13 +42,14 @@ class TreeSide final : public Side {
     switch (what.kind) {
       case Kind::common_ids:
         for (std::size_t i = 0; i < calls; ++i) {
-          tree_.lookup({ztf::Op::common, target, source}, answer);
+          tree_.lookup({ztf::Op::latest_common, target, source}, answer);
           keep(answer.pose.x);
         }
         break;
       case Kind::common_names:
         for (std::size_t i = 0; i < calls; ++i) {
-          tree_.lookup({ztf::Op::common, tree_.find(what.target), tree_.find(what.source)}, answer);
+          tree_.lookup({ztf::Op::latest_common, tree_.find(what.target), tree_.find(what.source)},
+                       answer);
           keep(answer.pose.x);
         }
         break;

@@ -13,7 +13,7 @@ namespace {
 constexpr ztf::Op op_of(Read kind) {
   switch (kind) {
     case Read::common:
-      return ztf::Op::common;
+      return ztf::Op::latest_common;
     case Read::latest:
       return ztf::Op::latest;
     default:
@@ -72,7 +72,7 @@ class TreeStore final : public Store {
     own.answers.resize(links);
     for (unsigned i = 0; i < links; ++i)
       own.queries[i] = {ztf::Op::latest_xact, ids_[top + i], ids_[top + i + 1]};
-    tree_.lookup_all(own.queries, own.answers, own.reads);
+    tree_.lookup_transaction(own.queries, own.answers, own.reads);
     double sum = 0;
     for (const ztf::Answer& answer : own.answers) {
       if (answer.failure.code != ztf::Code::ok) return std::nan("");

@@ -34,7 +34,8 @@ class Watchdog {
   explicit Watchdog(const char* name)
       : thread_([this, name] {
           std::unique_lock lock(mutex_);
-          if (done_changed_.wait_for(lock, std::chrono::seconds(120), [&] { return done_; })) return;
+          if (done_changed_.wait_for(lock, std::chrono::seconds(120), [&] { return done_; }))
+            return;
           std::fprintf(stderr, "HANG in %s\n", name);
           std::abort();
         }) {}

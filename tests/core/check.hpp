@@ -44,11 +44,10 @@ inline void near(const char* file, int line, const char* what, double a, double 
 
 }  // namespace check
 
-#define TEST(name)                                            \
-  static void name();                                         \
+#define TEST(name)                                               \
+  static void name();                                            \
   static const check::Registered registered_##name(#name, name); \
   static void name()
-#define CHECK(condition) \
-  ((condition) ? void() : check::fail(__FILE__, __LINE__, #condition))
+#define CHECK(condition) ((condition) ? void() : check::fail(__FILE__, __LINE__, #condition))
 #define CHECK_EQ(a, b) check::equal(__FILE__, __LINE__, #a " == " #b, a, b)
 #define CHECK_NEAR(a, b, within) check::near(__FILE__, __LINE__, #a " ~ " #b, a, b, within)

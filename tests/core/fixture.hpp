@@ -56,8 +56,8 @@ class World {
   Tree tree;
 
   // Why it was refused, if it was.
-  std::optional<Refused> commit(const std::vector<Set>& sets, const SetOptions& options = {},
-                                std::vector<std::uint8_t>* stored = nullptr) {
+  std::optional<Rejected> commit(const std::vector<Set>& sets, const SetOptions& options = {},
+                                 std::vector<std::uint8_t>* stored = nullptr) {
     std::vector<std::string_view> names, read_names;
     std::vector<Row> rows;
     std::vector<Version> read_versions;
@@ -76,7 +76,7 @@ class World {
       tree.commit({names, rows, options.authority, options.is_static, options.drop_old, read_names,
                    read_versions},
                   flags);
-    } catch (Refused& refused) {
+    } catch (Rejected& refused) {
       return std::move(refused);
     }
     if (stored) *stored = flags;
@@ -117,7 +117,7 @@ class World {
   // What a transaction that reads this must find unchanged at its end.
   std::vector<std::pair<std::string, Version>> reads_of(const Query& q, Answer& answer) const {
     ReadSet reads;
-    tree.lookup_all({&q, 1}, {&answer, 1}, reads);
+    tree.lookup_transaction({&q, 1}, {&answer, 1}, reads);
     std::vector<std::pair<std::string, Version>> named;
     for (const ReadVersion& read : reads)
       named.emplace_back(std::string(tree.name(read.frame)), read.version);
@@ -134,7 +134,8 @@ class World {
 
 template <class Body>
 void for_each_concurrency(Body&& body) {
-  for (const auto c : {Concurrency::optimistic, Concurrency::two_phase, Concurrency::giant}) body(c);
+  for (const auto c : {Concurrency::optimistic, Concurrency::two_phase, Concurrency::giant})
+    body(c);
 }
 
 }  // namespace ztf

@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <random>
 
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -31,7 +31,7 @@ TEST(crossed_lookups_do_not_block) {
     World w(c);
     constexpr int kLinks = 6;
     CHECK_EQ(w.refusal(chain(kLinks, 1, 1)), Code::ok);
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.background([&](const auto& stop) {
       for (Stamp stamp = 2; !stop; ++stamp)
         CHECK_EQ(w.refusal(chain(kLinks, stamp, static_cast<double>(stamp))), Code::ok);
@@ -39,7 +39,8 @@ TEST(crossed_lookups_do_not_block) {
     for (int thread = 0; thread < 4; ++thread)
       crowd.foreground([&, up = thread % 2 == 0] {
         for (int i = 0; i < 2000; ++i) {
-          const Answer a = up ? w.ask(Op::common, "f0", link(kLinks)) : w.ask(Op::common, link(kLinks), "f0");
+          const Answer a = up ? w.ask(Op::latest_common, "f0", link(kLinks))
+                              : w.ask(Op::latest_common, link(kLinks), "f0");
           CHECK_EQ(a.failure.code, Code::ok);
           CHECK_EQ(a.pose.x, (up ? kLinks : -kLinks) * static_cast<double>(a.stamp));
         }
@@ -54,7 +55,7 @@ TEST(rows_in_any_order_and_twice_do_not_block) {
     World w(c);
     constexpr int kLinks = 8, kCommits = 500;
     CHECK_EQ(w.refusal(chain(kLinks, 0, 0)), Code::ok);
-    Crowd crowd;
+    ThreadGroup crowd;
     for (unsigned thread = 0; thread < 3; ++thread)
       crowd.foreground([&, thread] {
         std::mt19937 random(thread);
@@ -67,7 +68,7 @@ TEST(rows_in_any_order_and_twice_do_not_block) {
       });
     crowd.join();
     for (int i = 1; i <= kLinks; ++i)
-      CHECK_EQ(w.tree.info(w.id(link(i))).version / VersionLock::kCommit, Version{3 * kCommits + 1});
+      CHECK_EQ(w.tree.info(w.id(link(i))).version / SeqLock::kIncrement, Version{3 * kCommits + 1});
   });
 }
 
@@ -78,7 +79,7 @@ TEST(a_lookup_that_starts_over_starts_anew) {
     World w(c);
     constexpr int kLinks = 12;
     CHECK_EQ(w.refusal(chain(kLinks, 1, 1)), Code::ok);
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.background([&](const auto& stop) {
       for (Stamp stamp = 2; !stop; ++stamp) {
         std::vector<Set> sets = chain(kLinks, stamp, 1);
@@ -86,7 +87,7 @@ TEST(a_lookup_that_starts_over_starts_anew) {
         CHECK_EQ(w.refusal(sets), Code::ok);
       }
     });
-    for (const Op op : {Op::latest_xact, Op::common})
+    for (const Op op : {Op::latest_xact, Op::latest_common})
       crowd.foreground([&, op] {
         for (int i = 0; i < 3000; ++i) {
           const Answer a = w.ask(op, "f0", link(kLinks));
@@ -105,14 +106,14 @@ TEST(no_error_is_made_of_two_states) {
     World w(c);
     CHECK_EQ(w.refusal({{"here", "a", 1}, {"here", "b", 1}}), Code::ok);
     CHECK_EQ(w.refusal({{"there", "else", 1}}), Code::ok);
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.background([&](const auto& stop) {
       for (Stamp stamp = 2; !stop; ++stamp) {
         const char* const parent = stamp % 2 ? "here" : "there";
         CHECK_EQ(w.refusal({{parent, "a", stamp}, {parent, "b", stamp}}), Code::ok);
       }
     });
-    for (const Op op : {Op::latest_xact, Op::common, Op::latest})
+    for (const Op op : {Op::latest_xact, Op::latest_common, Op::latest})
       crowd.foreground([&, op] {
         for (int i = 0; i < 3000; ++i) CHECK_EQ(w.code(op, "a", "b"), Code::ok);
       });
@@ -127,7 +128,7 @@ TEST(far_more_threads_than_processors_get_on) {
     constexpr int kLinks = 16, kEach = 300;
     CHECK_EQ(w.refusal(chain(kLinks, 0, 0)), Code::ok);
     std::atomic<Stamp> stamp{1};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int thread = 0; thread < 12; ++thread) {
       crowd.foreground([&] {
         for (int i = 0; i < kEach; ++i) {
@@ -141,6 +142,6 @@ TEST(far_more_threads_than_processors_get_on) {
       });
     }
     crowd.join();
-    CHECK_EQ(w.tree.info(w.id("f1")).version / VersionLock::kCommit, Version{12 * kEach + 1});
+    CHECK_EQ(w.tree.info(w.id("f1")).version / SeqLock::kIncrement, Version{12 * kEach + 1});
   });
 }

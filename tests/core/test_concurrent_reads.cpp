@@ -1,8 +1,8 @@
 // Readers against writers: what a transaction reads was true at one instant.
 #include <random>
 
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -23,9 +23,11 @@ std::vector<Set> zero_sum(std::mt19937& random, Stamp stamp) {
   for (const std::string arm : {"l", "r"}) {
     int reached = 0;
     for (int i = 1; i <= 4; ++i) {
-      const int x = arm == "r" && i == 4 ? left - reached : static_cast<int>(random() % 2001) - 1000;
+      const int x =
+          arm == "r" && i == 4 ? left - reached : static_cast<int>(random() % 2001) - 1000;
       reached += x;
-      sets.push_back({i == 1 ? "f0" : arm + std::to_string(i - 1), arm + std::to_string(i), stamp, at_x(x)});
+      sets.push_back(
+          {i == 1 ? "f0" : arm + std::to_string(i - 1), arm + std::to_string(i), stamp, at_x(x)});
     }
     left = reached;
   }
@@ -33,8 +35,7 @@ std::vector<Set> zero_sum(std::mt19937& random, Stamp stamp) {
 }
 
 struct ZeroSums {
-  explicit ZeroSums(Concurrency c)
-      : world(Options{.concurrency = c, .max_samples_per_frame = 32}) {
+  explicit ZeroSums(Concurrency c) : world(Options{.concurrency = c, .max_samples_per_frame = 32}) {
     std::mt19937 random(1);
     for (int i = 0; i < 3; ++i) CHECK_EQ(world.refusal(zero_sum(random, ++clock)), Code::ok);
   }
@@ -58,7 +59,7 @@ TEST(transactions_never_see_torn_chains) {
   for_each_concurrency([](Concurrency c) {
     ZeroSums z(c);
     const World& w = z.world;
-    Crowd crowd;
+    ThreadGroup crowd;
     for (unsigned i = 0; i < 2; ++i)
       crowd.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
     for (int thread = 0; thread < 2; ++thread)
@@ -71,7 +72,7 @@ TEST(transactions_never_see_torn_chains) {
           const std::string one = crossed ? "l4" : "r4", other = crossed ? "r4" : "l4";
           Answer a;
           for (const auto& [target, source] : {std::pair{top, leaf}, std::pair{one, other}}) {
-            for (const Op op : {Op::latest_xact, Op::common}) {
+            for (const Op op : {Op::latest_xact, Op::latest_common}) {
               a = w.ask(op, target, source);
               CHECK_EQ(a.failure.code, Code::ok);
               CHECK_EQ(a.pose.x, 0);
@@ -86,12 +87,14 @@ TEST(transactions_never_see_torn_chains) {
             }
           }
           const std::vector<Query> queries = {
-              w.query(Op::latest_xact, "f0", "f3"), w.query(Op::common, "f3", "f8"),
-              w.query(Op::latest_xact, "f0", "l4"), w.query(Op::latest_xact, "r4", "f0"),
+              w.query(Op::latest_xact, "f0", "f3"),
+              w.query(Op::latest_common, "f3", "f8"),
+              w.query(Op::latest_xact, "f0", "l4"),
+              w.query(Op::latest_xact, "r4", "f0"),
               {Op::full, w.id("f0"), w.id("f8"), kNoStamp, w.id("f5"), kNoStamp}};
           std::vector<Answer> answers(queries.size());
           ReadSet reads;
-          w.tree.lookup_all(queries, answers, reads);
+          w.tree.lookup_transaction(queries, answers, reads);
           CHECK_EQ(answers[0].pose.x + answers[1].pose.x, 0);
           CHECK_EQ(answers[2].pose.x + answers[3].pose.x, 0);
           CHECK_EQ(answers[4].pose.x, 0);
@@ -111,7 +114,7 @@ TEST(transactions_never_see_torn_chains) {
 TEST(latest_alone_mixes_commits_and_says_so) {
   for (const auto c : {Concurrency::optimistic, Concurrency::two_phase}) {
     ZeroSums z(c);
-    Crowd crowd;
+    ThreadGroup crowd;
     for (unsigned i = 0; i < 2; ++i)
       crowd.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
     crowd.foreground([&] {
@@ -137,19 +140,21 @@ TEST(a_reader_that_never_wins_is_answered) {
     for (int i = 1; i <= kLong; ++i)
       chain.push_back({"f" + std::to_string(i - 1), "f" + std::to_string(i), 1, at_x(0)});
     CHECK_EQ(w.refusal(chain), Code::ok);
-    Crowd crowd;
+    ThreadGroup crowd;
     std::atomic<int> commits{0};
     for (int writer = 0; writer < 4; ++writer)
       crowd.background([&, writer](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(writer));
         for (Stamp stamp = 2; !stop; ++stamp) {
           // Two links at once, which cancel.
-          const int i = static_cast<int>(random() % (kLong - 1)), x = static_cast<int>(random() % 100);
+          const int i = static_cast<int>(random() % (kLong - 1)),
+                    x = static_cast<int>(random() % 100);
           const auto name = [](int n) { return "f" + std::to_string(n); };
           // In separate halves, so that no two writers undo each other's balance.
           const int a = i / 8 * 8 + 2 * writer, b = a + 1;
           if (b + 1 > kLong) continue;
-          CHECK_EQ(w.refusal({{name(b), name(b + 1), stamp, at_x(-x)}, {name(a), name(a + 1), stamp, at_x(x)}}),
+          CHECK_EQ(w.refusal({{name(b), name(b + 1), stamp, at_x(-x)},
+                              {name(a), name(a + 1), stamp, at_x(x)}}),
                    Code::ok);
           ++commits;
         }
@@ -179,7 +184,7 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
     }
     std::atomic<Stamp> now{1};
     std::atomic<int> lookups{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (const auto& [parent, child] : {std::pair{"a", "b"}, std::pair{"b", "c"}})
       crowd.background([&, parent, child](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(*child));
@@ -210,7 +215,7 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
             if (a.failure.code == Code::backward) CHECK(t < a.failure.oldest);
             if (a.failure.code == Code::forward) CHECK(t > a.failure.newest);
           }
-          const Answer common = w.ask(Op::common, "c", "a");
+          const Answer common = w.ask(Op::latest_common, "c", "a");
           if (common.failure.code == Code::ok)
             CHECK_NEAR(common.pose.x, -2 * static_cast<double>(common.stamp), 1e-6);
         }

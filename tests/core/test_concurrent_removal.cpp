@@ -1,15 +1,15 @@
 // Frames that are removed and come back while others read and write; time that is set back.
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
 namespace {
 
-std::optional<Refused> remove(World& w, std::string_view name, bool subtree = false) {
+std::optional<Rejected> remove(World& w, std::string_view name, bool subtree = false) {
   try {
     w.tree.remove_frame(name, subtree);
-  } catch (Refused& refused) {
+  } catch (Rejected& refused) {
     return std::move(refused);
   }
   return std::nullopt;
@@ -22,7 +22,7 @@ TEST(no_link_hangs_on_a_removed_frame) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     std::atomic<int> removed{0}, found{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int writer = 0; writer < 2; ++writer)
       crowd.background([&, writer](const std::atomic<bool>& stop) {
         for (Stamp stamp = 1; !stop; ++stamp) {
@@ -65,7 +65,7 @@ TEST(a_jump_back_is_cleared_once) {
     World w(Options{.cache_ns = 100, .concurrency = c, .clear_on_time_jump = true});
     for (int round = 0; round < 200; ++round) {
       const Stamp now = -1000 * round;
-      Crowd crowd;
+      ThreadGroup crowd;
       for (int writer = 0; writer < 3; ++writer)
         crowd.foreground([&, writer] { CHECK(w.set("map", "f" + std::to_string(writer), now)); });
       // All three know the frame, and see the jump at the same time.

@@ -1,8 +1,8 @@
 // Many times in one go against writers: no row is ever of two states.
 #include <random>
 
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -20,7 +20,8 @@ std::vector<Set> zero_sums(std::mt19937& random) {
     for (int i = 1; i <= kLinks; ++i) {
       const int x = i < kLinks ? static_cast<int>(random() % 2001) - 1000 : -sum;
       sum += x;
-      sets.push_back({"f" + std::to_string(i - 1), "f" + std::to_string(i), sample * kStep, at_x(x)});
+      sets.push_back(
+          {"f" + std::to_string(i - 1), "f" + std::to_string(i), sample * kStep, at_x(x)});
     }
   }
   return sets;
@@ -34,7 +35,7 @@ TEST(rows_never_mix_commits) {
     std::mt19937 random(1);
     CHECK_EQ(w.refusal(zero_sums(random)), Code::ok);
     std::atomic<int> commits{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (unsigned i = 0; i < 2; ++i)
       crowd.background([&, i](const auto& stop) {
         std::mt19937 own(i + 2);
@@ -64,7 +65,7 @@ TEST(rows_never_mix_commits) {
             std::sort(queries.begin(), queries.end(),
                       [](const Query& a, const Query& b) { return a.stamp < b.stamp; });
           std::vector<Answer> answers(queries.size());
-          w.tree.lookup_each(queries, answers);
+          w.tree.lookup_batch(queries, answers);
           for (const Answer& a : answers) {
             CHECK_EQ(a.failure.code, Code::ok);
             CHECK_NEAR(a.pose.x, 0, 1e-9);
@@ -91,7 +92,7 @@ TEST(rows_while_rings_turn_and_parents_change) {
     w.set("a", "right", 0, {}, true);
     std::atomic<Stamp> now{1};
     std::atomic<int> rows_answered{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.background([&](const auto& stop) {
       std::mt19937 random(1);
       for (int commits = 0; !stop; ++commits) {
@@ -110,9 +111,10 @@ TEST(rows_while_rings_turn_and_parents_change) {
         for (int i = 0; i < 200 || answered < 2000; ++i) {
           std::vector<Query> queries;
           for (int row = 0; row < 100; ++row)
-            queries.push_back(w.query(Op::at, "a", "c", now - 2000 + 20 * row + static_cast<Stamp>(random() % 20)));
+            queries.push_back(w.query(Op::at, "a", "c",
+                                      now - 2000 + 20 * row + static_cast<Stamp>(random() % 20)));
           std::vector<Answer> answers(queries.size());
-          w.tree.lookup_each(queries, answers);
+          w.tree.lookup_batch(queries, answers);
           for (std::size_t row = 0; row < queries.size(); ++row) {
             const Answer& a = answers[row];
             const Stamp t = queries[row].stamp;

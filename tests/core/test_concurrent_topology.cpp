@@ -1,8 +1,8 @@
 // Frames that come, move and go under lookups: the newest parents never form a cycle.
 #include <random>
 
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -27,7 +27,7 @@ TEST(random_moves_close_no_cycle) {
     for (std::size_t i = 1; i < names.size(); ++i) w.set("root", names[i], 0);
     std::atomic<Stamp> clock{0};
     std::atomic<int> moved{0}, refused{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (unsigned thread = 0; thread < 3; ++thread)
       crowd.background([&, thread](const auto& stop) {
         std::mt19937 random(thread);
@@ -56,7 +56,7 @@ TEST(random_moves_close_no_cycle) {
           std::vector<FrameId> chain;
           CHECK_EQ(w.tree.chain(w.query(Op::at, target, source), chain).code, Code::ok);
           CHECK(!chain.empty() && chain.front() == w.id(target) && chain.back() == w.id(source));
-          const Code common = w.code(Op::common, target, source);
+          const Code common = w.code(Op::latest_common, target, source);
           CHECK(common == Code::ok || (common >= Code::extrapolation && common <= Code::forward) ||
                 common == Code::lookup);  // at a past time there may have been a cycle
         }
@@ -73,17 +73,17 @@ TEST(a_move_there_and_back_hides_no_cycle) {
     World w(c);
     w.set("p", "c", 0);
     w.set("elsewhere", "x", 0);
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.background([&](const auto& stop) {
       for (Stamp stamp = 1; !stop;) {
         std::vector<Set> sets;
-        for (int i = 0; i < 300; ++i, ++stamp) sets.push_back({i % 2 ? "p" : "elsewhere", "c", stamp});
+        for (int i = 0; i < 300; ++i, ++stamp)
+          sets.push_back({i % 2 ? "p" : "elsewhere", "c", stamp});
         CHECK_EQ(w.refusal(sets), Code::ok);
       }
     });
     crowd.foreground([&] {
-      for (int i = 1; i <= 2000; ++i)
-        CHECK_EQ(w.refusal({{"c", "p", i}}), Code::invalid_argument);
+      for (int i = 1; i <= 2000; ++i) CHECK_EQ(w.refusal({{"c", "p", i}}), Code::invalid_argument);
     });
     crowd.join();
     check_no_cycle(w);
@@ -97,7 +97,7 @@ TEST(new_frames_come_with_their_links) {
     w.set("f0", "f1", 1, at_x(1));
     constexpr int kFrames = 600;
     const auto name = [](int i) { return "f" + std::to_string(i); };
-    Crowd crowd;
+    ThreadGroup crowd;
     std::atomic<int> made{1};
     crowd.foreground([&] {
       for (int i = 2; i < kFrames; ++i) {
@@ -109,7 +109,8 @@ TEST(new_frames_come_with_their_links) {
       crowd.background([&, thread](const auto& stop) {
         std::mt19937 random(thread);
         while (!stop) {
-          const int known = made, i = 1 + static_cast<int>(random() % static_cast<unsigned>(known + 3));
+          const int known = made,
+                    i = 1 + static_cast<int>(random() % static_cast<unsigned>(known + 3));
           const Answer a = w.ask(random() % 2 ? Op::latest_xact : Op::latest, "f0", name(i));
           if (a.failure.code == Code::ok) {
             int depth = 0;
@@ -137,7 +138,7 @@ TEST(clearing_is_one_instant) {
     };
     write();
     w.set("c", "tool", 0, at_x(5), true);
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.background([&](const auto& stop) {
       for (int i = 0; !stop; ++i) {
         write();
@@ -147,11 +148,12 @@ TEST(clearing_is_one_instant) {
     crowd.foreground([&] {
       int found = 0, missing = 0;
       for (int i = 0; i < 2000 || found < 50 || missing < 50; ++i) {
-        const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "b"), w.query(Op::common, "b", "c"),
+        const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "b"),
+                                            w.query(Op::latest_common, "b", "c"),
                                             w.query(Op::latest_xact, "c", "tool")};
         std::vector<Answer> answers(queries.size());
         ReadSet reads;
-        w.tree.lookup_all(queries, answers, reads);
+        w.tree.lookup_transaction(queries, answers, reads);
         CHECK_EQ(answers[0].failure.code, answers[1].failure.code);
         CHECK_EQ(answers[2].pose.x, 5);
         if (answers[0].failure.code == Code::ok) {

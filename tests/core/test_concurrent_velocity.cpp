@@ -1,8 +1,8 @@
 // Velocities against writers: one of the tree's states, never a mixture of two.
 #include <random>
 
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -26,7 +26,7 @@ TEST(a_velocity_is_of_one_state) {
     std::mt19937 random(1);
     CHECK_EQ(w.refusal(same_motion(random)), Code::ok);
     std::atomic<int> commits{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (unsigned i = 0; i < 2; ++i)
       crowd.background([&, i](const auto& stop) {
         std::mt19937 own(i + 2);
@@ -38,8 +38,13 @@ TEST(a_velocity_is_of_one_state) {
           const auto root = w.id("root"), leaf = w.id("leaf");
           const bool crossed = (i + thread) % 2;
           VelocityAnswer a;
-          w.tree.lookup_velocity({crossed ? root : leaf, crossed ? leaf : root, w.id("mid"),
-                                  w.id("mid"), kNoStamp, 100, {0, 0, 0}},
+          w.tree.lookup_velocity({crossed ? root : leaf,
+                                  crossed ? leaf : root,
+                                  w.id("mid"),
+                                  w.id("mid"),
+                                  kNoStamp,
+                                  100,
+                                  {0, 0, 0}},
                                  a);
           CHECK_EQ(a.failure.code, Code::ok);
           CHECK_EQ(a.stamp, 100);

@@ -1,6 +1,6 @@
 // Waiting for commits: no wake-up is missed. Deadlines are so far away that a missed one hangs.
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -10,8 +10,8 @@ constexpr std::chrono::hours kNever(1);
 
 void wait_for(World& w, Op op, std::string_view target, std::string_view source,
               Stamp stamp = kNoStamp) {
-  Sleeper sleeper(w.tree.room(), {op, 0, 0, stamp}, target, source);
-  CHECK(sleeper.wait(Sleeper::Clock::now() + kNever));
+  BlockingWaiter sleeper(w.tree.wait_list(), {op, 0, 0, stamp}, target, source);
+  CHECK(sleeper.wait(BlockingWaiter::Clock::now() + kNever));
   CHECK(sleeper.answer().failure.code == Code::ok);
 }
 
@@ -23,7 +23,7 @@ TEST(ping_pong) {
     w.set("map", "ping", 0);
     w.set("map", "pong", 0);
     constexpr Stamp kRounds = 2'000;
-    Crowd crowd;
+    ThreadGroup crowd;
     crowd.foreground([&] {
       for (Stamp round = 1; round <= kRounds; ++round) {
         w.set("map", "ping", round);
@@ -37,7 +37,7 @@ TEST(ping_pong) {
       }
     });
     crowd.join();
-    CHECK_EQ(w.tree.room().size(), 0u);
+    CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }
 
@@ -48,7 +48,7 @@ TEST(many_waiters_see_every_commit_that_matters) {
     w.set("b", "c", 0);
     constexpr int kRounds = 500, kWaiters = 3;
     std::atomic<int> seen_by[kWaiters] = {};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int waiter = 0; waiter < kWaiters; ++waiter)
       crowd.foreground([&, waiter] {
         for (int round = 1; round <= kRounds; ++round) {
@@ -68,7 +68,7 @@ TEST(many_waiters_see_every_commit_that_matters) {
     });
     crowd.join();
     for (const auto& seen : seen_by) CHECK_EQ(seen.load(), kRounds);
-    CHECK_EQ(w.tree.room().size(), 0u);
+    CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }
 
@@ -77,12 +77,12 @@ TEST(names_and_links_that_appear_wake) {
     World w(c);
     constexpr int kRounds = 300;
     const auto name = [](const char* kind, int round) { return kind + std::to_string(round); };
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int waiter = 0; waiter < 2; ++waiter)
       crowd.foreground([&] {
         for (int round = 0; round < kRounds; ++round) {
           const std::string root = name("root", round), leaf = name("leaf", round);
-          wait_for(w, Op::common, root, leaf);
+          wait_for(w, Op::latest_common, root, leaf);
         }
       });
     crowd.foreground([&] {
@@ -92,7 +92,7 @@ TEST(names_and_links_that_appear_wake) {
       }
     });
     crowd.join();
-    CHECK_EQ(w.tree.room().size(), 0u);
+    CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }
 
@@ -101,7 +101,7 @@ TEST(waiters_come_and_go_while_others_write) {
     World w(c);
     for (int i = 0; i < 4; ++i) w.set("map", "f" + std::to_string(i), 0);
     std::atomic<Stamp> now{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int writer = 0; writer < 2; ++writer)
       crowd.background([&, writer](const std::atomic<bool>& stop) {
         while (!stop) {
@@ -115,26 +115,26 @@ TEST(waiters_come_and_go_while_others_write) {
         const std::string target = "f" + std::to_string(waiter), source = "f3";
         for (int i = 0; i < 2'000; ++i) {
           const Stamp stamp = now + 3;
-          Sleeper sleeper(w.tree.room(), {Op::at, 0, 0, stamp}, target, source);
+          BlockingWaiter sleeper(w.tree.wait_list(), {Op::at, 0, 0, stamp}, target, source);
           if (i % 2) {
-            (void)sleeper.wait(Sleeper::Clock::now());  // gives up at once
+            (void)sleeper.wait(BlockingWaiter::Clock::now());  // gives up at once
           } else {
-            CHECK(sleeper.wait(Sleeper::Clock::now() + kNever));
+            CHECK(sleeper.wait(BlockingWaiter::Clock::now() + kNever));
           }
         }
       });
     crowd.join();
-    CHECK_EQ(w.tree.room().size(), 0u);
+    CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }
 
 TEST(a_wait_ends_at_its_deadline) {
   World w;
   w.set("a", "b", 0);
-  Sleeper sleeper(w.tree.room(), {Op::at, 0, 0, 5}, "a", "b");
-  const auto deadline = Sleeper::Clock::now() + std::chrono::milliseconds(5);
+  BlockingWaiter sleeper(w.tree.wait_list(), {Op::at, 0, 0, 5}, "a", "b");
+  const auto deadline = BlockingWaiter::Clock::now() + std::chrono::milliseconds(5);
   CHECK(!sleeper.wait(deadline));
-  CHECK(Sleeper::Clock::now() >= deadline);
+  CHECK(BlockingWaiter::Clock::now() >= deadline);
   w.set("a", "b", 5);
-  CHECK(sleeper.wait(Sleeper::Clock::now() + kNever));
+  CHECK(sleeper.wait(BlockingWaiter::Clock::now() + kNever));
 }

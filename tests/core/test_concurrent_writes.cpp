@@ -1,8 +1,8 @@
 // Writers against writers: what a commit rests on still stands when it is made.
 #include <barrier>
 
-#include "crowd.hpp"
 #include "fixture.hpp"
+#include "thread_group.hpp"
 
 using namespace ztf;
 
@@ -13,7 +13,7 @@ TEST(no_increment_is_lost) {
     w.set("root", "bystander", 0);
     constexpr int kThreads = 3, kEach = 150;
     std::atomic<int> conflicts{0};
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int thread = 0; thread < kThreads; ++thread)
       crowd.foreground([&] {
         for (int done = 0; done < kEach;) {
@@ -47,7 +47,7 @@ static void check_write_skew(Concurrency c, bool create) {
   const auto other = [](int thread) { return thread ? std::string("a") : std::string("b"); };
   w.set("root", "a", 0);
   w.set("root", "b", 0);
-  Crowd crowd;
+  ThreadGroup crowd;
   for (int thread = 0; thread < 2; ++thread)
     crowd.foreground([&, thread] {
       for (int round = 1; round <= kRounds; ++round) {
@@ -89,7 +89,7 @@ TEST(one_name_one_id) {
     World w(c);
     constexpr int kNames = 400, kThreads = 4;
     std::vector<std::vector<FrameId>> seen(kThreads);
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int thread = 0; thread < kThreads; ++thread)
       crowd.foreground([&, thread] {
         for (int i = 0; i < kNames; ++i) {
@@ -105,17 +105,18 @@ TEST(one_name_one_id) {
     CHECK_EQ(w.tree.size(), static_cast<std::uint32_t>(kNames + 1));
     for (const auto& ids : seen) CHECK(ids == seen[0]);
     for (int i = 0; i < kNames; ++i)
-      CHECK_EQ(w.tree.info(w.id("f" + std::to_string(i))).samples, static_cast<std::uint32_t>(kThreads));
+      CHECK_EQ(w.tree.info(w.id("f" + std::to_string(i))).samples,
+               static_cast<std::uint32_t>(kThreads));
   });
 }
 
-// Write sets that overlap in opposite orders, some with new frames and new parents: nobody hangs,
-// and every commit is one.
+// RowWrite sets that overlap in opposite orders, some with new frames and new parents: nobody
+// hangs, and every commit is one.
 TEST(opposite_orders_do_not_block) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     constexpr int kFrames = 20;
-    Crowd crowd;
+    ThreadGroup crowd;
     for (int thread = 0; thread < 3; ++thread)
       crowd.foreground([&, thread] {
         for (int i = 1; i <= 200; ++i) {
@@ -135,7 +136,7 @@ TEST(opposite_orders_do_not_block) {
           queries.push_back(w.query(Op::latest_xact, "root", "f" + std::to_string(k)));
         std::vector<Answer> answers(queries.size());
         ReadSet reads;
-        w.tree.lookup_all(queries, answers, reads);
+        w.tree.lookup_transaction(queries, answers, reads);
         // All hang below one root, with one value; unknown at first, and elsewhere at times.
         for (const Answer& a : answers) {
           CHECK(a.failure.code == Code::ok || a.failure.code == Code::lookup ||
@@ -145,9 +146,9 @@ TEST(opposite_orders_do_not_block) {
       }
     });
     crowd.join();
-    const Version commits = w.tree.info(w.id("f0")).version / VersionLock::kCommit;
+    const Version commits = w.tree.info(w.id("f0")).version / SeqLock::kIncrement;
     CHECK_EQ(commits, Version{600});
     for (int k = 1; k < kFrames; ++k)
-      CHECK_EQ(w.tree.info(w.id("f" + std::to_string(k))).version / VersionLock::kCommit, commits);
+      CHECK_EQ(w.tree.info(w.id("f" + std::to_string(k))).version / SeqLock::kIncrement, commits);
   });
 }

@@ -13,21 +13,19 @@ struct Frames {
   ReadSet reads;
 
   Frame& operator[](std::size_t i) { return frames[i]; }
-  void change(std::size_t i) {
-    frames[i].version.unlock_changed(frames[i].version.own());
-  }
+  void change(std::size_t i) { frames[i].version.unlock_changed(frames[i].version.lock_writer()); }
   template <class Guard>
   bool read(Guard& guard, std::size_t i) {
     Version version;
-    if (!guard.enter(frames[i], version)) return false;
-    const Step step{&frames[i], version, {}};
-    return guard.rest(&step, 1);
+    if (!guard.read_version(frames[i], version)) return false;
+    const PathStep step{&frames[i], version, {}};
+    return guard.validate(&step, 1);
   }
 };
 
 bool can_be_owned(Frame& frame) {
   Version before;
-  if (!frame.version.try_own(before)) return false;
+  if (!frame.version.try_lock_writer(before)) return false;
   frame.version.unlock_unchanged(before);
   return true;
 }
@@ -38,16 +36,16 @@ TEST(a_walk_rests_on_unmoved_versions) {
   Frames f;
   WalkGuard guard;
   Version version;
-  CHECK(guard.enter(f[1], version));
-  const Step step{&f[1], version, {}};
-  CHECK(guard.rest(&step, 1));
-  const Version before = f[1].version.own();
-  f[1].version.hold_readers_off(before);
-  CHECK(!guard.rest(&step, 1));
+  CHECK(guard.read_version(f[1], version));
+  const PathStep step{&f[1], version, {}};
+  CHECK(guard.validate(&step, 1));
+  const Version before = f[1].version.lock_writer();
+  f[1].version.begin_write(before);
+  CHECK(!guard.validate(&step, 1));
   f[1].version.unlock_unchanged(before);
-  CHECK(guard.rest(&step, 1));
+  CHECK(guard.validate(&step, 1));
   f.change(1);
-  CHECK(!guard.rest(&step, 1));
+  CHECK(!guard.validate(&step, 1));
 }
 
 TEST(who_only_has_a_frame_disturbs_no_reader_until_it_changes_it) {
@@ -55,18 +53,18 @@ TEST(who_only_has_a_frame_disturbs_no_reader_until_it_changes_it) {
   f.change(1);
   WalkGuard guard;
   Version version, before, other;
-  CHECK(f[1].version.try_own(before));
-  CHECK(guard.enter(f[1], version));  // does not wait
+  CHECK(f[1].version.try_lock_writer(before));
+  CHECK(guard.read_version(f[1], version));  // does not wait
   CHECK_EQ(version, before);
-  const Step step{&f[1], version, {}};
-  CHECK(guard.rest(&step, 1));
-  CHECK(!f[1].version.try_own(other));  // but writers do
+  const PathStep step{&f[1], version, {}};
+  CHECK(guard.validate(&step, 1));
+  CHECK(!f[1].version.try_lock_writer(other));  // but writers do
   CHECK(!f[1].version.try_lock(other));
-  f[1].version.hold_readers_off(before);
-  CHECK(f[1].version.load() & VersionLock::kLocked);
-  CHECK(!guard.rest(&step, 1));
+  f[1].version.begin_write(before);
+  CHECK(f[1].version.load() & SeqLock::kWriting);
+  CHECK(!guard.validate(&step, 1));
   f[1].version.unlock_unchanged(before);
-  CHECK(guard.rest(&step, 1));
+  CHECK(guard.validate(&step, 1));
 }
 
 TEST(optimism_is_checked_at_the_end) {
@@ -75,15 +73,15 @@ TEST(optimism_is_checked_at_the_end) {
     OptimisticGuard guard(f.frames.get(), f.reads);
     CHECK(f.read(guard, 1) && f.read(guard, 2));
     f.change(3);
-    CHECK(guard.valid());
+    CHECK(guard.validate_all());
     f.change(1);
-    CHECK(!guard.valid());
+    CHECK(!guard.validate_all());
   }
   OptimisticGuard guard(f.frames.get(), f.reads);
   CHECK_EQ(f.reads.size(), 0u);  // nothing of the last attempt is left
   CHECK(f.read(guard, 1));
-  CHECK(guard.valid());
-  CHECK_EQ(f.reads[0].version, VersionLock::kCommit);
+  CHECK(guard.validate_all());
+  CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);
 }
 
 TEST(locks_are_taken_once_more_are_wanted_and_all_released) {
@@ -94,21 +92,21 @@ TEST(locks_are_taken_once_more_are_wanted_and_all_released) {
   {
     LockingGuard guard(f.frames.get(), f.reads, wanted);
     for (const std::size_t i : {7, 9}) CHECK(!can_be_owned(f[i]));  // by a writer
-    CHECK_EQ(f[7].version.load(), VersionLock::kCommit);  // other readers go on
+    CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);             // other readers go on
     CHECK(f.read(guard, 7));
-    CHECK(guard.valid());
+    CHECK(guard.validate_all());
     CHECK(f.read(guard, 8));  // reads on, to learn what else it needs
-    CHECK(!guard.valid());
+    CHECK(!guard.validate_all());
   }
   for (const std::size_t i : {7, 8, 9}) CHECK(can_be_owned(f[i]));
   {
     LockingGuard guard(f.frames.get(), f.reads, wanted);
     CHECK(f.read(guard, 7) && f.read(guard, 8) && f.read(guard, 9));
-    CHECK(guard.valid());
+    CHECK(guard.validate_all());
     CHECK_EQ(f.reads.size(), 3u);
-    CHECK_EQ(f.reads[0].version, VersionLock::kCommit);  // as it was, not as it is locked
+    CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);  // as it was, not as it is locked
   }
-  CHECK_EQ(f[7].version.load(), VersionLock::kCommit);
+  CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);
 }
 
 TEST(shared_locks_heed_a_starving_writer_for_a_while) {

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "fixture.hpp"
-#include "quad.hpp"
+#include "pose4.hpp"
 
 using namespace ztf;
-using Kind = Place::Kind;
+using Status = LinkLookup::Status;
 
 namespace {
 
@@ -30,37 +30,38 @@ class History {
   }
 
   // None: too old, as the tree decides before it calls insert().
-  std::optional<Inserted> put(Stamp stamp, FrameId parent, double x = 0) {
+  std::optional<InsertResult> put(Stamp stamp, FrameId parent, double x = 0) {
     if (frame->count.load() > 0 && too_old(stamp, frame->latest.stamp.load(), limits.cache_ns))
       return std::nullopt;
     reserve(*frame, 1, limits, *memory);
     return insert(*frame, stamp, parent, at_x(x), limits);
   }
   // As if nothing were usual about it.
-  Inserted put_anywhere(Stamp stamp, FrameId parent, double x) {
+  InsertResult put_anywhere(Stamp stamp, FrameId parent, double x) {
     reserve(*frame, 1, limits, *memory);
-    return insert_anywhere(*frame, stamp, parent, at_x(x), limits);
+    return insert_out_of_order(*frame, stamp, parent, at_x(x), limits);
   }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
 
-  [[nodiscard]] Place at(Stamp stamp) const {
-    Bracket unused;
-    return place_at(*frame, stamp, unused);
+  [[nodiscard]] LinkLookup at(Stamp stamp) const {
+    SampleInterval unused;
+    return find_link(*frame, stamp, unused);
   }
   [[nodiscard]] double x(Stamp stamp) const {
-    Bracket b;
-    CHECK_EQ(place_at(*frame, stamp, b).kind, Kind::ok);
-    return unpacked(interpolate(b, b, b, b), 3).x;
+    SampleInterval b;
+    CHECK_EQ(find_link(*frame, stamp, b).status, Status::ok);
+    return lane(interpolate(b, b, b, b), 3).x;
   }
   [[nodiscard]] std::vector<Sent> newest_first() const {
     std::vector<Sent> all;
     const std::uint32_t first = frame->first.load();
     for (std::uint32_t i = frame->count.load(); i-- > 0;)
-      all.push_back({frame->ring.load().stamp(first + i), parent_at(*frame, frame->ring, first + i)});
+      all.push_back(
+          {frame->ring.load().stamp(first + i), parent_at(*frame, frame->ring, first + i)});
     return all;
   }
 
-  std::unique_ptr<RingMemory> memory = std::make_unique<RingMemory>();
+  std::unique_ptr<RingArena> memory = std::make_unique<RingArena>();
   std::unique_ptr<Frame> frame;
   HistoryLimits limits;
 };
@@ -73,9 +74,9 @@ TEST(samples_stand_in_order_of_time) {
   for (const Sent& s : sent) CHECK(h.put(s.stamp, s.parent).has_value());
   const std::vector<Sent> expected = {{10, 2}, {8, 7}, {5, 3}, {3, 4}, {0, 1}};
   CHECK(h.newest_first() == expected);
-  CHECK_EQ(*h.put(15, 8), Inserted::added);
+  CHECK_EQ(*h.put(15, 8), InsertResult::added);
   CHECK(!h.put(0, 9));
-  CHECK_EQ(*h.put(5, 10), Inserted::rewritten);
+  CHECK_EQ(*h.put(5, 10), InsertResult::replaced);
   const std::vector<Sent> pruned = {{15, 8}, {10, 2}, {8, 7}, {5, 10}};
   CHECK(h.newest_first() == pruned);
 }
@@ -97,9 +98,9 @@ TEST(the_usual_insert_leaves_what_the_general_one_does) {
       CHECK_EQ(a.parent_changes.load(), b.parent_changes.load());
       CHECK_EQ(a.parent.load(), b.parent.load());
       for (Stamp back = 0; back < 60; back += 7) {
-        const Place place = usual.at(stamp - back);
-        CHECK_EQ(place.kind, general.at(stamp - back).kind);
-        if (place.kind == Kind::ok) CHECK_EQ(usual.x(stamp - back), general.x(stamp - back));
+        const LinkLookup place = usual.at(stamp - back);
+        CHECK_EQ(place.status, general.at(stamp - back).status);
+        if (place.status == Status::ok) CHECK_EQ(usual.x(stamp - back), general.x(stamp - back));
       }
     }
   }
@@ -109,7 +110,7 @@ TEST(the_last_wins_at_every_equal_stamp) {
   History h(100);
   for (const Stamp t : {10, 14, 18}) {
     h.put(t, 1, static_cast<double>(t));
-    CHECK_EQ(*h.put(t, 1, static_cast<double>(t) + 0.5), Inserted::rewritten);
+    CHECK_EQ(*h.put(t, 1, static_cast<double>(t) + 0.5), InsertResult::replaced);
   }
   for (const Stamp t : {10, 14, 18}) CHECK_EQ(h.x(t), static_cast<double>(t) + 0.5);
   CHECK_EQ(h.x(12), 12.5);
@@ -124,31 +125,31 @@ TEST(pruning_comes_after_the_insert) {
   h.put(0, 1, 0);
   h.put(100, 1, 100);
   CHECK_EQ(h.frame->count.load(), 1u);
-  CHECK_EQ(h.at(50).kind, Kind::no_data);
+  CHECK_EQ(h.at(50).status, Status::no_data);
 }
 
 TEST(too_old_begins_beyond_the_limit) {
   History h(10);
   h.put(100, 1, 100);
   CHECK(!h.put(89, 1));
-  CHECK_EQ(*h.put(90, 1, 90), Inserted::added);
+  CHECK_EQ(*h.put(90, 1, 90), InsertResult::added);
   CHECK_EQ(h.x(90), 90);
   CHECK_EQ(h.x(95), 95);
   h.put(101, 1, 101);
-  CHECK_EQ(h.at(95).kind, Kind::backward);
-  CHECK_EQ(h.at(99).kind, Kind::backward);
+  CHECK_EQ(h.at(95).status, Status::backward);
+  CHECK_EQ(h.at(99).status, Status::backward);
 }
 
 TEST(one_sample_serves_its_own_time_only) {
   History h;
-  CHECK_EQ(h.at(0).kind, Kind::root);
+  CHECK_EQ(h.at(0).status, Status::root);
   h.put(5, 1, 5);
   CHECK_EQ(h.x(5), 5);
-  for (const Stamp t : {4, 6, -1000, 1000}) CHECK_EQ(h.at(t).kind, Kind::no_data);
+  for (const Stamp t : {4, 6, -1000, 1000}) CHECK_EQ(h.at(t).status, Status::no_data);
   h.put(7, 1, 7);
   CHECK_EQ(h.x(6), 6);
-  CHECK_EQ(h.at(4).kind, Kind::backward);
-  CHECK_EQ(h.at(8).kind, Kind::forward);
+  CHECK_EQ(h.at(4).status, Status::backward);
+  CHECK_EQ(h.at(8).status, Status::forward);
 }
 
 TEST(nothing_is_interpolated_between_two_parents) {
@@ -174,26 +175,26 @@ TEST(static_and_dynamic_replace_each_other) {
   }
   h.put(3, 1, 3);  // older than all before: they are forgotten
   CHECK_EQ(h.frame->count.load(), 1u);
-  CHECK_EQ(h.at(10).kind, Kind::no_data);
+  CHECK_EQ(h.at(10).status, Status::no_data);
   h.put(12, 1, 12);
   CHECK_EQ(h.x(6), 6);
-  forget(*h.frame);
-  CHECK_EQ(h.at(12).kind, Kind::root);
-  CHECK_EQ(h.at(6).kind, Kind::root);
+  clear_history(*h.frame);
+  CHECK_EQ(h.at(12).status, Status::root);
+  CHECK_EQ(h.at(6).status, Status::root);
 }
 
 TEST(a_full_frame_gives_up_its_oldest) {
   History h(1000, 4);
-  for (Stamp t = 1; t <= 4; ++t) CHECK_EQ(*h.put(10 * t, 1), Inserted::added);
-  CHECK_EQ(*h.put(5, 1), Inserted::refused);
+  for (Stamp t = 1; t <= 4; ++t) CHECK_EQ(*h.put(10 * t, 1), InsertResult::added);
+  CHECK_EQ(*h.put(5, 1), InsertResult::rejected);
   CHECK_EQ(h.newest_first().back().stamp, 10);
-  CHECK_EQ(*h.put(10, 2), Inserted::rewritten);
+  CHECK_EQ(*h.put(10, 2), InsertResult::replaced);
   CHECK_EQ(h.frame->evicted.load(), 0u);
-  CHECK_EQ(*h.put(15, 3), Inserted::added);
+  CHECK_EQ(*h.put(15, 3), InsertResult::added);
   CHECK_EQ(h.frame->evicted.load(), 1u);
   const std::vector<Sent> expected = {{40, 1}, {30, 1}, {20, 1}, {15, 3}};
   CHECK(h.newest_first() == expected);
-  CHECK_EQ(*h.put(50, 1), Inserted::added);
+  CHECK_EQ(*h.put(50, 1), InsertResult::added);
   CHECK_EQ(h.frame->evicted.load(), 2u);
   CHECK_EQ(h.newest_first().back().stamp, 20);
 }
@@ -235,21 +236,22 @@ TEST(any_history_is_that_of_a_sorted_map) {
       const double x = static_cast<double>(generator() % 1000);
       const auto result = h.put(stamp, parent, x);
 
-      std::optional<Inserted> expected;
+      std::optional<InsertResult> expected;
       if (model.empty() || !too_old(stamp, model.rbegin()->first, cache)) {
-        expected = Inserted::added;
+        expected = InsertResult::added;
         if (model.contains(stamp)) {
-          expected = Inserted::rewritten;
+          expected = InsertResult::replaced;
         } else if (model.size() == max_samples) {
           if (stamp < model.begin()->first) {
-            expected = Inserted::refused;
+            expected = InsertResult::rejected;
           } else {
             model.erase(model.begin());
             ++evicted;
           }
         }
-        if (expected != Inserted::refused) model[stamp] = {parent, x};
-        while (too_old(model.begin()->first, model.rbegin()->first, cache)) model.erase(model.begin());
+        if (expected != InsertResult::rejected) model[stamp] = {parent, x};
+        while (too_old(model.begin()->first, model.rbegin()->first, cache))
+          model.erase(model.begin());
       }
       CHECK(result == expected);
       CHECK_EQ(h.frame->count.load(), model.size());
@@ -262,21 +264,21 @@ TEST(any_history_is_that_of_a_sorted_map) {
       CHECK_EQ(h.frame->parent_changes.load(), changes);
 
       const Stamp asked = now + 50 - static_cast<Stamp>(generator() % 4000);
-      const Place place = h.at(asked);
+      const LinkLookup place = h.at(asked);
       auto after = model.upper_bound(asked);
       if (model.size() == 1 && model.begin()->first != asked) {
-        CHECK_EQ(place.kind, Kind::no_data);
+        CHECK_EQ(place.status, Status::no_data);
       } else if (after == model.begin()) {
-        CHECK_EQ(place.kind, Kind::backward);
+        CHECK_EQ(place.status, Status::backward);
       } else if (after == model.end() && model.rbegin()->first != asked) {
-        CHECK_EQ(place.kind, Kind::forward);
+        CHECK_EQ(place.status, Status::forward);
       } else {
         const auto before = std::prev(after);
         double value = before->second.second;
         if (after != model.end() && after->second.first == before->second.first)
           value += (after->second.second - value) * static_cast<double>(asked - before->first) /
                    static_cast<double>(after->first - before->first);
-        CHECK_EQ(place.kind, Kind::ok);
+        CHECK_EQ(place.status, Status::ok);
         CHECK_EQ(place.parent, before->second.first);
         CHECK_NEAR(h.x(asked), value, 1e-9);
       }

@@ -12,9 +12,10 @@ thread_local long allocations_left = -1;  // before one fails; below 0: none doe
 void* allocate(std::size_t bytes, std::size_t alignment) {
   if (allocations_left == 0) throw std::bad_alloc();
   if (allocations_left > 0) --allocations_left;
-  void* memory = alignment > alignof(std::max_align_t)
-                     ? std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)
-                     : std::malloc(bytes);
+  void* memory =
+      alignment > alignof(std::max_align_t)
+          ? std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment)
+          : std::malloc(bytes);
   if (!memory) throw std::bad_alloc();
   return memory;
 }
@@ -25,16 +26,24 @@ void* allocate(std::size_t bytes, std::size_t alignment) {
 // sees free() for new and warns.
 [[gnu::noinline]] void* operator new(std::size_t n) { return allocate(n, 1); }
 [[gnu::noinline]] void* operator new[](std::size_t n) { return allocate(n, 1); }
-[[gnu::noinline]] void* operator new(std::size_t n, std::align_val_t a) { return allocate(n, static_cast<std::size_t>(a)); }
-[[gnu::noinline]] void* operator new[](std::size_t n, std::align_val_t a) { return allocate(n, static_cast<std::size_t>(a)); }
+[[gnu::noinline]] void* operator new(std::size_t n, std::align_val_t a) {
+  return allocate(n, static_cast<std::size_t>(a));
+}
+[[gnu::noinline]] void* operator new[](std::size_t n, std::align_val_t a) {
+  return allocate(n, static_cast<std::size_t>(a));
+}
 [[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
 [[gnu::noinline]] void operator delete[](void* p) noexcept { std::free(p); }
 [[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 [[gnu::noinline]] void operator delete[](void* p, std::size_t) noexcept { std::free(p); }
 [[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
 [[gnu::noinline]] void operator delete[](void* p, std::align_val_t) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t, std::align_val_t) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete[](void* p, std::size_t, std::align_val_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}
+[[gnu::noinline]] void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}
 
 using namespace ztf;
 
@@ -108,7 +117,8 @@ TEST(clearing_without_memory_clears_nothing) {
     Prepared p("f", 100, 1);
     w.tree.commit({p.views, p.rows}, p.stored);
     const std::string before = state(w);
-    CHECK(fail_each_allocation([&] { w.tree.clear(true); }, [&] { CHECK_EQ(state(w), before); }) > 2);
+    CHECK(fail_each_allocation([&] { w.tree.clear(true); }, [&] { CHECK_EQ(state(w), before); }) >
+          2);
     CHECK_EQ(w.tree.info(2).samples, 0u);
   });
 }
@@ -123,7 +133,7 @@ TEST(a_lookup_without_memory_leaves_no_lock) {
     CHECK(fail_each_allocation([&] { w.tree.lookup(q, a); }, [] {}) > 2);
     CHECK_EQ(a.pose.x, 300);
     ReadSet reads;
-    fail_each_allocation([&] { w.tree.lookup_all({&q, 1}, {&a, 1}, reads); }, [] {});
+    fail_each_allocation([&] { w.tree.lookup_transaction({&q, 1}, {&a, 1}, reads); }, [] {});
     Prepared again("f", 300, 2);
     w.tree.commit({again.views, again.rows}, again.stored);  // hangs if a shared lock was left
     CHECK_EQ(w.ask(Op::latest_xact, "root", p.names.back()).stamp, 2);

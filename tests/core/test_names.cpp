@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "names.hpp"
+#include "name_table.hpp"
 
 using namespace ztf;
 
@@ -53,11 +53,11 @@ TEST(names_are_the_same_where_every_byte_is) {
 TEST(names_spread_over_the_places_of_a_table) {
   const std::vector<std::string> names = frames_of_a_fleet();
   const NameHash hash;
-  constexpr std::size_t kPlaces = 1 << 16;
-  std::vector<int> taken(kPlaces), upper(kPlaces);
+  constexpr std::size_t kShards = 1 << 16;
+  std::vector<int> taken(kShards), upper(kShards);
   std::size_t met = 0, upper_met = 0;
   for (const std::string& name : names) {
-    met += taken[hash(name) % kPlaces]++ != 0;   // chooses the place
+    met += taken[hash(name) % kShards]++ != 0;    // chooses the place
     upper_met += upper[hash(name) >> 48]++ != 0;  // tells those apart that meet there
   }
   // By chance 2,770 of the 20,000 find their place taken, give or take 50.
@@ -65,9 +65,7 @@ TEST(names_spread_over_the_places_of_a_table) {
   CHECK(upper_met > 2300 && upper_met < 3300);
 }
 
-TEST(no_two_tables_hash_alike) {
-  CHECK(NameHash()("map") != NameHash()("map"));
-}
+TEST(no_two_tables_hash_alike) { CHECK(NameHash()("map") != NameHash()("map")); }
 
 TEST(names_are_found_however_the_table_grows) {
   const std::vector<std::string> names = frames_of_a_fleet();

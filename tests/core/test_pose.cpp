@@ -11,9 +11,13 @@ std::mt19937_64 generator(20240917);
 
 Pose random_pose(double angle_scale = 1) {
   std::normal_distribution<double> normal;
-  Pose p{10 * normal(generator), 10 * normal(generator), 10 * normal(generator),
-         angle_scale * normal(generator), angle_scale * normal(generator),
-         angle_scale * normal(generator), angle_scale == 1 ? normal(generator) : 1};
+  Pose p{10 * normal(generator),
+         10 * normal(generator),
+         10 * normal(generator),
+         angle_scale * normal(generator),
+         angle_scale * normal(generator),
+         angle_scale * normal(generator),
+         angle_scale == 1 ? normal(generator) : 1};
   const double scale = 1 / std::sqrt(p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw);
   p.qx *= scale;
   p.qy *= scale;
@@ -49,14 +53,20 @@ Pose slerp(const Pose& a, const Pose& b, double ratio) {
     chord += (qa[i] - qb[i]) * (qa[i] - qb[i]);
   }
   const Real t = ratio;
-  const Real h = std::abs(dot) < 0.9L ? std::acos(std::abs(dot)) : 2 * std::asin(std::sqrt(chord) / 2);
+  const Real h =
+      std::abs(dot) < 0.9L ? std::acos(std::abs(dot)) : 2 * std::asin(std::sqrt(chord) / 2);
   const Real wa = h < 1e-15L ? 1 - t : std::sin((1 - t) * h) / std::sin(h);
   const Real wb = h < 1e-15L ? t : std::sin(t * h) / std::sin(h);
   Real q[4];
   for (int i = 0; i < 4; ++i) q[i] = wa * qa[i] + wb * qb[i];
   const auto mix = [&](Real x, Real y) { return static_cast<double>(x + (y - x) * t); };
-  return {mix(a.x, b.x), mix(a.y, b.y), mix(a.z, b.z), static_cast<double>(q[0]),
-          static_cast<double>(q[1]), static_cast<double>(q[2]), static_cast<double>(q[3])};
+  return {mix(a.x, b.x),
+          mix(a.y, b.y),
+          mix(a.z, b.z),
+          static_cast<double>(q[0]),
+          static_cast<double>(q[1]),
+          static_cast<double>(q[2]),
+          static_cast<double>(q[3])};
 }
 
 // `from`, turned by an angle about a random axis and moved.
@@ -64,7 +74,8 @@ Pose turned(const Pose& from, double angle) {
   Pose axis = random_pose();
   const double norm = std::sqrt(axis.qx * axis.qx + axis.qy * axis.qy + axis.qz * axis.qz);
   const double s = std::sin(angle / 2) / norm;
-  return from * Pose{axis.x, axis.y, axis.z, axis.qx * s, axis.qy * s, axis.qz * s, std::cos(angle / 2)};
+  return from *
+         Pose{axis.x, axis.y, axis.z, axis.qx * s, axis.qy * s, axis.qz * s, std::cos(angle / 2)};
 }
 
 }  // namespace
@@ -91,10 +102,12 @@ TEST(product_is_associative_and_inverts_in_reverse) {
 TEST(product_is_that_of_matrices) {
   for (int i = 0; i < 100; ++i) {
     const Pose a = random_pose(), b = random_pose(), ab = a * b;
-    const double m[3][3] = {
-        {1 - 2 * (a.qy * a.qy + a.qz * a.qz), 2 * (a.qx * a.qy - a.qz * a.qw), 2 * (a.qx * a.qz + a.qy * a.qw)},
-        {2 * (a.qx * a.qy + a.qz * a.qw), 1 - 2 * (a.qx * a.qx + a.qz * a.qz), 2 * (a.qy * a.qz - a.qx * a.qw)},
-        {2 * (a.qx * a.qz - a.qy * a.qw), 2 * (a.qy * a.qz + a.qx * a.qw), 1 - 2 * (a.qx * a.qx + a.qy * a.qy)}};
+    const double m[3][3] = {{1 - 2 * (a.qy * a.qy + a.qz * a.qz), 2 * (a.qx * a.qy - a.qz * a.qw),
+                             2 * (a.qx * a.qz + a.qy * a.qw)},
+                            {2 * (a.qx * a.qy + a.qz * a.qw), 1 - 2 * (a.qx * a.qx + a.qz * a.qz),
+                             2 * (a.qy * a.qz - a.qx * a.qw)},
+                            {2 * (a.qx * a.qz - a.qy * a.qw), 2 * (a.qy * a.qz + a.qx * a.qw),
+                             1 - 2 * (a.qx * a.qx + a.qy * a.qy)}};
     const double v[3] = {b.x, b.y, b.z}, t[3] = {a.x, a.y, a.z}, got[3] = {ab.x, ab.y, ab.z};
     for (int r = 0; r < 3; ++r)
       CHECK_NEAR(got[r], t[r] + m[r][0] * v[0] + m[r][1] * v[1] + m[r][2] * v[2], 1e-12);
@@ -127,13 +140,16 @@ TEST(interpolation_is_slerp_for_every_angle) {
 }
 
 TEST(interpolation_keeps_ends_and_unit_length) {
-  for (const double angle : {0.0, 1e-9, 1e-3, 0.19, 0.2, 0.21, 1.0, 3.0, 3.14159265358979, 4.0, 6.28}) {
+  for (const double angle :
+       {0.0, 1e-9, 1e-3, 0.19, 0.2, 0.21, 1.0, 3.0, 3.14159265358979, 4.0, 6.28}) {
     const Pose a = random_pose(), b = turned(a, angle);
     CHECK_NEAR(distance(interpolate(a, b, 0), a), 0, 1e-14);
     CHECK_NEAR(distance(interpolate(a, b, 1), b), 0, 1e-13);
     const Pose m = interpolate(a, b, 0.5);
     CHECK_NEAR(m.qx * m.qx + m.qy * m.qy + m.qz * m.qz + m.qw * m.qw, 1, 1e-13);
-    const auto dot = [&](const Pose& p) { return m.qx * p.qx + m.qy * p.qy + m.qz * p.qz + m.qw * p.qw; };
+    const auto dot = [&](const Pose& p) {
+      return m.qx * p.qx + m.qy * p.qy + m.qz * p.qz + m.qw * p.qw;
+    };
     CHECK_NEAR(std::abs(dot(a)), std::abs(dot(b)), 1e-13);  // as far from both
   }
 }

@@ -10,7 +10,7 @@ namespace {
 
 void check_same(const World& w, const std::vector<Query>& queries) {
   std::vector<Answer> answers(queries.size());
-  w.tree.lookup_each(queries, answers);
+  w.tree.lookup_batch(queries, answers);
   for (std::size_t i = 0; i < queries.size(); ++i) {
     const Answer& a = answers[i];
     Answer one;
@@ -43,12 +43,14 @@ std::vector<Query> at_times(const World& w, const std::string& target, const std
 // `moved`: `d` hung below `l` until 600. Then blocks are no longer answered in one go.
 void fill(World& w, bool moved) {
   std::mt19937 random(3);
-  const auto samples = [&](const char* parent, const char* child, Stamp from, Stamp to, Stamp shortest,
-                           Stamp longest) {
+  const auto samples = [&](const char* parent, const char* child, Stamp from, Stamp to,
+                           Stamp shortest, Stamp longest) {
     for (Stamp t = from; t <= to;
-         t += shortest + static_cast<Stamp>(random() % static_cast<unsigned>(longest - shortest + 1))) {
+         t +=
+         shortest + static_cast<Stamp>(random() % static_cast<unsigned>(longest - shortest + 1))) {
       Pose pose = some_pose(static_cast<int>(t % 7));
-      if (t % 3 == 0) pose = {1e-3 * static_cast<double>(t), 0, 1, 0, 0, std::sin(t * 1e-4), std::cos(t * 1e-4)};
+      if (t % 3 == 0)
+        pose = {1e-3 * static_cast<double>(t), 0, 1, 0, 0, std::sin(t * 1e-4), std::cos(t * 1e-4)};
       if (random() % 2)
         for (double* q : {&pose.qx, &pose.qy, &pose.qz, &pose.qw}) *q = -*q;
       w.set(parent, child, t, pose);
@@ -82,12 +84,14 @@ TEST(as_one_lookup_after_the_other) {
     std::mt19937 random(5);
     const auto some = [&](std::size_t n, Stamp from, Stamp to) {
       std::vector<Stamp> stamps(n);
-      for (Stamp& t : stamps) t = from + static_cast<Stamp>(random() % static_cast<unsigned>(to - from));
+      for (Stamp& t : stamps)
+        t = from + static_cast<Stamp>(random() % static_cast<unsigned>(to - from));
       return stamps;
     };
     const std::pair<const char*, const char*> pairs[] = {
-        {"root", "d"}, {"d", "root"}, {"l", "d"}, {"d", "l"}, {"a", "c"}, {"b", "c"}, {"c", "b"},
-        {"root", "a"}, {"l", "c"}, {"d", "d"}, {"root", "once"}, {"root", "shore"}, {"d", "nowhere"}};
+        {"root", "d"},    {"d", "root"},     {"l", "d"},      {"d", "l"}, {"a", "c"},
+        {"b", "c"},       {"c", "b"},        {"root", "a"},   {"l", "c"}, {"d", "d"},
+        {"root", "once"}, {"root", "shore"}, {"d", "nowhere"}};
     for (const auto& [target, source] : pairs) {
       for (const std::size_t n : {1, 7, 8, 9, 63, 64, 65, 300}) {
         std::vector<Stamp> stamps = some(n, 0, 1200);
@@ -97,7 +101,8 @@ TEST(as_one_lookup_after_the_other) {
         std::reverse(stamps.begin(), stamps.end());
         check_same(w, at_times(w, target, source, stamps));
         std::sort(stamps.begin(), stamps.end());
-        for (Stamp& t : stamps) t = 600 + t / 20;  // many between two samples, across the new parent
+        for (Stamp& t : stamps)
+          t = 600 + t / 20;  // many between two samples, across the new parent
         check_same(w, at_times(w, target, source, stamps));
       }
       std::vector<Stamp> every(1300);
@@ -118,11 +123,12 @@ TEST(rows_of_all_kinds_beside_each_other) {
     const char* names[] = {"root", "d", "l", "nowhere"};
     std::vector<Query> queries;
     for (int run = 0; run < 60; ++run) {
-      const Query query = w.query(random() % 4 ? Op::at : Op::common, names[random() % 4],
+      const Query query = w.query(random() % 4 ? Op::at : Op::latest_common, names[random() % 4],
                                   names[random() % 4], 0);
       for (unsigned i = 0, n = random() % 80; i < n; ++i) {
         queries.push_back(query);
-        queries.back().stamp = query.op == Op::common ? kNoStamp : 200 + static_cast<Stamp>(random() % 800);
+        queries.back().stamp =
+            query.op == Op::latest_common ? kNoStamp : 200 + static_cast<Stamp>(random() % 800);
       }
     }
     check_same(w, queries);
@@ -147,7 +153,8 @@ TEST(a_chain_longer_than_the_first_climb) {
   World w;
   for (int i = 0; i < 70; ++i)
     for (const Stamp t : {0, 10, 20})
-      w.set("f" + std::to_string(i), "f" + std::to_string(i + 1), t, some_pose(i + static_cast<int>(t)));
+      w.set("f" + std::to_string(i), "f" + std::to_string(i + 1), t,
+            some_pose(i + static_cast<int>(t)));
   std::vector<Stamp> stamps(100);
   for (std::size_t i = 0; i < stamps.size(); ++i) stamps[i] = static_cast<Stamp>(i / 5);
   check_same(w, at_times(w, "f0", "f70", stamps));
@@ -171,7 +178,8 @@ TEST(a_loop_of_the_past_has_another_way_round) {
       w.set("map", "arm", 380, some_pose(5));
       std::vector<Stamp> stamps(100);
       for (std::size_t i = 0; i < stamps.size(); ++i) stamps[i] = 300 + static_cast<Stamp>(i);
-      for (const auto& [target, source] : {std::pair("arm", "base"), {"base", "arm"}, {"map", "base"}})
+      for (const auto& [target, source] :
+           {std::pair("arm", "base"), {"base", "arm"}, {"map", "base"}})
         check_same(w, at_times(w, target, source, stamps));
     }
   });

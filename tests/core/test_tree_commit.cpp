@@ -68,11 +68,13 @@ TEST(old_rows_are_dropped_or_refuse) {
   CHECK(!w.set("a", "b", 89));
   CHECK_EQ(w.tree.events(w.id("b")).dropped.load(), 1u);
   std::vector<std::uint8_t> stored;
-  CHECK(!w.commit({{"a", "b", 89}, {"a", "c", 1}, {"a", "b", 101, at_x(101)}}, {.drop_old = true}, &stored));
+  CHECK(!w.commit({{"a", "b", 89}, {"a", "c", 1}, {"a", "b", 101, at_x(101)}}, {.drop_old = true},
+                  &stored));
   const std::vector<std::uint8_t> expected = {0, 1, 1};
   CHECK(stored == expected);
   CHECK_EQ(w.tree.info(w.id("b")).oldest, 100);
-  check_refused(w, Code::invalid_argument, "stamp_ns", {{"a", "b", 102}, {"a", "b", 90}, {"a", "d", 1}});
+  check_refused(w, Code::invalid_argument, "stamp_ns",
+                {{"a", "b", 102}, {"a", "b", 90}, {"a", "d", 1}});
 }
 
 // A row that finds no room is a row that is not stored: never a success.
@@ -104,9 +106,10 @@ TEST(unsorted_and_duplicate_rows) {
     for (Stamp t = 1; t <= 3; ++t) CHECK_EQ(w.at("z", "y", t).pose.x, static_cast<double>(t));
     CHECK_EQ(w.ask(Op::latest_xact, "root", "x").pose.x, 13);
     // Of static ones the newest stands.
-    CHECK_EQ(w.refusal({{"s", "t", 2, at_x(2)}, {"s", "t", 1, at_x(1)}}, {.is_static = true}), Code::ok);
+    CHECK_EQ(w.refusal({{"s", "t", 2, at_x(2)}, {"s", "t", 1, at_x(1)}}, {.is_static = true}),
+             Code::ok);
     CHECK_EQ(w.at("s", "t", 0).pose.x, 2);
-    CHECK_EQ(w.tree.info(w.id("y")).version, VersionLock::kCommit);  // one commit, one version
+    CHECK_EQ(w.tree.info(w.id("y")).version, SeqLock::kIncrement);  // one commit, one version
   });
 }
 
@@ -161,7 +164,8 @@ TEST(authorities_are_counted_and_limited) {
   CHECK_EQ(w.refusal({{"a", "b", 2}}, {.authority = "two"}), Code::ok);
   CHECK_EQ(w.tree.events(w.id("b")).authority_changes.load(), 1u);
   check_refused(w, Code::limit, "max_authorities", {{"a", "b", 3}}, {.authority = "three"});
-  check_refused(w, Code::limit, "max_name_bytes", {{"a", "b", 3}}, {.authority = std::string(256, 'x')});
+  check_refused(w, Code::limit, "max_name_bytes", {{"a", "b", 3}},
+                {.authority = std::string(256, 'x')});
 }
 
 TEST(read_versions_must_still_stand) {
@@ -194,7 +198,7 @@ TEST(the_first_frame_of_two_parents_changes_all) {
     World w(c);
     CHECK_EQ(w.refusal({{"r", "a", 1}, {"r", "b", 1}, {"r", "q", 1}, {"r", "fixed", 1}}), Code::ok);
     Answer answer;
-    const auto reads = w.reads_of(w.query(Op::common, "r", "a"), answer);
+    const auto reads = w.reads_of(w.query(Op::latest_common, "r", "a"), answer);
     CHECK_EQ(w.refusal({{"q", "fixed", 1}}, {.is_static = true}), Code::ok);  // has no history
     w.set("r", "grasped", 1);
     w.set("q", "grasped", 1 + Stamp{20'000'000'000});  // what was before is too old by then
@@ -202,10 +206,10 @@ TEST(the_first_frame_of_two_parents_changes_all) {
     CHECK_EQ(w.refusal({{"r", "c", 2}}, {.reads = reads}), Code::ok);
     CHECK_EQ(w.refusal({{"q", "b", 2}}), Code::ok);
     CHECK_EQ(w.refusal({{"r", "c", 3}}, {.reads = reads}), Code::conflict);
-    const auto again = w.reads_of(w.query(Op::common, "r", "a"), answer);
+    const auto again = w.reads_of(w.query(Op::latest_common, "r", "a"), answer);
     CHECK_EQ(w.refusal({{"q", "a", 2}, {"r", "b", 3}}), Code::ok);
     CHECK_EQ(w.refusal({{"r", "a", 3}, {"r", "c", 3}}), Code::ok);
-    const auto later = w.reads_of(w.query(Op::common, "r", "b"), answer);
+    const auto later = w.reads_of(w.query(Op::latest_common, "r", "b"), answer);
     CHECK_EQ(w.refusal({{"r", "a", 4}}), Code::ok);
     CHECK_EQ(w.refusal({{"r", "c", 4}}, {.reads = later}), Code::ok);  // and it is but the first
     CHECK_EQ(w.refusal({{"r", "c", 5}}, {.reads = again}), Code::conflict);
@@ -233,7 +237,7 @@ TEST(clear_keeps_names_and_static_links) {
     w.tree.clear(true);
     CHECK_EQ(w.tree.size(), 3u);
     CHECK_EQ(w.at("a", "b", 5).pose.x, 1);
-    CHECK_EQ(w.code(Op::common, "b", "c"), Code::connectivity);
+    CHECK_EQ(w.code(Op::latest_common, "b", "c"), Code::connectivity);
     CHECK_EQ(w.code(Op::at, "b", "c", 6), Code::connectivity);
     CHECK_EQ(w.tree.info(w.id("c")).samples, 0u);
     CHECK(w.set("b", "c", 1));  // nothing newer is remembered
@@ -249,11 +253,12 @@ TEST(many_questions_at_one_instant) {
     World w(c);
     w.set("a", "b", 1, at_x(1));
     w.set("b", "c", 2, at_x(2));
-    const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "c"), w.query(Op::at, "a", "b", 7),
-                                        w.query(Op::latest, "c", "a"), w.query(Op::common, "a", "nope")};
+    const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "c"),
+                                        w.query(Op::at, "a", "b", 7), w.query(Op::latest, "c", "a"),
+                                        w.query(Op::latest_common, "a", "nope")};
     std::vector<Answer> answers(queries.size());
     ReadSet reads;
-    w.tree.lookup_all(queries, answers, reads);
+    w.tree.lookup_transaction(queries, answers, reads);
     CHECK_EQ(answers[0].pose.x, 3);
     CHECK_EQ(answers[1].failure.code, Code::no_data);
     CHECK_EQ(answers[2].pose.x, -3);

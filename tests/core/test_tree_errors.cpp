@@ -9,13 +9,13 @@ TEST(unknown_frames) {
     CHECK_EQ(w.code(Op::at, "a", "b", 1), Code::lookup);
     CHECK_EQ(w.code(Op::at, "a", "a", 1), Code::lookup);
     w.set("foo", "child", 1);
-    for (const Op op : {Op::at, Op::common, Op::latest, Op::latest_xact, Op::common_time}) {
+    for (const Op op : {Op::at, Op::latest_common, Op::latest, Op::latest_xact, Op::common_time}) {
       const Answer a = w.ask(op, "foo", "bar", 1);
       CHECK_EQ(a.failure.code, Code::lookup);
       CHECK_EQ(a.failure.target, w.id("foo"));
       CHECK_EQ(a.failure.source, 0u);
       CHECK_EQ(a.failure.frame, 0u);
-      CHECK(w.tree.may_come(a.failure));
+      CHECK(w.tree.may_succeed_later(a.failure));
       CHECK_EQ(w.code(op, "bar", "foo", 1), Code::lookup);
       CHECK_EQ(w.code(op, "foo", "foo", 1), Code::ok);
     }
@@ -27,12 +27,12 @@ TEST(two_trees) {
     World w(c);
     w.set("a", "b", 1);
     w.set("c", "d", 1);
-    for (const Op op : {Op::at, Op::common, Op::latest, Op::latest_xact, Op::common_time}) {
+    for (const Op op : {Op::at, Op::latest_common, Op::latest, Op::latest_xact, Op::common_time}) {
       const Answer a = w.ask(op, "b", "d", 1);
       CHECK_EQ(a.failure.code, Code::connectivity);
       CHECK_EQ(a.failure.target, w.id("b"));
       CHECK_EQ(a.failure.source, w.id("d"));
-      CHECK(w.tree.may_come(a.failure));
+      CHECK(w.tree.may_succeed_later(a.failure));
     }
   });
 }
@@ -98,7 +98,7 @@ TEST(a_cycle_at_a_past_time) {
     const Answer a = w.at("root", "b", 15);
     CHECK_EQ(a.failure.code, Code::lookup);
     CHECK(a.failure.frame != 0);
-    CHECK(!w.tree.may_come(a.failure));
+    CHECK(!w.tree.may_succeed_later(a.failure));
     CHECK_EQ(w.code(Op::latest_xact, "root", "b"), Code::ok);
   });
 }
@@ -106,11 +106,11 @@ TEST(a_cycle_at_a_past_time) {
 TEST(what_can_still_come) {
   World w(Options{.cache_ns = 1000});
   for (const Stamp t : {5000, 5500}) w.set("a", "b", t);
-  CHECK(w.tree.may_come(w.at("a", "b", 6000).failure));
-  CHECK(w.tree.may_come(w.at("a", "b", 4500).failure));
-  CHECK(!w.tree.may_come(w.at("a", "b", 4499).failure));
-  CHECK(w.tree.may_come({.code = Code::connectivity}));
-  CHECK(!w.tree.may_come({.code = Code::invalid_argument}));
+  CHECK(w.tree.may_succeed_later(w.at("a", "b", 6000).failure));
+  CHECK(w.tree.may_succeed_later(w.at("a", "b", 4500).failure));
+  CHECK(!w.tree.may_succeed_later(w.at("a", "b", 4499).failure));
+  CHECK(w.tree.may_succeed_later({.code = Code::connectivity}));
+  CHECK(!w.tree.may_succeed_later({.code = Code::invalid_argument}));
 }
 
 TEST(full_lookups_blame_the_leg_that_failed) {
@@ -120,7 +120,8 @@ TEST(full_lookups_blame_the_leg_that_failed) {
       w.set("fixed", "a", t, at_x(static_cast<double>(t)));
       w.set("fixed", "b", t + 100, at_x(-1));
     }
-    const auto full = [&](const char* target, Stamp t, const char* source, Stamp s, const char* fixed) {
+    const auto full = [&](const char* target, Stamp t, const char* source, Stamp s,
+                          const char* fixed) {
       Answer a;
       w.tree.lookup({Op::full, w.id(target), w.id(source), t, w.id(fixed), s}, a);
       return a;

@@ -8,7 +8,8 @@ namespace {
 std::string nth(const std::string& prefix, int n) { return prefix + std::to_string(n); }
 
 // A chain of links below `root`: prefix1, prefix2, ...; returns the pose of the last in root.
-Pose grow(World& w, const std::string& root, const std::string& prefix, int links, Stamp stamp = 1) {
+Pose grow(World& w, const std::string& root, const std::string& prefix, int links,
+          Stamp stamp = 1) {
   std::vector<Set> sets;
   Pose product;
   for (int i = 1; i <= links; ++i) {
@@ -21,7 +22,7 @@ Pose grow(World& w, const std::string& root, const std::string& prefix, int link
 
 void check_pose(const World& w, const std::string& target, const std::string& source,
                 const Pose& expected, Stamp stamp = 1, double within = 1e-8) {
-  for (const Op op : {Op::at, Op::common, Op::latest, Op::latest_xact}) {
+  for (const Op op : {Op::at, Op::latest_common, Op::latest, Op::latest_xact}) {
     const Answer a = w.ask(op, target, source, stamp);
     CHECK_EQ(a.failure.code, Code::ok);
     CHECK_NEAR(distance(a.pose, expected), 0, within);
@@ -53,8 +54,8 @@ TEST(ancestors_descendants_and_cousins) {
         const Pose expected = inverse(x_a_target) * x_a_source;
         if (target != source || target != "a") check_pose(w, target, source, expected, 1, 1e-13);
       }
-    CHECK_EQ(w.ask(Op::common, "c", "c").stamp, 1);
-    CHECK_EQ(w.ask(Op::common, "a", "a").stamp, 0);
+    CHECK_EQ(w.ask(Op::latest_common, "c", "c").stamp, 1);
+    CHECK_EQ(w.ask(Op::latest_common, "a", "a").stamp, 0);
   });
 }
 
@@ -91,7 +92,8 @@ TEST(depth_ends_exactly_at_the_limit) {
         const Answer a = inverse ? w.at(deep, "root", 1) : w.at("root", deep, 1);
         CHECK_EQ(a.failure.code, Code::lookup);
         CHECK(a.failure.frame != 0);
-        CHECK_EQ(w.code(Op::latest, inverse ? deep : "root", inverse ? "root" : deep), Code::lookup);
+        CHECK_EQ(w.code(Op::latest, inverse ? deep : "root", inverse ? "root" : deep),
+                 Code::lookup);
       }
       // The limit holds for each side by itself.
       const Pose x_b = grow(w, "root", "b", n);
@@ -111,7 +113,7 @@ TEST(only_links_below_the_common_ancestor_count) {
     }
     w.set("map", "base", 5);
     CHECK_EQ(w.at("l", "r", 11).pose.x, -2);
-    CHECK_EQ(w.ask(Op::common, "l", "r").stamp, 12);
+    CHECK_EQ(w.ask(Op::latest_common, "l", "r").stamp, 12);
     CHECK_EQ(w.code(Op::at, "map", "r", 11), Code::no_data);
     w.set("map", "base", 3, {}, true);
     CHECK_EQ(w.at("map", "r", 11).pose.x, -1);
@@ -124,7 +126,7 @@ TEST(latest_common_time_may_have_no_answer) {
     w.set("parent", "a", 3000, at_x(1));
     w.set("parent", "b", 4000, at_x(5));
     CHECK_EQ(w.ask(Op::common_time, "a", "b").stamp, 3000);
-    const Answer common = w.ask(Op::common, "a", "b");
+    const Answer common = w.ask(Op::latest_common, "a", "b");
     CHECK_EQ(common.failure.code, Code::no_data);
     CHECK_EQ(common.failure.frame, w.id("b"));
     CHECK_EQ(common.failure.stamp, 3000);
@@ -138,7 +140,9 @@ TEST(latest_common_time_may_have_no_answer) {
 TEST(latest_common_time) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
-    const auto lct = [&](const char* a, const char* b) { return w.ask(Op::common_time, a, b).stamp; };
+    const auto lct = [&](const char* a, const char* b) {
+      return w.ask(Op::common_time, a, b).stamp;
+    };
     w.set("parent", "a", 1000);
     w.set("pp", "parent", 2000);
     CHECK_EQ(lct("a", "pp"), 1000);
@@ -157,7 +161,7 @@ TEST(latest_common_time) {
     w.set("d", "s", 77, {}, true);
     CHECK_EQ(lct("d", "s"), kNoStamp);
     CHECK_EQ(lct("c", "s"), 9000);
-    CHECK_EQ(w.ask(Op::common, "d", "s").stamp, 0);
+    CHECK_EQ(w.ask(Op::latest_common, "d", "s").stamp, 0);
   });
 }
 
@@ -168,8 +172,8 @@ TEST(zero_and_negative_stamps_are_ordinary) {
   w.set("b", "c", 100);
   w.set("b", "c", -100);
   CHECK_EQ(w.at("a", "b", -25).pose.x, 0);
-  CHECK_EQ(w.ask(Op::common, "a", "c").stamp, 0);
-  CHECK_EQ(w.ask(Op::common, "a", "c").pose.x, 1);
+  CHECK_EQ(w.ask(Op::latest_common, "a", "c").stamp, 0);
+  CHECK_EQ(w.ask(Op::latest_common, "a", "c").pose.x, 1);
   CHECK_EQ(w.code(Op::at, "a", "b", 1), Code::forward);
 }
 
@@ -185,7 +189,7 @@ TEST(the_way_changes_with_time) {
     CHECK_EQ(w.at("w", "c", 10).pose.x, 11);
     CHECK_EQ(w.at("w", "c", 15).pose.x, 16);
     CHECK_EQ(w.at("w", "c", 20).pose.x, 202);
-    CHECK_EQ(w.ask(Op::common, "w", "c").pose.x, 202);
+    CHECK_EQ(w.ask(Op::latest_common, "w", "c").pose.x, 202);
     CHECK_EQ(w.tree.parent(w.id("c"), 15), w.id("p1"));
     CHECK_EQ(w.tree.parent(w.id("c"), kNoStamp), w.id("p2"));
     std::vector<FrameId> chain;
@@ -196,7 +200,7 @@ TEST(the_way_changes_with_time) {
     w.set("w2", "p1", 30, {}, false);
     w.set("p3", "c", 40, at_x(3));
     w.set("w2", "p3", 15, {}, true);
-    CHECK_EQ(w.ask(Op::common, "w2", "c").pose.x, 3);
+    CHECK_EQ(w.ask(Op::latest_common, "w2", "c").pose.x, 3);
   });
 }
 
@@ -207,10 +211,10 @@ TEST(the_common_time_takes_the_way_of_that_time) {
     for (const Stamp t : {10, 20}) w.set("w", "p2", t, at_x(200));
     w.set("p1", "c", 10, at_x(1));
     w.set("p2", "c", 30, at_x(2));
-    // Newest: w - p2 - c, common time 20; at 20 c still hangs below p1.
-    const Answer a = w.ask(Op::common, "w", "c");
+    // LatestLink: w - p2 - c, common time 20; at 20 c still hangs below p1.
+    const Answer a = w.ask(Op::latest_common, "w", "c");
     CHECK_EQ(a.stamp, 20);
     CHECK_EQ(a.pose.x, 101);
-    CHECK_EQ(w.ask(Op::common, "c", "w").pose.x, -101);
+    CHECK_EQ(w.ask(Op::latest_common, "c", "w").pose.x, -101);
   });
 }

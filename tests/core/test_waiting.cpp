@@ -9,17 +9,17 @@ namespace {
 class Bell final : public Waiter {
  public:
   Bell(World& w, Op op, std::string_view target, std::string_view source, Stamp stamp = kNoStamp)
-      : Waiter({op, 0, 0, stamp}, target, source), room_(w.tree.room()) {}
-  ~Bell() override { room_.leave(*this); }
+      : Waiter({op, 0, 0, stamp}, target, source), list_(w.tree.wait_list()) {}
+  ~Bell() override { list_.cancel(*this); }
 
-  bool ask() { return room_.ask(*this); }
-  bool leave() { return room_.leave(*this); }
+  bool lookup_or_park() { return list_.lookup_or_park(*this); }
+  bool cancel() { return list_.cancel(*this); }
   [[nodiscard]] Code code() const { return answer().failure.code; }
   int rung = 0;
 
  private:
-  void woken() noexcept override { ++rung; }
-  WaitingRoom& room_;
+  void notify() noexcept override { ++rung; }
+  WaitList& list_;
 };
 
 Options short_cache() { return {.cache_ns = 100}; }
@@ -32,44 +32,45 @@ TEST(only_the_commit_that_brings_the_sample_wakes) {
   w.set("base", "camera", 10);
   w.set("base", "lidar", 10);
   Bell bell(w, Op::at, "map", "camera", 50);
-  CHECK(!bell.ask());
+  CHECK(!bell.lookup_or_park());
   CHECK(bell.code() == Code::no_data);
-  w.set("base", "lidar", 50);   // a frame that does not matter
-  w.set("map", "base", 20);     // frames that do, but not yet
+  w.set("base", "lidar", 50);  // a frame that does not matter
+  w.set("map", "base", 20);    // frames that do, but not yet
   w.set("base", "camera", 40);
   CHECK_EQ(bell.rung, 0);
   w.set("base", "camera", 60);  // brackets 50: the next link may have it already
   CHECK_EQ(bell.rung, 1);
-  CHECK(!bell.ask());           // it has not
+  CHECK(!bell.lookup_or_park());  // it has not
   w.set("base", "camera", 70);
   CHECK_EQ(bell.rung, 1);
   w.set("map", "base", 50);
   CHECK_EQ(bell.rung, 2);
-  CHECK(bell.ask());
+  CHECK(bell.lookup_or_park());
   CHECK(bell.code() == Code::ok);
-  CHECK_EQ(w.tree.room().size(), 0u);
+  CHECK_EQ(w.tree.wait_list().size(), 0u);
 }
 
 TEST(a_wait_for_the_past_ends_when_it_comes_or_never_can) {
   World w(short_cache());
   w.set("a", "b", 90);
   w.set("a", "b", 100);
-  Bell comes(w, Op::at, "a", "b", 50), never(w, Op::at, "a", "b", 40), too_old(w, Op::at, "a", "b", -1);
-  CHECK(too_old.ask());
+  Bell comes(w, Op::at, "a", "b", 50), never(w, Op::at, "a", "b", 40),
+      too_old(w, Op::at, "a", "b", -1);
+  CHECK(too_old.lookup_or_park());
   CHECK(too_old.code() == Code::backward);
-  CHECK(!comes.ask());
-  CHECK(!never.ask());
+  CHECK(!comes.lookup_or_park());
+  CHECK(!never.lookup_or_park());
   w.set("a", "b", 140);  // 40 is exactly as old as allowed
   CHECK_EQ(never.rung, 0);
   w.set("a", "b", 45);
   CHECK_EQ(comes.rung, 1);
-  CHECK(comes.ask());
+  CHECK(comes.lookup_or_park());
   CHECK(comes.code() == Code::ok);
   CHECK_EQ(never.rung, 1);  // the history was changed from behind: it looks again
-  CHECK(!never.ask());
+  CHECK(!never.lookup_or_park());
   w.set("a", "b", 141);
   CHECK_EQ(never.rung, 2);
-  CHECK(never.ask());
+  CHECK(never.lookup_or_park());
   CHECK(never.code() == Code::backward);
 }
 
@@ -79,50 +80,50 @@ TEST(a_wait_ends_in_failure_when_a_link_on_its_way_forgets_that_time) {
   w.set("b", "c", 10);
   w.set("b", "c", 20);
   Bell bell(w, Op::at, "a", "c", 15);
-  CHECK(!bell.ask());
+  CHECK(!bell.lookup_or_park());
   w.set("b", "c", 110);
   CHECK_EQ(bell.rung, 0);
   w.set("b", "c", 116);  // 15 is gone there
   CHECK_EQ(bell.rung, 1);
-  CHECK(bell.ask());
+  CHECK(bell.lookup_or_park());
   CHECK(bell.code() == Code::backward);
 }
 
 TEST(a_name_wakes_who_misses_it) {
   World w;
   w.set("a", "b", 1);
-  Bell bell(w, Op::common, "a", "ghost"), both(w, Op::common, "x", "x");
-  CHECK(!bell.ask());
-  CHECK(!both.ask());
+  Bell bell(w, Op::latest_common, "a", "ghost"), both(w, Op::latest_common, "x", "x");
+  CHECK(!bell.lookup_or_park());
+  CHECK(!both.lookup_or_park());
   w.set("a", "other", 1);
   CHECK_EQ(bell.rung, 0);
   w.set("ghost", "child", 1);  // it exists now, elsewhere
   CHECK_EQ(bell.rung, 1);
-  CHECK(!bell.ask());
+  CHECK(!bell.lookup_or_park());
   CHECK(bell.code() == Code::connectivity);
   w.set("ghost", "child", 2);
   w.set("a", "b", 2);
   CHECK_EQ(bell.rung, 1);
   w.set("b", "ghost", 2);
   CHECK_EQ(bell.rung, 2);
-  CHECK(bell.ask());
+  CHECK(bell.lookup_or_park());
   CHECK(bell.code() == Code::ok);
   CHECK_EQ(both.rung, 0);
   w.set("x", "y", 1);
   CHECK_EQ(both.rung, 1);
-  CHECK(both.ask());
+  CHECK(both.lookup_or_park());
 }
 
 TEST(the_latest_common_time_may_be_moved_by_any_link) {
   World w;
   w.set("p", "a", 3);
   w.set("p", "b", 4);
-  Bell bell(w, Op::common, "a", "b");
-  CHECK(!bell.ask());
+  Bell bell(w, Op::latest_common, "a", "b");
+  CHECK(!bell.lookup_or_park());
   CHECK(bell.code() == Code::no_data);
   w.set("p", "a", 4);
   CHECK_EQ(bell.rung, 1);
-  CHECK(bell.ask());
+  CHECK(bell.lookup_or_park());
   CHECK(bell.code() == Code::ok);
 }
 
@@ -133,31 +134,31 @@ TEST(switches_and_new_parents_wake) {
   w.set("b", "c", 9);
   {
     Bell bell(w, Op::at, "a", "c", 5);
-    CHECK(!bell.ask());
+    CHECK(!bell.lookup_or_park());
     w.set("other", "c", 2);  // another parent on the way
     CHECK_EQ(bell.rung, 1);
-    CHECK(!bell.ask());
+    CHECK(!bell.lookup_or_park());
     w.set("b", "c", 2);
     CHECK_EQ(bell.rung, 2);
-    CHECK(!bell.ask());
+    CHECK(!bell.lookup_or_park());
     w.set("a", "b", 0, {}, true);  // static: any time
     CHECK_EQ(bell.rung, 3);
-    CHECK(bell.ask());
+    CHECK(bell.lookup_or_park());
     CHECK(bell.code() == Code::ok);
   }
   w.tree.clear(false);
   w.set("a", "b", 1);
   w.set("b", "c", 1);
   Bell bell(w, Op::at, "a", "c", 5);
-  CHECK(!bell.ask());
+  CHECK(!bell.lookup_or_park());
   w.tree.clear(true);
   CHECK_EQ(bell.rung, 1);
-  CHECK(!bell.ask());
+  CHECK(!bell.lookup_or_park());
   CHECK(bell.code() == Code::connectivity);
   w.set("a", "b", 5);
   w.set("b", "c", 5);
   CHECK_EQ(bell.rung, 2);
-  CHECK(bell.ask());
+  CHECK(bell.lookup_or_park());
   CHECK(bell.code() == Code::ok);
 }
 
@@ -165,12 +166,12 @@ TEST(who_left_is_not_woken_and_leaves_nothing) {
   World w;
   w.set("a", "b", 1);
   Bell bell(w, Op::at, "a", "b", 5);
-  CHECK(!bell.leave());
-  CHECK(!bell.ask());
-  CHECK_EQ(w.tree.room().size(), 1u);
-  CHECK(bell.leave());
-  CHECK(!bell.leave());
-  CHECK_EQ(w.tree.room().size(), 0u);
+  CHECK(!bell.cancel());
+  CHECK(!bell.lookup_or_park());
+  CHECK_EQ(w.tree.wait_list().size(), 1u);
+  CHECK(bell.cancel());
+  CHECK(!bell.cancel());
+  CHECK_EQ(w.tree.wait_list().size(), 0u);
   w.set("a", "b", 5);
   CHECK_EQ(bell.rung, 0);
 }
@@ -181,11 +182,11 @@ TEST(through_a_fixed_frame_the_leg_that_fails_is_waited_for) {
   w.set("map", "base", 9);
   w.set("map", "arm", 1);
   std::string_view fixed = "map";
-  Sleeper sleeper(w.tree.room(), {Op::full, 0, 0, 5, 0, 5}, "base", "arm", fixed);
+  BlockingWaiter sleeper(w.tree.wait_list(), {Op::full, 0, 0, 5, 0, 5}, "base", "arm", fixed);
   using namespace std::chrono_literals;
-  CHECK(!sleeper.wait(Sleeper::Clock::now()));
+  CHECK(!sleeper.wait(BlockingWaiter::Clock::now()));
   CHECK(sleeper.answer().failure.code == Code::no_data);
   w.set("map", "arm", 5);
-  CHECK(sleeper.wait(Sleeper::Clock::now() + 1h));
+  CHECK(sleeper.wait(BlockingWaiter::Clock::now() + 1h));
   CHECK(sleeper.answer().failure.code == Code::ok);
 }

@@ -53,7 +53,6 @@ def _build(source: Path, folder: Path, *settings: str) -> Path:
     configure = ["cmake", "-S", str(source), "-B", str(folder), "-G", "Ninja"]
     configure += [
         "--log-level=WARNING",
-        "-DZTF_BUILD_MODULE=OFF",
         "-DZTF_BUILD_TESTS=ON",
         *settings,
     ]

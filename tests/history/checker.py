@@ -30,7 +30,7 @@ KINDS = ("ww", "wr", "rw", "rt")
 REAL_TIME = -1  # instead of a link
 
 
-class Step(NamedTuple):
+class PathStep(NamedTuple):
     """Transaction `before` comes before `after`."""
 
     before: int
@@ -197,7 +197,7 @@ def _smallest_component(nodes: int, edges: Column) -> Column | None:
     return np.flatnonzero(component == np.argmin(np.where(sizes > 1, sizes, nodes + 1)))
 
 
-def _shortest_cycle(edges: Column, transactions: int, starts: int = 64) -> list[Step]:
+def _shortest_cycle(edges: Column, transactions: int, starts: int = 64) -> list[PathStep]:
     """The shortest way from some of the transactions back to themselves."""
     after: dict[int, list[tuple[int, int, int]]] = {}
     for before, kind, link, node in edges.T.tolist():
@@ -206,7 +206,7 @@ def _shortest_cycle(edges: Column, transactions: int, starts: int = 64) -> list[
     way = min(ways, key=len)
     # Steps over nodes that are no transactions are one step of their kind.
     at = [i for i, (node, _, _) in enumerate(way) if node < transactions]
-    return [Step(way[i][0], way[i + 1][1], way[i + 1][2], way[j][0]) for i, j in pairwise(at)]
+    return [PathStep(way[i][0], way[i + 1][1], way[i + 1][2], way[j][0]) for i, j in pairwise(at)]
 
 
 def _way_back(
@@ -230,7 +230,7 @@ def _way_back(
     return [(start, RT, REAL_TIME), *reversed(way)]
 
 
-def _name(steps: list[Step]) -> str:
+def _name(steps: list[PathStep]) -> str:
     kinds = [step.kind for step in steps]
     if RT in kinds:
         return "stale read" if RW in kinds else "order against real time"

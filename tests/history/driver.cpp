@@ -84,9 +84,12 @@ struct World {
     for (int link = 0; link < kLinks; ++link) {
       if (!(links >> link & 1)) continue;
       std::array<double, 3> xyz{};
-      xyz[static_cast<std::size_t>(axis_of(link))] = std::ldexp(static_cast<double>(stamp), place_of(link));
-      rows.push_back({static_cast<std::uint32_t>(parent_of(link, stamp)), static_cast<std::uint32_t>(link + 1),
-                      stamp, {xyz[0], xyz[1], xyz[2], 0, 0, 0, 1}});
+      xyz[static_cast<std::size_t>(axis_of(link))] =
+          std::ldexp(static_cast<double>(stamp), place_of(link));
+      rows.push_back({static_cast<std::uint32_t>(parent_of(link, stamp)),
+                      static_cast<std::uint32_t>(link + 1),
+                      stamp,
+                      {xyz[0], xyz[1], xyz[2], 0, 0, 0, 1}});
     }
     if (stamp % 2) std::reverse(rows.begin(), rows.end());  // rows come in any order
     if (reads)
@@ -96,9 +99,10 @@ struct World {
       }
     std::vector<std::uint8_t> stored(rows.size());
     try {
-      tree.commit({.names = frames, .rows = rows, .read_names = read_names, .read_versions = read_versions},
-                  stored);
-    } catch (const Refused& refused) {
+      tree.commit(
+          {.names = frames, .rows = rows, .read_names = read_names, .read_versions = read_versions},
+          stored);
+    } catch (const Rejected& refused) {
       if (refused.code == Code::conflict) return conflict;
       if (refused.code == Code::invalid_argument && refused.field == "stamp_ns") return late;
       fail("refused: " + refused.message);
@@ -129,7 +133,8 @@ struct Question {
         target(target_frame),
         source(source_frame) {}
   [[nodiscard]] Between links(Stamp moved) const {
-    const unsigned above_target = links_above(target, moved), above_source = links_above(source, moved);
+    const unsigned above_target = links_above(target, moved),
+                   above_source = links_above(source, moved);
     return {above_source & ~above_target, above_target & ~above_source};
   }
   Query query;
@@ -148,14 +153,17 @@ class Client {
         if (!write(nullptr)) return;
       } else if (dice < 45) {
         ReadSet reads;
-        ask_together({some_pair(Op::latest_xact), some_pair(Op::latest_xact)}, 1 + random_() % 2, reads);
+        ask_together({some_pair(Op::latest_xact), some_pair(Op::latest_xact)}, 1 + random_() % 2,
+                     reads);
         if (random_() % 4 == 0) std::this_thread::yield();
         if (transactions.back().outcome != nonsense && !write(&reads)) return;
       } else if (dice < 75) {
-        ask(some_pair(random_() % 3 ? Op::latest_xact : Op::common));
+        ask(some_pair(random_() % 3 ? Op::latest_xact : Op::latest_common));
       } else {
         ReadSet reads;
-        ask_together({some_pair(Op::latest_xact), some_pair(Op::common), some_pair(Op::latest_xact)}, 3, reads);
+        ask_together(
+            {some_pair(Op::latest_xact), some_pair(Op::latest_common), some_pair(Op::latest_xact)},
+            3, reads);
       }
       transactions.back().responded_ns = now_ns();
     }
@@ -204,7 +212,7 @@ class Client {
     std::vector<Query> queries;
     for (std::size_t i = 0; i < n; ++i) queries.push_back(questions[i].query);
     std::vector<Answer> answers(n);
-    world_.tree.lookup_all(queries, answers, reads);
+    world_.tree.lookup_transaction(queries, answers, reads);
     for (std::size_t i = 0; i < n; ++i) note_answer(questions[i], answers[i]);
   }
 
@@ -226,7 +234,8 @@ class Client {
     const std::array<double, 3> sums{answer.pose.x, answer.pose.y, answer.pose.z};
     const auto version = [&](int link, const Between& links) {
       const int axis = axis_of(link);
-      const double sum = (links.up >> (4 * axis) & 0xF ? -1 : 1) * sums[static_cast<std::size_t>(axis)];
+      const double sum =
+          (links.up >> (4 * axis) & 0xF ? -1 : 1) * sums[static_cast<std::size_t>(axis)];
       if (!(sum >= 0 && sum < 0x1p52 && sum == std::floor(sum))) return kNoStamp;
       return static_cast<Stamp>(sum) >> place_of(link) & kLastStamp;
     };
@@ -273,20 +282,25 @@ int main(int argc, char** argv) {
   if (argc != 7) fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE");
   const std::string mode = argv[1];
   Options options{.cache_ns = std::stoull(argv[2]), .max_frames = 64};
-  if (mode == "optimistic") options.concurrency = Concurrency::optimistic;
-  else if (mode == "2pl") options.concurrency = Concurrency::two_phase;
-  else if (mode == "giant") options.concurrency = Concurrency::giant;
-  else fail("no such mode: " + mode);
+  if (mode == "optimistic")
+    options.concurrency = Concurrency::optimistic;
+  else if (mode == "2pl")
+    options.concurrency = Concurrency::two_phase;
+  else if (mode == "giant")
+    options.concurrency = Concurrency::giant;
+  else
+    fail("no such mode: " + mode);
   const auto seed = static_cast<unsigned>(std::stoul(argv[3]));
 #ifdef ZTF_YIELDS
-  fault_seed = seed;
+  yield_seed = seed;
 #endif
   const int threads = std::stoi(argv[4]);
   World world(options);
   world.left = std::stoll(argv[5]);
 
   std::vector<Client> clients;
-  for (int i = 0; i < threads; ++i) clients.emplace_back(world, i, seed * 1000 + static_cast<unsigned>(i));
+  for (int i = 0; i < threads; ++i)
+    clients.emplace_back(world, i, seed * 1000 + static_cast<unsigned>(i));
   std::vector<std::thread> running;
   for (Client& client : clients) running.emplace_back([&client] { client.run(); });
   for (std::thread& thread : running) thread.join();
@@ -300,7 +314,8 @@ int main(int argc, char** argv) {
   std::FILE* const file = std::fopen(argv[6], "wb");
   if (!file) fail("cannot open the file");
   put(file, sizes, 2);
-  for (const Client& client : clients) put(file, client.transactions.data(), client.transactions.size());
+  for (const Client& client : clients)
+    put(file, client.transactions.data(), client.transactions.size());
   for (const Client& client : clients) put(file, client.accesses.data(), client.accesses.size());
   if (std::fclose(file) != 0) fail("cannot write");
   return EXIT_SUCCESS;

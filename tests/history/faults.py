@@ -38,15 +38,15 @@ FAULTS = [
     Fault(
         "a lookup does not wait for the writer of a frame",
         ("optimistic",),
-        "locks.hpp",
-        "return version & kLocked ? wait_unlocked() : version;",
+        "lock_words.hpp",
+        "return version & kWriting ? wait_for_writer() : version;",
         "return version;",
     ),
     Fault(
         "a commit leaves the version as it was",
         ("optimistic",),
-        "locks.hpp",
-        "word_.store(before + kCommit, std::memory_order_release);",
+        "lock_words.hpp",
+        "word_.store(before + kIncrement, std::memory_order_release);",
         "word_.store(before, std::memory_order_release);",
     ),
     Fault(
@@ -57,7 +57,7 @@ FAULTS = [
     count_authority();  // before the release: after it a set took 5 % longer
     locks.release(changed_);
 """,
-        """    locks.hold_readers_off();
+        """    locks.begin_write();
     names_.publish(children_);
     for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
     locks.release(children_);
@@ -91,14 +91,14 @@ FAULTS = [
         "readers are not held off",
         ("optimistic",),
         "tree_write.cpp",
-        "    locks.hold_readers_off();\n    names_.publish(children_);\n",
+        "    locks.begin_write();\n    names_.publish(children_);\n",
         "    names_.publish(children_);\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",
         ("optimistic",),
         "tree_write.cpp",
-        "    if (!request_.read_names.empty()) locks.hold_readers_off();\n",
+        "    if (!request_.read_names.empty()) locks.begin_write();\n",
         "",
     ),
     Fault(
@@ -122,16 +122,16 @@ FAULTS = [
         "the last row of a commit is lost",
         EVERYWHERE,
         "tree_write.cpp",
-        "for (Group& group : groups_)\n      if (group.appends",
-        "for (Group& group : groups_)\n"
-        "      if (&group == &groups_.back() && groups_.size() == 3) break; else if (group.appends",
+        "for (FrameWrites& group : groups_)\n      if (group.is_append",
+        "for (FrameWrites& group : groups_)\n"
+        "      if (&group == &groups_.back() && groups_.size() == 3) break; else if (group.is_append",
     ),
     Fault(
         "what was read is not checked at the commit",
         EVERYWHERE,
         "tree_write.cpp",
-        "if (!check_read_set(locks)) refuse_conflict(request_.read_names[conflict_]);",
-        "if (!check_read_set(locks) && request_.rows.empty()) refuse_conflict({});",
+        "if (!validate_read_set(locks)) reject_conflict(request_.read_names[conflict_]);",
+        "if (!validate_read_set(locks) && request_.rows.empty()) reject_conflict({});",
     ),
     Fault(
         "what was read is checked only where it is written, too",
@@ -145,7 +145,7 @@ FAULTS = [
         EVERYWHERE[:2],
         "tree_write.cpp",
         "    WriteLocks locks(tree_, children_);\n",
-        """    if (!check_read_set(WriteLocks(tree_, FrameList()))) refuse_conflict({});
+        """    if (!validate_read_set(WriteLocks(tree_, FrameList()))) reject_conflict({});
     const_cast<CommitRequest&>(request_).read_names = {};
     WriteLocks locks(tree_, children_);
 """,
@@ -157,7 +157,7 @@ FAULTS = [
         """      for (int i = 0; i < kOptimisticAttempts; ++i) {
         OptimisticGuard guard(frames_, reads);
         if (attempt(guard)) return;
-        count_restart();
+        count_retry();
       }
       SmallVector<FrameId, 64> wanted;
 """,
@@ -173,8 +173,8 @@ FAULTS = [
         "a lookup gives its last answer again",
         EVERYWHERE,
         "tree_read.cpp",
-        "ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {\n",
-        """ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
+        "ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {\n",
+        """ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {
   struct Memory {
     Answer answer;
     bool used = true;

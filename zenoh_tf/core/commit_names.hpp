@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "commit_checks.hpp"
+#include "commit_validation.hpp"
 
 namespace ztf {
 
@@ -21,26 +21,27 @@ class CommitNames {
     std::string_view* name = names_.append(request.names.size());
     for (const std::string_view as_given : request.names) {
       *name = stripped(as_given);
-      are_fit_ &= is_fit(*name++, tree.options_);
+      all_valid_ &= is_valid_name(*name++, tree.options_);
     }
     (void)ids_.append(request.names.size());
     find();
   }
 
   // Whether all are neither empty nor too long.
-  [[nodiscard]] bool are_fit() const noexcept { return are_fit_; }
+  [[nodiscard]] bool all_valid() const noexcept { return all_valid_; }
   // 0 where the name is new.
   [[nodiscard]] FrameId id(std::uint32_t index) const noexcept { return ids_[index]; }
 
   // Forgets what an earlier attempt has numbered. False where a name, or the authority, is new and
   // may not be numbered.
-  bool start(bool may_number) {
-    may_number_ = may_number;
-    if (may_number) {
+  bool start(bool may_assign_ids) {
+    may_assign_ids_ = may_assign_ids;
+    if (may_assign_ids) {
       new_.reset();
       find();
     }
-    return find_authority() && (may_number || std::ranges::find(ids_, FrameId{0}) == ids_.end());
+    return find_authority() &&
+           (may_assign_ids || std::ranges::find(ids_, FrameId{0}) == ids_.end());
   }
 
   // Its id, or that it will have.
@@ -52,7 +53,7 @@ class CommitNames {
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
   // New, or hidden until now.
   [[nodiscard]] bool any_new() const noexcept { return new_.has_value(); }
-  [[nodiscard]] std::uint64_t frames_after() const noexcept {
+  [[nodiscard]] std::uint64_t frame_count_after() const noexcept {
     return std::uint64_t{tree_.names_.size()} + (new_ ? new_->frames : 0);
   }
   template <class Visit>
@@ -98,8 +99,8 @@ class CommitNames {
     if (request_.authority.empty() || request_.rows.empty()) return true;
     authority_ = authorities.find(request_.authority);
     if (authority_ != 0) return true;
-    if (!may_number_) return false;
-    if (authorities.size() == authorities.max_size()) refuse_authority(authorities.max_size());
+    if (!may_assign_ids_) return false;
+    if (authorities.size() == authorities.max_size()) reject_authority(authorities.max_size());
     authority_ = authorities.size() + 1;
     new_authority_ = true;
     return true;
@@ -115,9 +116,10 @@ class CommitNames {
     const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
     FrameId& id = it->second;  // so far that of a hidden name
     if (!is_first || id != 0) return id;
-    if (frames_after() >= tree_.options_.max_frames) refuse_frame(name, tree_.options_.max_frames);
+    if (frame_count_after() >= tree_.options_.max_frames)
+      reject_frame(name, tree_.options_.max_frames);
     ++new_->frames;
-    return id = static_cast<FrameId>(frames_after());
+    return id = static_cast<FrameId>(frame_count_after());
   }
 
   struct New {
@@ -128,10 +130,10 @@ class CommitNames {
 
   Tree& tree_;
   const CommitRequest& request_;
-  bool may_number_ = false;
+  bool may_assign_ids_ = false;
   AuthorityId authority_ = 0;
   bool new_authority_ = false;
-  bool are_fit_ = true;
+  bool all_valid_ = true;
   SmallVector<std::string_view, 32> names_;  // of the request, stripped
   SmallVector<FrameId, 32> ids_;             // of names_; 0: new
   std::optional<New> new_;

@@ -1,7 +1,7 @@
 // A frame's record and the ring of samples behind it: where every word of the
 // tree's data lives.
 //
-// Thread safety: one writer at a time, who holds the frame (locks.hpp). Readers
+// Thread safety: one writer at a time, who holds the frame (lock_words.hpp). Readers
 // may read anything at any time, whatever a writer does: every shared word is
 // an atomic, stored with release and loaded with acquire order, and indices are
 // masked, so a reader that collides with a writer sees nonsense but never
@@ -25,9 +25,9 @@
 #include <limits>
 #include <new>
 
-#include "locks.hpp"
+#include "lock_words.hpp"
 #include "pose.hpp"
-#include "ring_memory.hpp"
+#include "ring_arena.hpp"
 
 namespace ztf {
 
@@ -36,7 +36,7 @@ using Stamp = std::int64_t;     // nanoseconds
 
 // Fetches a line that will be written, from other processors that have read it as well. (All
 // x86-64 processors take the instruction; a compiler that is not told so leaves it out.)
-ZTF_HOT void prefetch_for_write(const void* line) noexcept {
+ZTF_ALWAYS_INLINE void prefetch_for_write(const void* line) noexcept {
 #if defined(__x86_64__)
   asm volatile("prefetchw %0" ::"m"(*static_cast<const char*>(line)));
 #else
@@ -51,9 +51,9 @@ inline std::uint64_t span_ns(Stamp from, Stamp to) noexcept {
   return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
 }
 
-class SharedPose {
+class AtomicPose {
  public:
-  ZTF_HOT void store(const Pose& p) noexcept {
+  ZTF_ALWAYS_INLINE void store(const Pose& p) noexcept {
     const auto put = [&](int i, double value) {
       values_[i].store(value, std::memory_order_release);
     };
@@ -61,11 +61,11 @@ class SharedPose {
     put(3, p.qx), put(4, p.qy), put(5, p.qz), put(6, p.qw);
   }
   // x, y, z, qx, qy, qz, qw
-  ZTF_HOT double operator[](int i) const noexcept {
+  ZTF_ALWAYS_INLINE double operator[](int i) const noexcept {
     return values_[i].load(std::memory_order_acquire);
   }
-  ZTF_HOT Pose load() const noexcept {
-    const SharedPose& p = *this;
+  ZTF_ALWAYS_INLINE Pose load() const noexcept {
+    const AtomicPose& p = *this;
     return {p[0], p[1], p[2], p[3], p[4], p[5], p[6]};
   }
 
@@ -76,7 +76,7 @@ class SharedPose {
 // One cache line: who looks a time up reads two of them, the time's neighbours.
 struct alignas(64) Sample {
   std::atomic<Stamp> stamp;
-  SharedPose pose;
+  AtomicPose pose;
 };
 static_assert(sizeof(Sample) == 64);
 
@@ -91,21 +91,21 @@ class Ring {
   explicit operator bool() const noexcept { return word_ != 0; }
 
   // Of zeros, which are good for all that is in it. Throws bad_alloc.
-  static Ring make(std::uint32_t capacity, RingMemory& memory) {
+  static Ring make(std::uint32_t capacity, RingArena& memory) {
     Ring ring;
-    ring.word_ = reinterpret_cast<std::uintptr_t>(memory.take(lines(capacity))) |
+    ring.word_ = reinterpret_cast<std::uintptr_t>(memory.allocate(lines(capacity))) |
                  static_cast<std::uintptr_t>(std::countr_zero(capacity));
     return ring;
   }
 
-  [[nodiscard]] ZTF_HOT std::uint32_t capacity() const noexcept {
+  [[nodiscard]] ZTF_ALWAYS_INLINE std::uint32_t capacity() const noexcept {
     return std::uint32_t{1} << (word_ & kLogarithm);
   }
 
-  [[nodiscard]] ZTF_HOT Sample& sample(std::uint32_t i) const noexcept {
+  [[nodiscard]] ZTF_ALWAYS_INLINE Sample& sample(std::uint32_t i) const noexcept {
     return samples()[i & (capacity() - 1)];
   }
-  [[nodiscard]] ZTF_HOT Stamp stamp(std::uint32_t i) const noexcept {
+  [[nodiscard]] ZTF_ALWAYS_INLINE Stamp stamp(std::uint32_t i) const noexcept {
     return sample(i).stamp.load(std::memory_order_acquire);
   }
   // Of one of its samples; in a collision, of another's, anything.
@@ -138,7 +138,7 @@ class Ring {
   static std::size_t lines(std::uint32_t capacity) noexcept {
     return capacity + (capacity * sizeof(FrameId) + 63) / 64;
   }
-  [[nodiscard]] ZTF_HOT Sample* samples() const noexcept {
+  [[nodiscard]] ZTF_ALWAYS_INLINE Sample* samples() const noexcept {
     return reinterpret_cast<Sample*>(word_ & ~kLogarithm);
   }
   [[nodiscard]] std::atomic<FrameId>* parents() const noexcept {
@@ -152,7 +152,7 @@ class Ring {
 // newest sample. "Latest" reads touch nothing else, which is what makes them
 // fast under contention: coherence traffic is the cost, not locking.
 struct alignas(128) Frame {
-  VersionLock version;
+  SeqLock version;
   SharedLock shared;  // two-phase locking only
   std::atomic<FrameId> parent;
   std::atomic<Ring> ring;

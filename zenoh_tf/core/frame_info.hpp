@@ -7,7 +7,7 @@
 #include <atomic>
 #include <cstdint>
 
-#include "commit_count.hpp"
+#include "counters.hpp"
 #include "frame.hpp"
 
 namespace ztf {

@@ -38,31 +38,31 @@ using FrameList = SmallVector<FrameId, 16>;
 // times over which both were true overlap.
 class WalkGuard {
  public:
-  ZTF_HOT bool enter(const Frame& frame, Version& version) const {
-    version = frame.version.unlocked();
+  ZTF_ALWAYS_INLINE bool read_version(const Frame& frame, Version& version) const {
+    version = frame.version.read_begin();
     return true;
   }
-  ZTF_HOT bool rest(const Step* steps, std::size_t n) const noexcept {
-    fault_point();
+  ZTF_ALWAYS_INLINE bool validate(const PathStep* steps, std::size_t n) const noexcept {
+    yield_point();
     Version differ = 0;
-    for (const Step* step = steps; step != steps + n; ++step)
+    for (const PathStep* step = steps; step != steps + n; ++step)
       differ |= step->frame->version.load() ^ step->version;
     return differ == 0;
   }
 };
 
 // What the guards of longer transactions have in common: the list of all reads.
-class ReadList {
+class RecordingGuard {
  public:
-  ReadList(const Frame* frames, ReadSet& reads) noexcept : frames_(frames), reads_(reads) {
+  RecordingGuard(const Frame* frames, ReadSet& reads) noexcept : frames_(frames), reads_(reads) {
     reads_.clear();
   }
-  bool rest(const Step* steps, std::size_t n) {
+  bool validate(const PathStep* steps, std::size_t n) {
     ReadVersion* const reads = reads_.append(n);
     for (std::size_t i = 0; i < n; ++i) reads[i] = {id_of(*steps[i].frame), steps[i].version};
     return true;
   }
-  [[nodiscard]] bool valid() const { return true; }
+  [[nodiscard]] bool validate_all() const { return true; }
 
  protected:
   [[nodiscard]] FrameId id_of(const Frame& frame) const noexcept {
@@ -72,15 +72,15 @@ class ReadList {
   ReadSet& reads_;
 };
 
-class OptimisticGuard : public ReadList {
+class OptimisticGuard : public RecordingGuard {
  public:
-  using ReadList::ReadList;
-  bool enter(const Frame& frame, Version& version) const {
-    version = frame.version.unlocked();
+  using RecordingGuard::RecordingGuard;
+  bool read_version(const Frame& frame, Version& version) const {
+    version = frame.version.read_begin();
     return true;
   }
-  [[nodiscard]] bool valid() const {
-    fault_point();
+  [[nodiscard]] bool validate_all() const {
+    yield_point();
     for (const ReadVersion& read : reads_)
       if (frames_[read.frame].version.load() != read.version) return false;
     return true;
@@ -91,23 +91,25 @@ class OptimisticGuard : public ReadList {
 // needed, as a writer does that does not write. Where an attempt needs another frame it reads
 // on, unprotected, to learn what else it needs, and starts over with more. Each
 // attempt adds a frame at least, and what is locked stands still, so it ends.
-class LockingGuard : public ReadList {
+class LockingGuard : public RecordingGuard {
  public:
   LockingGuard(Frame* frames, ReadSet& reads, SmallVector<FrameId, 64>& wanted)
-      : ReadList(frames, reads), frames_(frames), wanted_(wanted) {
+      : RecordingGuard(frames, reads), frames_(frames), wanted_(wanted) {
     std::sort(wanted_.begin(), wanted_.end());
     wanted_.set_size(
         static_cast<std::size_t>(std::unique(wanted_.begin(), wanted_.end()) - wanted_.begin()));
-    (void)held_.reserve(wanted_.size());  // before the first lock: a constructor that fails unlocks nothing
-    for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.own()});
+    (void)held_.reserve(
+        wanted_.size());  // before the first lock: a constructor that fails unlocks nothing
+    for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.lock_writer()});
   }
   ~LockingGuard() {
-    for (const ReadVersion& held : held_) frames_[held.frame].version.unlock_unchanged(held.version);
+    for (const ReadVersion& held : held_)
+      frames_[held.frame].version.unlock_unchanged(held.version);
   }
   LockingGuard(const LockingGuard&) = delete;
   LockingGuard& operator=(const LockingGuard&) = delete;
 
-  bool enter(const Frame& frame, Version& version) {
+  bool read_version(const Frame& frame, Version& version) {
     const FrameId id = id_of(frame);
     const auto at = std::lower_bound(held_.begin(), held_.end(), id,
                                      [](const ReadVersion& r, FrameId f) { return r.frame < f; });
@@ -120,7 +122,7 @@ class LockingGuard : public ReadList {
     }
     return true;
   }
-  [[nodiscard]] bool valid() const { return complete_; }
+  [[nodiscard]] bool validate_all() const { return complete_; }
 
  private:
   Frame* frames_;
@@ -133,17 +135,17 @@ class LockingGuard : public ReadList {
 // writer while it holds locks, because writers never wait while they hold any.
 // A frame that a starving writer wants is left alone for some attempts, unless
 // nothing else would ever be read.
-class SharedGuard : public ReadList {
+class SharedGuard : public RecordingGuard {
  public:
   SharedGuard(Frame* frames, ReadSet& reads, bool heed_wanted)
-      : ReadList(frames, reads), frames_(frames), heed_wanted_(heed_wanted) {}
+      : RecordingGuard(frames, reads), frames_(frames), heed_wanted_(heed_wanted) {}
   ~SharedGuard() {
     for (const FrameId id : held_) frames_[id].shared.unlock_shared();
   }
   SharedGuard(const SharedGuard&) = delete;
   SharedGuard& operator=(const SharedGuard&) = delete;
 
-  bool enter(const Frame& frame, Version& version) {
+  bool read_version(const Frame& frame, Version& version) {
     const FrameId id = id_of(frame);
     (void)held_.reserve(1);  // what is locked must be noted
     Backoff backoff;
@@ -151,7 +153,7 @@ class SharedGuard : public ReadList {
       switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {
         case SharedLock::Shared::taken:
           held_.push_back(id);
-          fault_point();
+          yield_point();
           version = frames_[id].version.load();
           return true;
         case SharedLock::Shared::wanted:
@@ -161,6 +163,7 @@ class SharedGuard : public ReadList {
       }
     }
   }
+
  private:
   Frame* frames_;
   SmallVector<FrameId, 64> held_;
@@ -168,10 +171,10 @@ class SharedGuard : public ReadList {
 };
 
 // For who holds the tree's one mutex.
-class GiantGuard : public ReadList {
+class GiantGuard : public RecordingGuard {
  public:
-  using ReadList::ReadList;
-  bool enter(const Frame& frame, Version& version) const {
+  using RecordingGuard::RecordingGuard;
+  bool read_version(const Frame& frame, Version& version) const {
     version = frame.version.load();
     return true;
   }
@@ -180,11 +183,11 @@ class GiantGuard : public ReadList {
 // Without protection: for links that are consistent each by itself.
 class NoGuard {
  public:
-  bool enter(const Frame&, Version& version) const {
+  bool read_version(const Frame&, Version& version) const {
     version = 0;
     return true;
   }
-  bool rest(const Step*, std::size_t) const { return true; }
+  bool validate(const PathStep*, std::size_t) const { return true; }
 };
 
 }  // namespace ztf

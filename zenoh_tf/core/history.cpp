@@ -6,7 +6,8 @@ namespace ztf {
 
 namespace {
 
-// Samples looked at beside a guess, before the next one: their loads overlap, those of guesses do not.
+// Samples looked at beside a guess, before the next one: their loads overlap, those of guesses do
+// not.
 constexpr std::uint32_t kNear = 8;
 constexpr int kGuesses = 12;
 
@@ -18,7 +19,8 @@ std::uint32_t find(Ring ring, std::uint32_t first, std::uint32_t high, double ra
   std::uint32_t low = 0, at = high;
   Stamp from = newest;
   for (int i = 0; high - low > 1; ++i) {
-    const double steps = from <= stamp ? distance(from, stamp) * rate : -distance(stamp, from) * rate;
+    const double steps =
+        from <= stamp ? distance(from, stamp) * rate : -distance(stamp, from) * rate;
     const double guess = i < kGuesses ? at + std::floor(steps) : low + (high - low) / 2;
     // In a collision with a writer the guess may be anything.
     at = !(guess > low) ? low + 1 : guess < high ? static_cast<std::uint32_t>(guess) : high - 1;
@@ -46,36 +48,36 @@ std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
 
 }  // namespace
 
-Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
-  using Kind = Place::Kind;
+LinkLookup search(const Frame& frame, Stamp stamp, SampleInterval& interval) noexcept {
+  using Status = LinkLookup::Status;
   const auto acquire = std::memory_order_acquire;
   const FrameId parent = frame.parent.load(acquire);
   const std::uint32_t count = frame.count.load(acquire);
-  const auto none = [&](Kind why) {
-    return at_newest(frame, why, why == Kind::root ? 0 : parent, stamp, bracket);
+  const auto none = [&](Status why) {
+    return newest_link(frame, why, why == Status::root ? 0 : parent, stamp, interval);
   };
-  if (count == 0) return none(Kind::root);
+  if (count == 0) return none(Status::root);
   const Stamp newest = frame.latest.stamp.load(acquire);
-  if (count == 1) return none(Kind::no_data);
-  if (stamp > newest) return none(Kind::forward);
+  if (count == 1) return none(Status::no_data);
+  if (stamp > newest) return none(Status::forward);
 
   const Ring ring = frame.ring.load(acquire);
   const std::uint32_t first = frame.first.load(acquire);
-  if (!ring) return none(Kind::no_data);  // only in a collision with a writer
+  if (!ring) return none(Status::no_data);  // only in a collision with a writer
   const Stamp oldest = ring.stamp(first);
-  if (stamp < oldest) return none(Kind::backward);
+  if (stamp < oldest) return none(Status::backward);
 
   const double kept = frame.samples_per_ns.load(acquire);
-  const double rate = kept > 0 ? kept : mean_rate(count, oldest, newest);
+  const double rate = kept > 0 ? kept : mean_sample_rate(count, oldest, newest);
   const std::uint32_t slot = first + find(ring, first, count - 1, rate, newest, stamp);
   const FrameId older = parent_at(frame, ring, slot);
   const FrameId newer = parent_at(frame, ring, slot + 1);
-  bracket = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
-  return {Kind::ok, older};
+  interval = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
+  return {Status::ok, older};
 }
 
-Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
-                         const HistoryLimits& limits) noexcept {
+InsertResult insert_out_of_order(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                                 const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
   const Ring ring = frame.ring.load(relaxed);
@@ -100,13 +102,13 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
     is_rewritten = true;
   } else {
     if (count == limits.max_samples) {
-      if (place == 0) return Inserted::refused;
+      if (place == 0) return InsertResult::rejected;
       if (!one_parent) changes -= changes_at(ring, first, count, 0);
       ++first;
       --count;
       --place;
       is_evicted = true;
-      count_one(frame.evicted);
+      increment(frame.evicted);
     }
     if (!one_parent && place > 0 && place < count)
       changes -= ring.parent(first + place - 1) != ring.parent(first + place);
@@ -131,8 +133,9 @@ Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
     oldest = ring.stamp(first);
   }
   frame.parent_changes.store(changes, release);
-  store_range(frame, first, count, oldest, changes == 0 ? mean_rate(count, oldest, newest) : 0);
-  return is_rewritten ? Inserted::rewritten : Inserted::added;
+  publish_range(frame, first, count, oldest,
+                changes == 0 ? mean_sample_rate(count, oldest, newest) : 0);
+  return is_rewritten ? InsertResult::replaced : InsertResult::added;
 }
 
 }  // namespace ztf

@@ -1,6 +1,6 @@
 // The samples of one frame over time: finding one, and putting one in.
 //
-// Thread safety: place_at() for any reader (frame.hpp); the writing functions
+// Thread safety: find_link() for any reader (frame.hpp); the writing functions
 // for who holds the frame.
 // Rules (tf2's, but for those marked *)
 // 1. A sample older than newest - cache is too old to be put in; one exactly
@@ -21,60 +21,64 @@ namespace ztf {
 
 // A time and the samples on both sides of it; where they are one and the same, that is the
 // answer. Always samples of the frame, in a collision with a writer whichever.
-struct Bracket {
+struct SampleInterval {
   const Sample* older;
   const Sample* newer;
   Stamp time;
 };
 
 // The parent that a frame has at a time, or why it has no sample then.
-struct Place {
-  enum class Kind : std::uint8_t { ok, root, no_data, backward, forward };
-  Kind kind;
+struct LinkLookup {
+  enum class Status : std::uint8_t { ok, root, no_data, backward, forward };
+  Status status;
   FrameId parent;
 };
 
-ZTF_HOT Place at_newest(const Frame& frame, Place::Kind kind, FrameId parent, Stamp time,
-                        Bracket& bracket) noexcept {
-  bracket.older = bracket.newer = &frame.latest;
-  bracket.time = time;
-  return {kind, parent};
+ZTF_ALWAYS_INLINE LinkLookup newest_link(const Frame& frame, LinkLookup::Status status,
+                                         FrameId parent, Stamp time,
+                                         SampleInterval& interval) noexcept {
+  interval.older = interval.newer = &frame.latest;
+  interval.time = time;
+  return {status, parent};
 }
 
 // From one stamp of a history to a later one. A history is shorter than the signed
 // range, which converts faster than the unsigned.
-ZTF_HOT double distance(Stamp from, Stamp to) noexcept {
+ZTF_ALWAYS_INLINE double distance(Stamp from, Stamp to) noexcept {
   return static_cast<double>(static_cast<Stamp>(span_ns(from, to)));
 }
 
-// A frame's samples as they mostly are: of one parent, and at regular times. Then a time's neighbours
-// stand where its distance from the newest says.
-class Regular {
+// A frame's samples as they mostly are: of one parent, and at regular times. Then a time's
+// neighbours stand where its distance from the newest says.
+class UniformHistory {
  public:
   // The rate first: whoever sees one, sees a ring (frame.hpp).
-  ZTF_HOT explicit Regular(const Frame& frame) noexcept
+  ZTF_ALWAYS_INLINE explicit UniformHistory(const Frame& frame) noexcept
       : rate_(frame.samples_per_ns.load(std::memory_order_acquire)),
         newest_(frame.latest.stamp.load(std::memory_order_acquire)),
         oldest_(frame.oldest_stamp.load(std::memory_order_acquire)),
         ring_(frame.ring.load(std::memory_order_acquire)),
-        end_(frame.first.load(std::memory_order_acquire) + frame.count.load(std::memory_order_acquire)) {}
+        end_(frame.first.load(std::memory_order_acquire) +
+             frame.count.load(std::memory_order_acquire)) {}
 
   [[nodiscard]] Ring ring() const noexcept { return ring_; }
   [[nodiscard]] Stamp newest() const noexcept { return newest_; }
   // Whether there are samples on both sides of all times between two.
-  ZTF_HOT bool spans(Stamp earliest, Stamp latest) const noexcept {
+  ZTF_ALWAYS_INLINE bool spans(Stamp earliest, Stamp latest) const noexcept {
     return rate_ > 0 && oldest_ <= earliest && latest < newest_;
   }
 
   // Those of a time that it spans; false: they stand elsewhere. Into a reference: who copies what
   // was stored in parts just before, waits.
-  ZTF_HOT bool find(Stamp time, Bracket& found) const noexcept {
+  ZTF_ALWAYS_INLINE bool find(Stamp time, SampleInterval& found) const noexcept {
     const auto back = static_cast<std::int64_t>(distance(time, newest_) * rate_);
     const std::uint32_t slot = end_ - 2 - static_cast<std::uint32_t>(back);
     const Sample& older = ring_.sample(slot);
     const Sample& newer = ring_.sample(slot + 1);
-    if (older.stamp.load(std::memory_order_acquire) > time) [[unlikely]] return false;
-    if (newer.stamp.load(std::memory_order_acquire) <= time) [[unlikely]] return false;
+    if (older.stamp.load(std::memory_order_acquire) > time) [[unlikely]]
+      return false;
+    if (newer.stamp.load(std::memory_order_acquire) <= time) [[unlikely]]
+      return false;
     found.older = &older;
     found.newer = &newer;
     found.time = time;
@@ -89,19 +93,22 @@ class Regular {
 };
 
 // Wherever the samples are, or why there are none.
-Place search(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept;
+LinkLookup search(const Frame& frame, Stamp stamp, SampleInterval& interval) noexcept;
 
-ZTF_HOT Place place_at(const Frame& frame, Stamp stamp, Bracket& bracket) noexcept {
+ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp stamp,
+                                       SampleInterval& interval) noexcept {
   const FrameId parent = frame.parent.load(std::memory_order_acquire);
-  const Regular regular(frame);
-  if (!regular.spans(stamp, stamp)) [[unlikely]] {
+  const UniformHistory history(frame);
+  if (!history.spans(stamp, stamp)) [[unlikely]] {
     if (frame.latest.stamp.load(std::memory_order_acquire) != stamp &&
         !frame.is_static.load(std::memory_order_acquire))
-      return search(frame, stamp, bracket);
-    return at_newest(frame, parent == 0 ? Place::Kind::root : Place::Kind::ok, parent, stamp, bracket);
+      return search(frame, stamp, interval);
+    return newest_link(frame, parent == 0 ? LinkLookup::Status::root : LinkLookup::Status::ok,
+                       parent, stamp, interval);
   }
-  if (!regular.find(stamp, bracket)) [[unlikely]] return search(frame, stamp, bracket);
-  return {Place::Kind::ok, parent};
+  if (!history.find(stamp, interval)) [[unlikely]]
+    return search(frame, stamp, interval);
+  return {LinkLookup::Status::ok, parent};
 }
 
 // The parent of the sample at an index of the ring.
@@ -133,10 +140,10 @@ inline bool too_old(Stamp stamp, Stamp newest, std::uint64_t cache_ns) noexcept 
   return stamp < newest && span_ns(stamp, newest) > cache_ns;
 }
 
-enum class Inserted : std::uint8_t {
+enum class InsertResult : std::uint8_t {
   added,
-  rewritten,  // a sample of the same stamp was replaced
-  refused,    // the frame is full of newer samples
+  replaced,  // a sample of the same stamp was replaced
+  rejected,  // the frame is full of newer samples
 };
 
 inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
@@ -146,7 +153,7 @@ inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
 }
 
 // Leaves the frame without samples and without a parent.
-inline void forget(Frame& frame) noexcept {
+inline void clear_history(Frame& frame) noexcept {
   frame.is_static.store(false, std::memory_order_release);
   frame.samples_per_ns.store(0, std::memory_order_release);
   frame.count.store(0, std::memory_order_release);
@@ -163,12 +170,13 @@ inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
 // Makes room for `extra` more samples, so that insert() needs none. The only
 // step of a write that can fail (bad_alloc); it changes nothing a reader sees.
 inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
-                    RingMemory& memory) {
+                    RingArena& memory) {
   const auto relaxed = std::memory_order_relaxed;
   const Ring ring = frame.ring.load(relaxed);
   const std::uint32_t first = frame.first.load(relaxed);
   const std::uint32_t count = frame.count.load(relaxed);
-  const std::uint64_t wanted = std::min<std::uint64_t>(std::uint64_t{count} + extra, limits.max_samples);
+  const std::uint64_t wanted =
+      std::min<std::uint64_t>(std::uint64_t{count} + extra, limits.max_samples);
   if (ring && ring.capacity() >= wanted) return;
   std::uint32_t capacity = ring ? ring.capacity() : 4;
   while (capacity < wanted) capacity *= 2;
@@ -189,28 +197,29 @@ inline void prefetch_for_write(const Frame& frame) noexcept {
 
 // A little less than it is: a time that is a sample's is not taken for one before it. Below 1,
 // for stamps differ; so what is computed from it fits, in a collision too.
-inline double mean_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcept {
+inline double mean_sample_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcept {
   return count < 2 ? 0 : (count - 1 - 1e-9) / distance(oldest, newest);
 }
 
 // For who holds the frame: a locked add would wait for all the stores before it.
-inline void count_one(std::atomic<std::uint32_t>& counter) noexcept {
+inline void increment(std::atomic<std::uint32_t>& counter) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
 }
 
 // Whether the usual insert will do: of a sample that is newer than all, and of the same parent, and
 // for which there is room, be it by eviction.
-inline bool appends(const Frame& frame, Stamp stamp, FrameId parent, const HistoryLimits& limits) noexcept {
+inline bool is_append(const Frame& frame, Stamp stamp, FrameId parent,
+                      const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const std::uint32_t count = frame.count.load(relaxed);
-  return count > 0 && frame.latest.stamp.load(relaxed) < stamp && frame.parent.load(relaxed) == parent &&
-         frame.parent_changes.load(relaxed) == 0 &&
+  return count > 0 && frame.latest.stamp.load(relaxed) < stamp &&
+         frame.parent.load(relaxed) == parent && frame.parent_changes.load(relaxed) == 0 &&
          (count < frame.ring.load(relaxed).capacity() || count == limits.max_samples);
 }
 
 // Which of the ring's samples are the frame's. The last stores of an insert.
-inline void store_range(Frame& frame, std::uint32_t first, std::uint32_t count, Stamp oldest,
-                        double samples_per_ns) noexcept {
+inline void publish_range(Frame& frame, std::uint32_t first, std::uint32_t count, Stamp oldest,
+                          double samples_per_ns) noexcept {
   const auto release = std::memory_order_release;
   frame.oldest_stamp.store(oldest, release);
   frame.samples_per_ns.store(samples_per_ns, release);
@@ -219,14 +228,15 @@ inline void store_range(Frame& frame, std::uint32_t first, std::uint32_t count, 
 }
 
 // That insert.
-inline void append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLimits& limits) noexcept {
+inline void append(Frame& frame, Stamp stamp, const Pose& pose,
+                   const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;  // the writer's own words
   const auto release = std::memory_order_release;
   const Ring ring = frame.ring.load(relaxed);
   std::uint32_t first = frame.first.load(relaxed);
   std::uint32_t count = frame.count.load(relaxed);
   Stamp oldest = frame.oldest_stamp.load(relaxed);
-  if (count == limits.max_samples) count_one(frame.evicted);
+  if (count == limits.max_samples) increment(frame.evicted);
   ring.store(first + count, stamp, pose);
   frame.latest.stamp.store(stamp, release);
   frame.latest.pose.store(pose);
@@ -236,18 +246,19 @@ inline void append(Frame& frame, Stamp stamp, const Pose& pose, const HistoryLim
     --count;
     oldest = ring.stamp(first);
   }
-  store_range(frame, first, count, oldest, mean_rate(count, oldest, stamp));
+  publish_range(frame, first, count, oldest, mean_sample_rate(count, oldest, stamp));
 }
 
-Inserted insert_anywhere(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
-                         const HistoryLimits& limits) noexcept;
+InsertResult insert_out_of_order(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                                 const HistoryLimits& limits) noexcept;
 
 // Puts a sample in that is not too old, after reserve().
-inline Inserted insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
-                       const HistoryLimits& limits) noexcept {
-  if (!appends(frame, stamp, parent, limits)) return insert_anywhere(frame, stamp, parent, pose, limits);
+inline InsertResult insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                           const HistoryLimits& limits) noexcept {
+  if (!is_append(frame, stamp, parent, limits))
+    return insert_out_of_order(frame, stamp, parent, pose, limits);
   append(frame, stamp, pose, limits);
-  return Inserted::added;
+  return InsertResult::added;
 }
 
 }  // namespace ztf

@@ -1,9 +1,10 @@
 // The hash of names, and their comparison.
 //
 // Thread safety: constant once made.
-// Words of the name are multiplied, and both halves of the product folded into one (as wyhash does):
-// a few cycles for the usual name, where the standard library's hash takes a call. What they are
-// mixed with is random, of each table its own: nobody can prepare names that all land in one place.
+// Words of the name are multiplied, and both halves of the product folded into one (as wyhash
+// does): a few cycles for the usual name, where the standard library's hash takes a call. What they
+// are mixed with is random, of each table its own: nobody can prepare names that all land in one
+// place.
 #pragma once
 
 #include <cstdint>
@@ -16,14 +17,14 @@
 namespace ztf {
 
 template <class Word>
-ZTF_HOT Word word_at(const char* text) noexcept {
+ZTF_ALWAYS_INLINE Word word_at(const char* text) noexcept {
   Word word;
   std::memcpy(&word, text, sizeof word);
   return word;
 }
 
 // What == says, for the short texts that names are: a call of memcmp() takes longer.
-ZTF_HOT bool same_name(std::string_view a, std::string_view b) noexcept {
+ZTF_ALWAYS_INLINE bool same_name(std::string_view a, std::string_view b) noexcept {
   if (a.size() != b.size()) return false;
   std::size_t left = a.size();
   const char *p = a.data(), *q = b.data();
@@ -42,7 +43,7 @@ class NameHash {
  public:
   NameHash() : NameHash(std::random_device()) {}
 
-  [[nodiscard]] ZTF_HOT std::uint64_t operator()(std::string_view name) const noexcept {
+  [[nodiscard]] ZTF_ALWAYS_INLINE std::uint64_t operator()(std::string_view name) const noexcept {
     const char* at = name.data();
     std::size_t left = name.size();
     std::uint64_t hash = seed_ ^ (left * mix_);
@@ -61,7 +62,8 @@ class NameHash {
   }
 
  private:
-  explicit NameHash(std::random_device&& random) : seed_(random64(random)), mix_(random64(random)) {}
+  explicit NameHash(std::random_device&& random)
+      : seed_(random64(random)), mix_(random64(random)) {}
   static std::uint64_t random64(std::random_device& random) {
     return std::uint64_t{random()} << 32 | random();
   }

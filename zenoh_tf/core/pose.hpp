@@ -9,23 +9,23 @@
 #include <cmath>
 
 // For the few functions whose calls would cost as much as their work.
-#define ZTF_HOT [[gnu::always_inline]] inline
+#define ZTF_ALWAYS_INLINE [[gnu::always_inline]] inline
 
 // For functions in which arithmetic is most of the work: compiled a second time for processors
 // with fused multiply-add and wide vectors, and chosen when the program is loaded.
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
-#define ZTF_CLONES __attribute__((target_clones("default", "arch=x86-64-v3")))
+#define ZTF_MULTIVERSION __attribute__((target_clones("default", "arch=x86-64-v3")))
 #else
-#define ZTF_CLONES
+#define ZTF_MULTIVERSION
 #endif
 
 namespace ztf {
 
-// Of doubles; or of several in each component, for as many poses at once (quad.hpp).
+// Of doubles; or of several in each component, for as many poses at once (pose4.hpp).
 template <class T>
 struct PoseOf {
-  T x = {}, y = {}, z = {};                      // translation, metres
+  T x = {}, y = {}, z = {};                     // translation, metres
   T qx = {}, qy = {}, qz = {}, qw = T{} + 1.0;  // rotation
 };
 using Pose = PoseOf<double>;
@@ -38,7 +38,8 @@ using Vec3 = Vec3Of<double>;
 
 // By how much the pose's rotation moves v, added to `to`: w u + q x u, with u = 2 q x v.
 template <class T>
-ZTF_HOT Vec3Of<T> add_turn(const PoseOf<T>& p, const Vec3Of<T>& v, const Vec3Of<T>& to) noexcept {
+ZTF_ALWAYS_INLINE Vec3Of<T> add_turn(const PoseOf<T>& p, const Vec3Of<T>& v,
+                                     const Vec3Of<T>& to) noexcept {
   const T x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz;
   const T ux = y2 * v.z - z2 * v.y;
   const T uy = z2 * v.x - x2 * v.z;
@@ -50,14 +51,14 @@ ZTF_HOT Vec3Of<T> add_turn(const PoseOf<T>& p, const Vec3Of<T>& v, const Vec3Of<
 
 // Rotates v by the pose's rotation.
 template <class T>
-ZTF_HOT Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcept {
+ZTF_ALWAYS_INLINE Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcept {
   const Vec3Of<T> v{vx, vy, vz};
   return add_turn(p, v, v);
 }
 
 // X_ac = X_ab * X_bc. Sums from left to right: so fused instructions make them without a rest.
 template <class T>
-ZTF_HOT PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
+ZTF_ALWAYS_INLINE PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
   const Vec3Of<T> v{bc.x, bc.y, bc.z};
   const Vec3Of<T> t = add_turn(ab, v, {ab.x + bc.x, ab.y + bc.y, ab.z + bc.z});
   return {t.x,
@@ -71,7 +72,7 @@ ZTF_HOT PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
 
 // X_ba from X_ab, for a unit rotation.
 template <class T>
-ZTF_HOT PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
+ZTF_ALWAYS_INLINE PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
   PoseOf<T> ba{{}, {}, {}, -ab.qx, -ab.qy, -ab.qz, ab.qw};
   const Vec3Of<T> t = rotate(ba, -ab.x, -ab.y, -ab.z);
   ba.x = t.x;
@@ -85,7 +86,7 @@ namespace detail {
 // sin(a * h) / sin(h) for 0 <= a <= 1 and h2 = h * h <= 0.002, by its series in
 // h2; truncation below 1e-14. In short chains: who interpolates waits for them.
 template <class T>
-ZTF_HOT T sine_ratio(T a, T h2) noexcept {
+ZTF_ALWAYS_INLINE T sine_ratio(T a, T h2) noexcept {
   const T b = a * a;
   const T scale = a * (1.0 - b);
   const T first = scale * (1.0 / 6);
@@ -98,7 +99,7 @@ ZTF_HOT T sine_ratio(T a, T h2) noexcept {
 // quaternions' weights, without trigonometry.
 constexpr double kClose = 0.001;
 template <class T>
-ZTF_HOT void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
+ZTF_ALWAYS_INLINE void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
   // The square of the half angle from its cosine: 2 r + r^2/3 + 4 r^3/45 + ...
   const T h2 = (rest + rest) + (rest * rest) * (1.0 / 3 + rest * (4.0 / 45));
   wa = sine_ratio(1.0 - ratio, h2);

@@ -9,17 +9,17 @@
 #include <algorithm>
 #include <vector>
 
-#include "sample.hpp"
+#include "sample_block.hpp"
 
 namespace ztf {
 
-inline Code code_of(Place::Kind kind) noexcept {
-  switch (kind) {
-    case Place::Kind::no_data:
+inline Code code_of(LinkLookup::Status status) noexcept {
+  switch (status) {
+    case LinkLookup::Status::no_data:
       return Code::no_data;
-    case Place::Kind::backward:
+    case LinkLookup::Status::backward:
       return Code::backward;
-    case Place::Kind::forward:
+    case LinkLookup::Status::forward:
       return Code::forward;
     default:
       return Code::extrapolation;
@@ -36,20 +36,17 @@ template <class Guard>
 class Reader {
  public:
   Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth,
-         const std::atomic<bool>& parents_changed)
-      : frames_(frames),
-        guard_(guard),
-        max_depth_(max_depth),
-        parents_changed_(parents_changed) {}
+         const std::atomic<bool>& ever_reparented)
+      : frames_(frames), guard_(guard), max_depth_(max_depth), ever_reparented_(ever_reparented) {}
 
-  ZTF_HOT bool answer(const Query& q, Answer& a) {
+  ZTF_ALWAYS_INLINE bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;
     if (q.target == 0 || q.source == 0) [[unlikely]]
       if (q.op != Op::full) return unknown(q.target, q.source, a);
     switch (q.op) {
       case Op::at:
         return at(q.target, q.source, q.stamp, a);
-      case Op::common:
+      case Op::latest_common:
         return common(q.target, q.source, a);
       case Op::latest:
       case Op::latest_xact:
@@ -74,12 +71,12 @@ class Reader {
     const auto list = [&](const Chain& chain) {
       const auto add = [&](const Frame* frame) { out.push_back(id_of(frame)); };
       for (std::size_t i = 0; i < chain.target.links; ++i) add(chain.target.steps[i].frame);
-      add(chain.meeting);
+      add(chain.common_ancestor);
       for (std::size_t i = chain.source.links; i-- > 0;) add(chain.source.steps[i].frame);
       return true;
     };
-    return q.stamp == kNoStamp ? between(q.target, q.source, NewestLink{}, kNoStamp, a, list)
-                               : between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, list);
+    return q.stamp == kNoStamp ? between(q.target, q.source, SelectLatest{}, kNoStamp, a, list)
+                               : between(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
   }
 
   // A block of times in one go. Where the first has no answer, only that is said.
@@ -87,22 +84,22 @@ class Reader {
     const Query& q = block.first();
     Answer& a = block.first_answer();
     a.failure.code = Code::ok;
-    return between(q.target, q.source, LinkAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
-      if (is_only_way())
+    return between(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
+      if (never_reparented())
         block.answer(chain);
       else
-        block.leave_out();
+        block.leave_unanswered();
       return true;
     });
   }
 
   // The newest of every link, each link consistent by itself and nothing more.
-  ZTF_HOT bool latest_each(FrameId target, FrameId source, Answer& a) {
-    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+  ZTF_ALWAYS_INLINE bool latest_each(FrameId target, FrameId source, Answer& a) {
+    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       StampRange stamps;
       Pose from_source, from_target;
-      if (!compose_each(chain.source, chain.meeting, stamps, from_source) ||
-          !compose_each(chain.target, chain.meeting, stamps, from_target))
+      if (!compose_each(chain.source, chain.common_ancestor, stamps, from_source) ||
+          !compose_each(chain.target, chain.common_ancestor, stamps, from_target))
         return false;
       a.pose = chain.target.links == 0 ? from_source : inverse(from_target) * from_source;
       give_range(stamps, a);
@@ -120,8 +117,8 @@ class Reader {
   // the meeting point. Not as long as all links have always led where the newest ones lead, which
   // are a forest. The commit that ends this changes all frames, so what follows from it stands and
   // falls with the frames of the chain.
-  [[nodiscard]] bool is_only_way() const noexcept {
-    return !parents_changed_.load(std::memory_order_seq_cst);
+  [[nodiscard]] bool never_reparented() const noexcept {
+    return !ever_reparented_.load(std::memory_order_seq_cst);
   }
 
   static bool unknown(FrameId target, FrameId source, Answer& a) {
@@ -131,76 +128,76 @@ class Reader {
 
   // Finds the links between two frames and hands them to body(chain), or
   // explains in `a` why there are none. Then says whether what was read rests.
-  template <class LinkOf, class Body>
-  ZTF_HOT bool between(FrameId target, FrameId source, LinkOf link_of, Stamp stamp, Answer& a,
-                       Body body) {
-    Way way(frames_ + source);
+  template <class LinkSelector, class Body>
+  ZTF_ALWAYS_INLINE bool between(FrameId target, FrameId source, LinkSelector select, Stamp stamp,
+                                 Answer& a, Body body) {
+    AncestorPath path(frames_ + source);
     // Mostly the target is above the source, and near.
-    switch (walker(link_of).climb(way, 16, frames_ + target)) {
-      case Climbed::arrived: {
-        Step* const steps = way.steps.begin();
-        const std::size_t links = way.steps.size();
-        return body(Chain{{steps, links}, {nullptr, 0}, way.top}) && guard_.rest(steps, links);
+    switch (walker(select).extend(path, 16, frames_ + target)) {
+      case WalkResult::reached: {
+        PathStep* const steps = path.steps.begin();
+        const std::size_t links = path.steps.size();
+        return body(Chain{{steps, links}, {nullptr, 0}, path.top}) && guard_.validate(steps, links);
       }
-      case Climbed::restart:
+      case WalkResult::retry:
         return false;
-      case Climbed::no:
+      case WalkResult::exhausted:
         break;
     }
-    return between_two_ways(way, target, link_of, stamp, a, body);
+    return between_two_ways(path, target, select, stamp, a, body);
   }
 
-  template <class LinkOf, class Body>
-  [[gnu::noinline]] bool between_two_ways(Way& from_source, FrameId target, LinkOf link_of,
-                                          Stamp stamp, Answer& a, Body body) {
-    Way from_target(frames_ + target);
+  template <class LinkSelector, class Body>
+  [[gnu::noinline]] bool between_two_ways(AncestorPath& from_source, FrameId target,
+                                          LinkSelector select, Stamp stamp, Answer& a, Body body) {
+    AncestorPath from_target(frames_ + target);
     Chain chain;
-    switch (walker(link_of).meet(from_source, from_target, chain)) {
-      case Climbed::arrived:
-        if (!LinkOf::is_forest && !is_only_way())
-          return body(chain) && rest(from_source, from_target);
-        return body(chain) && guard_.rest(chain.source.steps, chain.source.links) &&
-               guard_.rest(chain.target.steps, chain.target.links);
-      case Climbed::restart:
+    switch (walker(select).find_common_ancestor(from_source, from_target, chain)) {
+      case WalkResult::reached:
+        if (!LinkSelector::is_forest && !never_reparented())
+          return body(chain) && validate(from_source, from_target);
+        return body(chain) && guard_.validate(chain.source.steps, chain.source.links) &&
+               guard_.validate(chain.target.steps, chain.target.links);
+      case WalkResult::retry:
         return false;
-      case Climbed::no:
+      case WalkResult::exhausted:
         break;
     }
-    explain(from_target, from_source, stamp, a);
-    return rest(from_source, from_target);
+    report_failure(from_target, from_source, stamp, a);
+    return validate(from_source, from_target);
   }
 
   // On all of two ways: no link, or no meeting, or no other meeting.
-  bool rest(const Way& from_source, const Way& from_target) {
-    for (const Way* way : {&from_source, &from_target}) {
-      if (!guard_.rest(way->steps.begin(), way->steps.size())) return false;
-      const Step top{way->top, way->top_version, {}};
-      if (way->end != Way::End::open && !guard_.rest(&top, 1)) return false;
+  bool validate(const AncestorPath& from_source, const AncestorPath& from_target) {
+    for (const AncestorPath* path : {&from_source, &from_target}) {
+      if (!guard_.validate(path->steps.begin(), path->steps.size())) return false;
+      const PathStep top{path->top, path->top_version, {}};
+      if (path->end != AncestorPath::End::open && !guard_.validate(&top, 1)) return false;
     }
     return true;
   }
 
-  template <class LinkOf>
-  ZTF_HOT Walker<Guard, LinkOf> walker(LinkOf link_of) {
-    return {frames_, guard_, link_of, max_depth_};
+  template <class LinkSelector>
+  ZTF_ALWAYS_INLINE Walker<Guard, LinkSelector> walker(LinkSelector select) {
+    return {frames_, guard_, select, max_depth_};
   }
 
   // The usual lookup of newest samples in one loop, in half the time: the target
   // is above the source, and near. `one_stamp`: and all samples are of one stamp,
   // which then is the latest common time. False: it is not so, nothing is said.
   template <bool one_stamp>
-  ZTF_HOT bool ascend(FrameId target, FrameId source, Answer& a) {
+  ZTF_ALWAYS_INLINE bool ascend(FrameId target, FrameId source, Answer& a) {
     constexpr std::size_t kNear = 16;
-    Step steps[kNear];  // only what rest() asks for
-    const Step* const last = steps + std::min<std::size_t>(kNear, max_depth_) - 1;
-    Step* step = steps;
+    PathStep steps[kNear];  // only what rest() asks for
+    const PathStep* const last = steps + std::min<std::size_t>(kNear, max_depth_) - 1;
+    PathStep* step = steps;
     StampRange stamps;
     Stamp stamp = kNoStamp;
     const Frame* const goal = frames_ + target;
     const Frame* frame = frames_ + source;
     // One link up; false: not the usual.
-    const auto climb = [&]() __attribute__((always_inline)) {
-      if (!guard_.enter(*frame, step->version)) return false;
+    const auto extend = [&]() __attribute__((always_inline)) {
+      if (!guard_.read_version(*frame, step->version)) return false;
       step->frame = frame;
       const auto acquire = std::memory_order_acquire;
       const FrameId parent = frame->parent.load(acquire);
@@ -217,13 +214,13 @@ class Reader {
       frame = frames_ + parent;
       return true;
     };
-    if (!climb()) return false;
+    if (!extend()) return false;
     Pose pose = steps[0].frame->latest.pose.load();
     while (frame != goal) {
       if (step == last) return false;
       ++step;
       const Frame* const top = frame;
-      if (!climb()) return false;
+      if (!extend()) return false;
       pose = top->latest.pose.load() * pose;
     }
     a.pose = pose;
@@ -231,30 +228,29 @@ class Reader {
       a.stamp = stamp == kNoStamp ? 0 : stamp;
     else
       give_range(stamps, a);
-    return guard_.rest(steps, static_cast<std::size_t>(step - steps) + 1);
+    return guard_.validate(steps, static_cast<std::size_t>(step - steps) + 1);
   }
 
-  ZTF_HOT bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+  ZTF_ALWAYS_INLINE bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
     a.stamp = stamp;
     a.pose = Pose{};
     if (target == source) return true;
-    return between(target, source, LinkAt{stamp}, stamp, a, [&](const Chain& chain) {
+    return between(target, source, SelectAt{stamp}, stamp, a, [&](const Chain& chain) {
       join(chain, a.pose);
       return true;
     });
   }
 
-  ZTF_HOT bool common(FrameId target, FrameId source, Answer& a) {
-    if (target == source) return itself(target, 0, a);
+  ZTF_ALWAYS_INLINE bool common(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return lookup_self(target, 0, a);
     if (ascend<true>(target, source, a)) return true;
-    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       const StampRange stamps(chain);
       const Stamp oldest = stamps.oldest();
       a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
       // Mostly the links at that time are the newest ones.
-      if (is_only_way() &&
-          (oldest == stamps.newest() ||
-           (go_back(chain.source, a.stamp) && go_back(chain.target, a.stamp)))) {
+      if (never_reparented() && (oldest == stamps.newest() || (go_back(chain.source, a.stamp) &&
+                                                               go_back(chain.target, a.stamp)))) {
         join(chain, a.pose);
         return true;
       }
@@ -263,36 +259,38 @@ class Reader {
   }
 
   // Moves the steps of a newest way to a time; false where one of the links has no sample. They
-  // lead the same way then (is_only_way()).
-  static bool go_back(const Side& side, Stamp stamp) noexcept {
+  // lead the same way then (never_reparented()).
+  static bool go_back(const PathSegment& side, Stamp stamp) noexcept {
     for (std::size_t i = 0; i < side.links; ++i) {
-      Step& step = side.steps[i];
-      if (step.bracket.time == stamp || step.bracket.time == kNoStamp) continue;
-      if (place_at(*step.frame, stamp, step.bracket).kind != Place::Kind::ok) return false;
+      PathStep& step = side.steps[i];
+      if (step.interval.time == stamp || step.interval.time == kNoStamp) continue;
+      if (find_link(*step.frame, stamp, step.interval).status != LinkLookup::Status::ok)
+        return false;
     }
     return true;
   }
 
-  ZTF_HOT bool latest(FrameId target, FrameId source, Answer& a) {
-    if (target == source) return itself(target, 0, a);
+  ZTF_ALWAYS_INLINE bool latest(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return lookup_self(target, 0, a);
     if (ascend<false>(target, source, a)) return true;
-    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       give_range(StampRange(chain), a);
       join(chain, a.pose);
       return true;
     });
   }
 
-  ZTF_HOT bool compose_each(const Side& side, const Frame* meeting, StampRange& stamps, Pose& pose) const {
+  ZTF_ALWAYS_INLINE bool compose_each(const PathSegment& side, const Frame* common_ancestor,
+                                      StampRange& stamps, Pose& pose) const {
     for (std::size_t i = 0; i < side.links; ++i) {
       const Frame& frame = *side.steps[i].frame;
       for (;;) {
-        const Version version = frame.version.unlocked();
-        const Newest link(frame);
+        const Version version = frame.version.read_begin();
+        const LatestLink link(frame);
         const Pose newest = frame.latest.pose.load();
-        fault_point();
+        yield_point();
         if (frame.version.load() != version) continue;
-        if (frames_ + link.parent != side.frame_above(i + 1, meeting)) return false;
+        if (frames_ + link.parent != side.frame_above(i + 1, common_ancestor)) return false;
         stamps.include(link.stamp);
         pose = newest * pose;
         break;
@@ -303,8 +301,8 @@ class Reader {
 
   bool common_time(FrameId target, FrameId source, Answer& a) {
     a.pose = Pose{};
-    if (target == source) return itself(target, kNoStamp, a);
-    return between(target, source, NewestLink{}, kNoStamp, a, [&](const Chain& chain) {
+    if (target == source) return lookup_self(target, kNoStamp, a);
+    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       a.stamp = StampRange(chain).oldest();
       return true;
     });
@@ -328,21 +326,21 @@ class Reader {
   }
 
   // A frame in itself: the identity, as of its own newest sample, if it has one.
-  bool itself(FrameId id, Stamp timeless_stamp, Answer& a) {
+  bool lookup_self(FrameId id, Stamp timeless_stamp, Answer& a) {
     const Frame& frame = frames_[id];
     Version version;
-    if (!guard_.enter(frame, version)) return false;
-    const Newest link(frame);
+    if (!guard_.read_version(frame, version)) return false;
+    const LatestLink link(frame);
     const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
     a.stamp = a.newest = timeless ? timeless_stamp : link.stamp;
     a.pose = Pose{};
-    const Step step{&frame, version, {}};
-    return guard_.rest(&step, 1);
+    const PathStep step{&frame, version, {}};
+    return guard_.validate(&step, 1);
   }
 
   // X_target_source = inverse(X_meeting_target) * X_meeting_source
-  ZTF_HOT void join(const Chain& chain, Pose& pose) const noexcept {
-    const auto [source, target, meeting] = chain;
+  ZTF_ALWAYS_INLINE void join(const Chain& chain, Pose& pose) const noexcept {
+    const auto [source, target, common_ancestor] = chain;
     if (source.links != 0) compose(source.steps, source.links, pose);
     if (target.links == 0) return;
     Pose from_target;
@@ -351,24 +349,25 @@ class Reader {
   }
 
   // Two ways that did not meet: tf2's order of blame.
-  void explain(const Way& from_target, const Way& from_source, Stamp stamp, Answer& a) const {
+  void report_failure(const AncestorPath& from_target, const AncestorPath& from_source, Stamp stamp,
+                      Answer& a) const {
     a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
     a.failure.stamp = stamp;
     a.failure.target_root = id_of(from_target.top);
     a.failure.source_root = id_of(from_source.top);
-    for (const Way* way : {&from_source, &from_target})
-      if (way->end == Way::End::too_deep) {
+    for (const AncestorPath* path : {&from_source, &from_target})
+      if (path->end == AncestorPath::End::too_deep) {
         a.failure.code = Code::lookup;
-        a.failure.frame = id_of(way->top);
+        a.failure.frame = id_of(path->top);
         return;
       }
-    for (const Way* way : {&from_target, &from_source})
-      if (way->end == Way::End::broken) {
-        const Frame& frame = *way->top;
-        a.failure.code = code_of(way->why);
-        a.failure.frame = id_of(way->top);
+    for (const AncestorPath* path : {&from_target, &from_source})
+      if (path->end == AncestorPath::End::no_sample) {
+        const Frame& frame = *path->top;
+        a.failure.code = code_of(path->failure);
+        a.failure.frame = id_of(path->top);
         // The link as of the end of time that was overstepped.
-        a.failure.parent = way->why == Place::Kind::backward
+        a.failure.parent = path->failure == LinkLookup::Status::backward
                                ? oldest_parent(frame)
                                : frame.parent.load(std::memory_order_acquire);
         a.failure.oldest = oldest_stamp(frame);
@@ -380,7 +379,7 @@ class Reader {
   const Frame* frames_;
   Guard& guard_;
   const std::uint32_t max_depth_;
-  const std::atomic<bool>& parents_changed_;
+  const std::atomic<bool>& ever_reparented_;
 };
 
 }  // namespace ztf

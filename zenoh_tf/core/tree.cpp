@@ -21,21 +21,20 @@ void Tree::list_frames(FrameList& all) const {
   for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
 }
 
-void Tree::drop_samples(const FrameList& frames, bool keep_static,
-                        FrameList& dropped) noexcept {
+void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept {
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
     if (!has_data || (keep_static && frame.is_static.load(std::memory_order_relaxed))) continue;
-    forget(frame);
+    clear_history(frame);
     dropped.push_back(id);
   }
 }
 
-void Tree::wake_waiters_of(const FrameList& changed) const {
-  if (room_.size() == 0) return;
+void Tree::notify_waiters_of(const FrameList& changed) const {
+  if (wait_list_.size() == 0) return;
   for (const FrameId frame : changed)
-    if (is_waited_for(frame)) room_.changed(frame, WaitingRoom::Change::other);
+    if (has_waiters(frame)) wait_list_.notify_frame(frame, WaitList::Change::other);
 }
 
 void Tree::clear(bool keep_static) {
@@ -47,12 +46,12 @@ void Tree::clear(bool keep_static) {
     list_frames(all);
     (void)dropped.reserve(all.size());  // halfway nothing may fail
     WriteLocks locks(*this, all);
-    locks.hold_readers_off();
+    locks.begin_write();
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
   }
   count_.add();
-  wake_waiters_of(dropped);
+  notify_waiters_of(dropped);
 }
 
 void Tree::remove_frame(std::string_view name, bool subtree) {
@@ -66,9 +65,9 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
     const std::lock_guard topology(topology_);  // the newest parents stand still
     const FrameId id = names_.find(name);
     if (id == 0)
-      throw Refused{.code = Code::lookup,
-                    .message = "frame " + quoted(name) + " does not exist",
-                    .frame = std::string(name)};
+      throw Rejected{.code = Code::lookup,
+                     .message = "frame " + quoted(name) + " does not exist",
+                     .frame = std::string(name)};
     gone.push_back(id);
     const auto parent_of = [&](FrameId frame) {
       return frames_[frame].parent.load(std::memory_order_relaxed);
@@ -82,29 +81,29 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
         auto link = std::lower_bound(links.begin(), links.end(), std::pair(gone[i], FrameId{0}));
         for (; link != links.end() && link->first == gone[i]; ++link) {
           if (!subtree)
-            throw Refused{.code = Code::invalid_argument,
-                          .message = "frame " + quoted(name) + " is the parent of " +
-                                     quoted(names_.name(link->second)) +
-                                     ": remove that first, or the whole subtree",
-                          .frame = std::string(names_.name(link->second)),
-                          .parent = std::string(name),
-                          .field = "name"};
+            throw Rejected{.code = Code::invalid_argument,
+                           .message = "frame " + quoted(name) + " is the parent of " +
+                                      quoted(names_.name(link->second)) +
+                                      ": remove that first, or the whole subtree",
+                           .frame = std::string(names_.name(link->second)),
+                           .parent = std::string(name),
+                           .field = "name"};
           gone.push_back(link->second);
         }
       }
     }
     std::sort(gone.begin(), gone.end());
     WriteLocks locks(*this, gone);
-    locks.hold_readers_off();
+    locks.begin_write();
     for (const FrameId frame : gone) {
-      forget(frames_[frame]);
+      clear_history(frames_[frame]);
       frames_[frame].authority.store(0, std::memory_order_release);
       names_.hide(frame);
     }
     locks.release(gone);
   }
   count_.add();
-  wake_waiters_of(gone);
+  notify_waiters_of(gone);
 }
 
 }  // namespace ztf

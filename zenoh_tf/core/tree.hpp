@@ -18,15 +18,15 @@
 #include <string_view>
 #include <vector>
 
-#include "answer.hpp"
-#include "commit_count.hpp"
+#include "counters.hpp"
 #include "frame_info.hpp"
 #include "guards.hpp"
 #include "history.hpp"
-#include "names.hpp"
+#include "name_table.hpp"
+#include "query.hpp"
 #include "velocity.hpp"
-#include "waiting.hpp"
-#include "zeroed.hpp"
+#include "wait_list.hpp"
+#include "zeroed_array.hpp"
 
 namespace ztf {
 
@@ -63,7 +63,7 @@ struct CommitRequest {
 };
 
 // Why a commit was refused, or a question cannot be asked.
-struct Refused {
+struct Rejected {
   Code code;
   std::string message;
   std::string frame = {}, parent = {}, field = {};
@@ -91,11 +91,12 @@ class Tree {
   void lookup(const Query& query, Answer& answer) const;
   // Each query as a transaction of its own, or together with its neighbours: one
   // pair of frames at many times takes a fraction of the time.
-  void lookup_each(std::span<const Query> queries, std::span<Answer> answers) const;
+  void lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const;
   // All queries in one transaction: one instant for all. `reads`: what they rest on.
-  void lookup_all(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads) const;
+  void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
+                          ReadSet& reads) const;
 
-  // All rows or none; throws Refused. stored[i] tells which rows were not too old.
+  // All rows or none; throws Rejected. stored[i] tells which rows were not too old.
   void commit(const CommitRequest& request, std::span<std::uint8_t> stored);
 
   // All that the answer rests on is read in one transaction.
@@ -120,20 +121,22 @@ class Tree {
   // Drops samples, at one instant; names and, if asked for, static links stay.
   void clear(bool keep_static);
   // Drops a frame with its link, history and name, or with `subtree` all that
-  // stand on it, at one instant. Throws Refused: unknown, or a parent of others.
+  // stand on it, at one instant. Throws Rejected: unknown, or a parent of others.
   void remove_frame(std::string_view name, bool subtree);
 
   // Whether an answer that failed so could come with a later commit.
-  [[nodiscard]] bool may_come(const Failure& failure) const noexcept;
+  [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
   // The oldest stamp that is not too old for a frame with this newest one.
   [[nodiscard]] Stamp oldest_possible(Stamp newest) const noexcept;
-  WaitingRoom& room() const noexcept { return room_; }
+  WaitList& wait_list() const noexcept { return wait_list_; }
   void mark_waited(FrameId frame, bool more) const noexcept {
     waiters_[frame].fetch_add(more ? 1u : ~0u, std::memory_order_seq_cst);
   }
 
   [[nodiscard]] std::uint64_t commits() const noexcept { return count_.sum(); }
-  [[nodiscard]] Version version(FrameId frame) const noexcept { return frames_[frame].version.load(); }
+  [[nodiscard]] Version version(FrameId frame) const noexcept {
+    return frames_[frame].version.load();
+  }
 
  private:
   friend class Commit;
@@ -150,30 +153,30 @@ class Tree {
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
   void list_frames(FrameList& all) const;
-  // For who holds all these frames; those that had samples are added to `dropped`, which has room.
-  void drop_samples(const FrameList& frames, bool keep_static,
-                    FrameList& dropped) noexcept;
+  // For who holds all these frames; those that had samples are added to `dropped`, which has list.
+  void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
   // Once the commit that changed them is counted.
-  [[nodiscard]] bool is_waited_for(FrameId frame) const noexcept {
+  [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
     return waiters_[frame].load(std::memory_order_seq_cst) != 0;
   }
-  void wake_waiters_of(const FrameList& changed) const;
+  void notify_waiters_of(const FrameList& changed) const;
 
   const Options options_;
   const ZeroedArray<Frame> frame_array_;
   Frame* const frames_;
-  RingMemory ring_memory_;
+  RingArena ring_arena_;
   const ZeroedArray<FrameEvents> events_;
-  const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // lookups that wait for a commit on a frame
+  const ZeroedArray<std::atomic<std::uint32_t>>
+      waiters_;  // lookups that wait for a commit on a frame
   AuthorityCounters authority_counters_;
-  std::atomic<bool> parents_changed_{false};  // some frame's, within its history, ever
+  std::atomic<bool> ever_reparented_{false};  // some frame's, within its history, ever
   NameTable names_;
   NameTable authorities_;
   mutable std::mutex giant_;
   std::mutex topology_;
-  CommitCount count_;
+  ShardedCounter count_;
   std::atomic<std::uint64_t> time_jumps_{0};
-  mutable WaitingRoom room_{*this};
+  mutable WaitList wait_list_{*this};
 };
 
 }  // namespace ztf

@@ -4,7 +4,7 @@
 namespace ztf {
 
 // False where there is no path, or it moved under the feet.
-ZTF_CLONES bool Tree::latest_each(const Query& query, Answer& answer) const {
+ZTF_MULTIVERSION bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
   NoGuard guard;
   answer.failure.code = Code::ok;
@@ -12,7 +12,7 @@ ZTF_CLONES bool Tree::latest_each(const Query& query, Answer& answer) const {
          answer.failure.code == Code::ok;
 }
 
-ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
+ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {
   // Errors are decided on consistent data, and latest_each() has none.
   if (query.op == Op::latest && options_.concurrency != Concurrency::giant &&
       latest_each(query, answer))
@@ -23,7 +23,7 @@ ZTF_CLONES void Tree::lookup(const Query& query, Answer& answer) const {
       WalkGuard guard;
       if (reader(guard).answer(query, answer)) [[likely]]
         return;
-      count_restart();
+      count_retry();
     }
   }
   lookup_guarded(query, answer);
@@ -34,8 +34,8 @@ void Tree::lookup_guarded(const Query& query, Answer& answer) const {
   read(reads, [&](auto& reader) { return reader.answer(query, answer); });
 }
 
-void Tree::lookup_all(std::span<const Query> queries, std::span<Answer> answers,
-                      ReadSet& reads) const {
+void Tree::lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
+                              ReadSet& reads) const {
   read(reads, [&](auto& reader) {
     for (std::size_t i = 0; i < queries.size(); ++i)
       if (!reader.answer(queries[i], answers[i])) return false;
@@ -54,11 +54,11 @@ Failure Tree::chain(const Query& query, std::vector<FrameId>& frames) const {
 FrameId Tree::parent(FrameId id, Stamp stamp) const {
   const Frame& frame = frames_[id];
   for (;;) {
-    const Version version = frame.version.unlocked();
-    Bracket bracket;
-    const Place place =
-        stamp == kNoStamp ? NewestLink{}(frame, bracket) : LinkAt{stamp}(frame, bracket);
-    const FrameId parent = place.kind == Place::Kind::ok ? place.parent : 0;
+    const Version version = frame.version.read_begin();
+    SampleInterval interval;
+    const LinkLookup link =
+        stamp == kNoStamp ? SelectLatest{}(frame, interval) : SelectAt{stamp}(frame, interval);
+    const FrameId parent = link.status == LinkLookup::Status::ok ? link.parent : 0;
     if (frame.version.load() == version) return parent;
   }
 }
@@ -68,7 +68,7 @@ FrameInfo Tree::info(FrameId id) const {
   const Frame& frame = frames_[id];
   for (;;) {
     FrameInfo info;
-    info.version = frame.version.unlocked();
+    info.version = frame.version.read_begin();
     info.parent = frame.parent.load(acquire);
     info.authority = frame.authority.load(acquire);
     info.is_static = frame.is_static.load(acquire);
@@ -92,7 +92,7 @@ Stamp Tree::oldest_possible(Stamp newest) const noexcept {
              : newest - static_cast<Stamp>(options_.cache_ns);
 }
 
-bool Tree::may_come(const Failure& failure) const noexcept {
+bool Tree::may_succeed_later(const Failure& failure) const noexcept {
   switch (failure.code) {
     case Code::lookup:
       return failure.frame == 0;  // unknown frames may appear; a loop stays

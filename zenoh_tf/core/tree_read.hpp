@@ -4,7 +4,7 @@
 #pragma once
 
 #include "reader.hpp"
-#include "restarts.hpp"
+#include "retries.hpp"
 #include "tree.hpp"
 
 namespace ztf {
@@ -13,8 +13,8 @@ constexpr int kOptimisticAttempts = 64;
 constexpr int kHeedWantedAttempts = 8;
 
 template <class Guard>
-ZTF_HOT Reader<Guard> Tree::reader(Guard& guard) const noexcept {
-  return {frames_, guard, options_.max_depth, parents_changed_};
+ZTF_ALWAYS_INLINE Reader<Guard> Tree::reader(Guard& guard) const noexcept {
+  return {frames_, guard, options_.max_depth, ever_reparented_};
 }
 
 // Runs body(reader) until what it read was the tree's state at one instant.
@@ -22,21 +22,21 @@ template <class Body>
 void Tree::read(ReadSet& reads, Body&& body) const {
   const auto attempt = [&](auto& guard) {
     Reader own = reader(guard);
-    return body(own) && guard.valid();
+    return body(own) && guard.validate_all();
   };
   switch (options_.concurrency) {
     case Concurrency::optimistic: {
       for (int i = 0; i < kOptimisticAttempts; ++i) {
         OptimisticGuard guard(frames_, reads);
         if (attempt(guard)) return;
-        count_restart();
+        count_retry();
       }
       SmallVector<FrameId, 64> wanted;
       for (const ReadVersion& read : reads) wanted.push_back(read.frame);
       for (;;) {
         LockingGuard guard(frames_, reads, wanted);
         if (attempt(guard)) return;
-        count_restart();
+        count_retry();
       }
     }
     case Concurrency::two_phase: {
@@ -46,7 +46,7 @@ void Tree::read(ReadSet& reads, Body&& body) const {
           SharedGuard guard(frames_, reads, i < kHeedWantedAttempts);
           if (attempt(guard)) return;
         }
-        count_restart();
+        count_retry();
         backoff.wait();
       }
     }

@@ -20,11 +20,12 @@ std::size_t same_pair(std::span<const Query> queries) noexcept {
 
 }  // namespace
 
-void Tree::lookup_each(std::span<const Query> queries, std::span<Answer> answers) const {
+void Tree::lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const {
   for (std::size_t i = 0; i < queries.size();) {
     const std::size_t same = same_pair(queries.subspan(i));
     const Query& first = queries[i];
-    if (same < kWorthABlock || first.target == 0 || first.source == 0 || first.target == first.source) {
+    if (same < kWorthABlock || first.target == 0 || first.source == 0 ||
+        first.target == first.source) {
       const std::size_t end = i + std::max<std::size_t>(same, 1);
       for (; i < end; ++i) lookup(queries[i], answers[i]);
       continue;
@@ -54,7 +55,7 @@ std::size_t Tree::sample(std::span<const Query> queries, std::span<Answer> answe
   // Written too often for a block: row by row, each of which can be answered in time.
   if (valid && answers[0].failure.code != Code::ok) return 1;
   for (std::size_t row = 0; row < queries.size(); ++row)
-    if (!valid || block.left_out(row)) lookup(queries[row], answers[row]);
+    if (!valid || block.unanswered(row)) lookup(queries[row], answers[row]);
   return queries.size();
 }
 

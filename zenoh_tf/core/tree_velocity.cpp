@@ -63,7 +63,8 @@ bool measure(Reader<Guard>& reader, const VelocityQuery& q, VelocityAnswer& a) {
   const Vec3 arm{X_observation_point.x - body.x + to.x, X_observation_point.y - body.y + to.y,
                  X_observation_point.z - body.z + to.z};
   const double seconds = static_cast<double>(span_ns(a.start, a.end)) * 1e-9;
-  a.twist = in_axes_of(X_reference_observation, moved_by(twist_between(start, end, seconds), arm));
+  a.twist = rotate_twist(X_reference_observation,
+                         shift_reference_point(twist_between(start, end, seconds), arm));
   return true;
 }
 

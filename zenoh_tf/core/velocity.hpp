@@ -7,7 +7,7 @@
 // Thread safety: values.
 #pragma once
 
-#include "answer.hpp"
+#include "query.hpp"
 
 namespace ztf {
 
@@ -23,12 +23,13 @@ struct VelocityQuery {
 };
 
 struct VelocityAnswer {
-  // What is looked up: tracking in observation, observation in reference, point_frame in observation.
+  // What is looked up: tracking in observation, observation in reference, point_frame in
+  // observation.
   enum class Leg : std::uint8_t { tracking, reference, point };
 
   Failure failure;
-  Leg leg;       // where it failed
-  Twist twist;   // in the axes of the reference frame
+  Leg leg;      // where it failed
+  Twist twist;  // in the axes of the reference frame
   Stamp stamp, start, end;
 };
 
@@ -62,14 +63,14 @@ inline Twist twist_between(const Pose& start, const Pose& end, double seconds) n
 }
 
 // The same motion, by the body's point that lies `arm` further.
-inline Twist moved_by(const Twist& twist, const Vec3& arm) noexcept {
+inline Twist shift_reference_point(const Twist& twist, const Vec3& arm) noexcept {
   const Vec3 around = cross(twist.angular, arm);
   return {{twist.linear.x + around.x, twist.linear.y + around.y, twist.linear.z + around.z},
           twist.angular};
 }
 
 // The same motion in the axes of frame a, from those of b.
-inline Twist in_axes_of(const Pose& ab, const Twist& twist) noexcept {
+inline Twist rotate_twist(const Pose& ab, const Twist& twist) noexcept {
   return {rotate(ab, twist.linear.x, twist.linear.y, twist.linear.z),
           rotate(ab, twist.angular.x, twist.angular.y, twist.angular.z)};
 }

@@ -8,15 +8,15 @@
 // included, is good only once its guard says so (guards.hpp).
 #pragma once
 
-#include "answer.hpp"
 #include "compose.hpp"
 #include "guards.hpp"
+#include "query.hpp"
 
 namespace ztf {
 
 // A frame's newest link.
-struct Newest {
-  ZTF_HOT explicit Newest(const Frame& frame) noexcept
+struct LatestLink {
+  ZTF_ALWAYS_INLINE explicit LatestLink(const Frame& frame) noexcept
       : parent(frame.parent.load(std::memory_order_acquire)),
         stamp(frame.is_static.load(std::memory_order_acquire)
                   ? kNoStamp
@@ -26,36 +26,39 @@ struct Newest {
 };
 
 // How a way goes up from a frame: by its newest link,
-struct NewestLink {
+struct SelectLatest {
   static constexpr bool is_forest = true;
-  ZTF_HOT Place operator()(const Frame& frame, Bracket& bracket) const noexcept {
-    const Newest newest(frame);
-    return at_newest(frame, newest.parent == 0 ? Place::Kind::root : Place::Kind::ok,
-                     newest.parent, newest.stamp, bracket);
+  ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
+                                          SampleInterval& interval) const noexcept {
+    const LatestLink newest(frame);
+    return newest_link(frame,
+                       newest.parent == 0 ? LinkLookup::Status::root : LinkLookup::Status::ok,
+                       newest.parent, newest.stamp, interval);
   }
 };
 
 // or by that of a time.
-struct LinkAt {
+struct SelectAt {
   static constexpr bool is_forest = false;  // in the past there can be loops
   Stamp at;
-  ZTF_HOT Place operator()(const Frame& frame, Bracket& bracket) const noexcept {
-    return place_at(frame, at, bracket);
+  ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
+                                          SampleInterval& interval) const noexcept {
+    return find_link(frame, at, interval);
   }
 };
 
 // One way up, from its start to the frame that it has reached.
-struct Way {
-  enum class End : std::uint8_t { open, root, broken, too_deep };
+struct AncestorPath {
+  enum class End : std::uint8_t { open, root, no_sample, too_deep };
 
-  ZTF_HOT explicit Way(const Frame* from) noexcept : start(from), top(from) {}
+  ZTF_ALWAYS_INLINE explicit AncestorPath(const Frame* from) noexcept : start(from), top(from) {}
 
   const Frame* const start;
   const Frame* top;
   End end = End::open;
-  Place::Kind why = Place::Kind::ok;  // where broken: at the top, for this reason
-  Version top_version;                // where it has ended
-  SmallVector<Step, 32> steps;        // steps[i].frame: start, its parent, ...
+  LinkLookup::Status failure = LinkLookup::Status::ok;  // where broken: at the top, for this reason
+  Version top_version;                                  // where it has ended
+  SmallVector<PathStep, 32> steps;                      // steps[i].frame: start, its parent, ...
 
   // The number of links up to a frame, or -1.
   [[nodiscard]] std::ptrdiff_t find(const Frame* frame) const noexcept {
@@ -70,19 +73,20 @@ struct Way {
 };
 
 // The links on one side of the frame where two ways meet.
-struct Side {
-  Step* steps;
+struct PathSegment {
+  PathStep* steps;
   std::size_t links;
 
-  [[nodiscard]] const Frame* frame_above(std::size_t i, const Frame* meeting) const noexcept {
-    return i < links ? steps[i].frame : meeting;
+  [[nodiscard]] const Frame* frame_above(std::size_t i,
+                                         const Frame* common_ancestor) const noexcept {
+    return i < links ? steps[i].frame : common_ancestor;
   }
 };
 
 // The links between two frames.
 struct Chain {
-  Side source, target;
-  const Frame* meeting;
+  PathSegment source, target;
+  const Frame* common_ancestor;
 };
 
 // Oldest and newest of some links' stamps; static ones are of all times and do
@@ -90,7 +94,7 @@ struct Chain {
 class StampRange {
  public:
   StampRange() noexcept = default;
-  ZTF_HOT explicit StampRange(const Chain& chain) noexcept {
+  ZTF_ALWAYS_INLINE explicit StampRange(const Chain& chain) noexcept {
     include(chain.source);
     include(chain.target);
   }
@@ -98,15 +102,16 @@ class StampRange {
     oldest_ = std::min(oldest_, rank(stamp));
     newest_ = std::max(newest_, stamp);
   }
-  ZTF_HOT void include(const Side& side) noexcept {
+  ZTF_ALWAYS_INLINE void include(const PathSegment& side) noexcept {
     if (side.links == 0) return;
     // Links that are written together have one stamp: no search for the extremes.
-    const Stamp first = side.steps[0].bracket.time;
+    const Stamp first = side.steps[0].interval.time;
     std::uint64_t differing = 0;
     for (std::size_t i = 1; i < side.links; ++i)
-      differing |= static_cast<std::uint64_t>(side.steps[i].bracket.time ^ first);
+      differing |= static_cast<std::uint64_t>(side.steps[i].interval.time ^ first);
     include(first);
-    for (std::size_t i = 1; differing != 0 && i < side.links; ++i) include(side.steps[i].bracket.time);
+    for (std::size_t i = 1; differing != 0 && i < side.links; ++i)
+      include(side.steps[i].interval.time);
   }
   // kNoStamp where all links are static.
   [[nodiscard]] Stamp oldest() const noexcept {
@@ -123,41 +128,43 @@ class StampRange {
   Stamp newest_ = kNoStamp;
 };
 
-enum class Climbed : std::uint8_t { arrived, no, restart };
+enum class WalkResult : std::uint8_t { reached, exhausted, retry };
 
 // Finds ways under a guard.
-template <class Guard, class LinkOf>
+template <class Guard, class LinkSelector>
 class Walker {
  public:
-  ZTF_HOT Walker(const Frame* frames, Guard& guard, LinkOf link_of, std::size_t max_depth) noexcept
-      : frames_(frames), guard_(guard), link_of_(link_of), max_depth_(max_depth) {}
+  ZTF_ALWAYS_INLINE Walker(const Frame* frames, Guard& guard, LinkSelector select,
+                           std::size_t max_depth) noexcept
+      : frames_(frames), guard_(guard), select_(select), max_depth_(max_depth) {}
 
   // Up to `turn` links; `arrived` where that reaches `goal`.
-  ZTF_HOT Climbed climb(Way& way, std::size_t turn, const Frame* goal) {
-    if (way.end != Way::End::open) [[unlikely]]
-      return Climbed::no;
+  ZTF_ALWAYS_INLINE WalkResult extend(AncestorPath& path, std::size_t turn, const Frame* goal) {
+    if (path.end != AncestorPath::End::open) [[unlikely]]
+      return WalkResult::exhausted;
     // Locals, so that the loop keeps its state in registers.
-    const std::size_t n = way.steps.size();
-    Step* const steps = way.steps.reserve(turn) + n;
-    const Step* const until = steps + turn;
-    const Step* const deepest = steps + (max_depth_ - n);
-    Step* step = steps;
-    const Frame* frame = way.top;
-    Climbed climbed = Climbed::no;
+    const std::size_t n = path.steps.size();
+    PathStep* const steps = path.steps.reserve(turn) + n;
+    const PathStep* const until = steps + turn;
+    const PathStep* const deepest = steps + (max_depth_ - n);
+    PathStep* step = steps;
+    const Frame* frame = path.top;
+    WalkResult result = WalkResult::exhausted;
     while (step != until) {
       Version version;
-      if (!guard_.enter(*frame, version)) [[unlikely]]
-        return Climbed::restart;
-      const Place link = link_of_(*frame, step->bracket);
-      if (link.kind != Place::Kind::ok || link.parent == 0) [[unlikely]] {
-        way.why = link.kind;
-        way.top_version = version;
-        way.end = link.kind == Place::Kind::root ? Way::End::root : Way::End::broken;
+      if (!guard_.read_version(*frame, version)) [[unlikely]]
+        return WalkResult::retry;
+      const LinkLookup link = select_(*frame, step->interval);
+      if (link.status != LinkLookup::Status::ok || link.parent == 0) [[unlikely]] {
+        path.failure = link.status;
+        path.top_version = version;
+        path.end = link.status == LinkLookup::Status::root ? AncestorPath::End::root
+                                                           : AncestorPath::End::no_sample;
         break;
       }
       if (step == deepest) [[unlikely]] {
-        way.top_version = version;
-        way.end = Way::End::too_deep;
+        path.top_version = version;
+        path.end = AncestorPath::End::too_deep;
         break;
       }
       step->frame = frame;
@@ -165,34 +172,37 @@ class Walker {
       ++step;
       frame = frames_ + link.parent;
       if (frame == goal) {
-        climbed = Climbed::arrived;
+        result = WalkResult::reached;
         break;
       }
     }
-    way.top = frame;
-    way.steps.set_size(n + static_cast<std::size_t>(step - steps));
-    return climbed;
+    path.top = frame;
+    path.steps.set_size(n + static_cast<std::size_t>(step - steps));
+    return result;
   }
 
   // Both ways by turns, until they meet. `no`: they do not.
-  Climbed meet(Way& from_source, Way& from_target, Chain& chain) {
-    const auto met = [&](const Way& way, std::size_t links, std::size_t other_links) {
-      const bool source = &way == &from_source;
+  WalkResult find_common_ancestor(AncestorPath& from_source, AncestorPath& from_target,
+                                  Chain& chain) {
+    const auto make_chain = [&](const AncestorPath& path, std::size_t links,
+                                std::size_t other_links) {
+      const bool source = &path == &from_source;
       chain = {{from_source.steps.begin(), source ? links : other_links},
                {from_target.steps.begin(), source ? other_links : links},
-               way.frame_above(links)};
-      return Climbed::arrived;
+               path.frame_above(links)};
+      return WalkResult::reached;
     };
     for (int i = 0; i < kNear; ++i)
-      for (Way* way : {&from_target, &from_source}) {
-        if (way->end != Way::End::open) continue;
-        if (climb(*way, 1, nullptr) == Climbed::restart) return Climbed::restart;
-        const std::ptrdiff_t at = (way == &from_source ? from_target : from_source).find(way->top);
-        if (at >= 0) return met(*way, way->steps.size(), static_cast<std::size_t>(at));
+      for (AncestorPath* path : {&from_target, &from_source}) {
+        if (path->end != AncestorPath::End::open) continue;
+        if (extend(*path, 1, nullptr) == WalkResult::retry) return WalkResult::retry;
+        const std::ptrdiff_t at =
+            (path == &from_source ? from_target : from_source).find(path->top);
+        if (at >= 0) return make_chain(*path, path->steps.size(), static_cast<std::size_t>(at));
       }
-    for (Way* way : {&from_target, &from_source})
-      while (way->end == Way::End::open)
-        if (climb(*way, 64, nullptr) == Climbed::restart) return Climbed::restart;
+    for (AncestorPath* path : {&from_target, &from_source})
+      while (path->end == AncestorPath::End::open)
+        if (extend(*path, 64, nullptr) == WalkResult::retry) return WalkResult::retry;
 
     // Far apart, if at all: the first frame of one that is among the other's, sorted.
     struct Visit {
@@ -207,9 +217,9 @@ class Walker {
     for (std::size_t i = 0; i <= from_target.steps.size(); ++i) {
       const Frame* const frame = from_target.frame_above(i);
       const Visit* const at = std::lower_bound(visits.begin(), visits.end(), Visit{frame, 0});
-      if (at != visits.end() && at->frame == frame) return met(from_target, i, at->links);
+      if (at != visits.end() && at->frame == frame) return make_chain(from_target, i, at->links);
     }
-    return Climbed::no;
+    return WalkResult::exhausted;
   }
 
  private:
@@ -217,7 +227,7 @@ class Walker {
 
   const Frame* const frames_;
   Guard& guard_;
-  const LinkOf link_of_;
+  const LinkSelector select_;
   const std::size_t max_depth_;
 };
 

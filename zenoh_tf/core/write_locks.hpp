@@ -14,7 +14,7 @@
 #include <random>
 #include <thread>
 
-#include "restarts.hpp"
+#include "retries.hpp"
 #include "tree.hpp"
 
 namespace ztf {
@@ -23,7 +23,7 @@ class WriteLocks {
  public:
   // One frame is locked in one step, which holds readers off at once: it is as good as no time.
   WriteLocks(Tree& tree, const FrameList& ascending)
-      : tree_(tree), readers_on_(ascending.size() > 1) {
+      : tree_(tree), readers_may_read_(ascending.size() > 1) {
     // Before the first lock: nothing can fail once there is something to be unlocked.
     (void)locked_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::optimistic) {
@@ -32,8 +32,8 @@ class WriteLocks {
     }
     if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
     for (const FrameId id : ascending) {
-      VersionLock& word = tree.frames_[id].version;
-      locked_.push_back({id, readers_on_ ? word.load() : word.lock_alone()});
+      SeqLock& word = tree.frames_[id].version;
+      locked_.push_back({id, readers_may_read_ ? word.load() : word.begin_write_exclusive()});
     }
   }
   ~WriteLocks() {
@@ -43,7 +43,7 @@ class WriteLocks {
   WriteLocks& operator=(const WriteLocks&) = delete;
 
   // The version before, if this commit holds the frame.
-  [[nodiscard]] const Version* before(FrameId id) const noexcept {
+  [[nodiscard]] const Version* version_before(FrameId id) const noexcept {
     const auto at = std::lower_bound(locked_.begin(), locked_.end(), id,
                                      [](const ReadVersion& r, FrameId f) { return r.frame < f; });
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
@@ -52,13 +52,13 @@ class WriteLocks {
   // Before the first write, and before a check of what was read of others. The fence puts all of it
   // before the unlocking for everyone: two readers cannot see two independent commits in opposite
   // orders.
-  void hold_readers_off() noexcept {
-    if (!readers_on_) return;
-    fault_point();
+  void begin_write() noexcept {
+    if (!readers_may_read_) return;
+    yield_point();
     for (const ReadVersion& locked : locked_)
-      tree_.frames_[locked.frame].version.hold_readers_off(locked.version);
+      tree_.frames_[locked.frame].version.begin_write(locked.version);
     std::atomic_thread_fence(std::memory_order_seq_cst);
-    readers_on_ = false;
+    readers_may_read_ = false;
   }
 
   // After the last write. The frames that have changed ascend, too.
@@ -66,7 +66,7 @@ class WriteLocks {
     const bool all = changed.size() == locked_.size();
     const FrameId* next = changed.begin();
     for (const ReadVersion& locked : locked_) {
-      VersionLock& word = tree_.frames_[locked.frame].version;
+      SeqLock& word = tree_.frames_[locked.frame].version;
       if (all || (next != changed.end() && *next == locked.frame)) {
         word.unlock_changed(locked.version);
         ++next;
@@ -86,13 +86,13 @@ class WriteLocks {
     Backoff backoff;
     for (int naps = 0; locked_.size() < ids.size();) {
       const FrameId id = ids[locked_.size()];
-      VersionLock& word = tree_.frames_[id].version;
+      SeqLock& word = tree_.frames_[id].version;
       Version before;
-      if (readers_on_ ? word.try_own(before) : word.try_lock(before)) {
+      if (readers_may_read_ ? word.try_lock_writer(before) : word.try_lock(before)) {
         locked_.push_back({id, before});
       } else if (!backoff.spin()) {
         if (++naps <= kPoliteAttempts && locked_.size() <= kFew) release({});
-        count_restart();
+        count_retry();
         backoff.nap();
       }
     }
@@ -108,10 +108,10 @@ class WriteLocks {
       while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
       if (attempt >= kPoliteAttempts)
         for (const FrameId id : ids) tree_.frames_[id].shared.want();
-      count_restart();
+      count_retry();
       pause(attempt);
     }
-    fault_point();
+    yield_point();
   }
 
   static void pause(int attempt) {
@@ -127,7 +127,7 @@ class WriteLocks {
   static constexpr std::size_t kFew = 64;
 
   Tree& tree_;
-  bool readers_on_;
+  bool readers_may_read_;
   SmallVector<ReadVersion, 16> locked_;
 };
 

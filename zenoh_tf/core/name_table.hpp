@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "name_hash.hpp"
-#include "zeroed.hpp"
+#include "zeroed_array.hpp"
 
 namespace ztf {
 
@@ -47,10 +47,11 @@ class NameTable {
   }
 
   // find() of several names. In a large table most that it reads are misses: they are fetched for
-  // all names at the same time, and also_for(id) is called with what find() will mostly say, for who
-  // will need more of them.
+  // all names at the same time, and also_for(id) is called with what find() will mostly say, for
+  // who will need more of them.
   template <class AlsoFor>
-  void find_each(std::span<const std::string_view> names, Id* ids, AlsoFor&& also_for) const noexcept {
+  void find_each(std::span<const std::string_view> names, Id* ids,
+                 AlsoFor&& also_for) const noexcept {
     constexpr std::size_t kTogether = 32;
     const Table& table = *table_.load(std::memory_order_acquire);
     const NameHash hash = hash_;
@@ -89,7 +90,9 @@ class NameTable {
   void hide(Id id) noexcept { names_[id].hidden.store(true, std::memory_order_release); }
   void show(Id id) noexcept { names_[id].hidden.store(false, std::memory_order_release); }
 
-  [[nodiscard]] std::uint32_t size() const noexcept { return size_.load(std::memory_order_acquire); }
+  [[nodiscard]] std::uint32_t size() const noexcept {
+    return size_.load(std::memory_order_acquire);
+  }
   [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
 
   // Makes room for that many names of that many bytes in all: inserting them cannot fail.
@@ -136,7 +139,8 @@ class NameTable {
     ZeroedArray<std::atomic<std::uint64_t>> slots;
   };
 
-  ZTF_HOT Id find_any(const Table& table, std::uint64_t hash, std::string_view name) const noexcept {
+  ZTF_ALWAYS_INLINE Id find_any(const Table& table, std::uint64_t hash,
+                                std::string_view name) const noexcept {
     for (std::size_t i = hash & table.mask;; i = (i + 1) & table.mask) {
       const std::uint64_t slot = table.slots[i].load(std::memory_order_acquire);
       if (slot == 0) return 0;

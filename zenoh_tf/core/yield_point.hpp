@@ -14,18 +14,18 @@
 namespace ztf {
 
 #ifdef ZTF_YIELDS
-inline std::atomic<std::uint64_t> fault_seed{1};
+inline std::atomic<std::uint64_t> yield_seed{1};
 
-inline void fault_point() {
+inline void yield_point() {
   thread_local std::uint64_t state =
-      fault_seed.fetch_add(0x9E3779B97F4A7C15ull, std::memory_order_relaxed) | 1;
+      yield_seed.fetch_add(0x9E3779B97F4A7C15ull, std::memory_order_relaxed) | 1;
   state ^= state << 13;
   state ^= state >> 7;
   state ^= state << 17;
   if (state % 64 == 0) std::this_thread::yield();
 }
 #else
-inline void fault_point() noexcept {}
+inline void yield_point() noexcept {}
 #endif
 
 }  // namespace ztf

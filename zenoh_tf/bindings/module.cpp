@@ -41,7 +41,7 @@ nb::object make_error(Code code, const std::string& message, const nb::dict& fac
   return error;
 }
 
-nb::object make_error(const Refused& r) {
+nb::object make_error(const Rejected& r) {
   nb::dict facts;
   if (!r.frame.empty()) facts["frame"] = r.frame;
   if (!r.parent.empty()) facts["parent_frame"] = r.parent;
@@ -129,7 +129,8 @@ void raise_invalid(const std::string& message, const char* field) {
 
 std::string_view text_of(nb::handle name, const char* field) {
   Py_ssize_t size = 0;
-  const char* text = PyUnicode_Check(name.ptr()) ? PyUnicode_AsUTF8AndSize(name.ptr(), &size) : nullptr;
+  const char* text =
+      PyUnicode_Check(name.ptr()) ? PyUnicode_AsUTF8AndSize(name.ptr(), &size) : nullptr;
   if (!text) {
     PyErr_Clear();
     raise_invalid(std::string(field) + " must be a str that can be encoded in UTF-8", field);
@@ -154,10 +155,10 @@ FrameId frame_of(const Tree& tree, nb::handle name, const char* field) {
 
 Stamp stamp_of(nb::handle stamp, const char* field) {
   if (stamp.is_none()) return kNoStamp;
-  const Stamp value = PyLong_Check(stamp.ptr()) || PyIndex_Check(stamp.ptr())
-                          ? static_cast<Stamp>(PyLong_AsLongLong(
-                                nb::steal(PyNumber_Index(stamp.ptr())).ptr()))
-                          : -1;
+  const Stamp value =
+      PyLong_Check(stamp.ptr()) || PyIndex_Check(stamp.ptr())
+          ? static_cast<Stamp>(PyLong_AsLongLong(nb::steal(PyNumber_Index(stamp.ptr())).ptr()))
+          : -1;
   if (value == -1 && !PyErr_Occurred() &&
       !(PyLong_Check(stamp.ptr()) || PyIndex_Check(stamp.ptr())))
     raise_invalid(std::string(field) + " must be an int of nanoseconds, or None", field);
@@ -218,7 +219,7 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
     } else {
       tree.commit(request, stored);
     }
-  } catch (const Refused& refused) {
+  } catch (const Rejected& refused) {
     raise(make_error(refused));
   }
 }

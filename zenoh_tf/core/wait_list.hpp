@@ -6,15 +6,15 @@
 // woken asks again. Writers whose frames nobody waits for pay one load each.
 //
 // Thread safety: everything from any thread; a waiter belongs to one thread at
-// a time. ask() takes it over, and gives it away where it parks it; leave()
-// that returns true, or woken(), gives it back.
-// Lock order: the room's mutex comes last; woken() is called under it.
-// Why no commit is missed: ask() fails on frames in certain versions, marks
+// a time. lookup_or_park() takes it over, and gives it away where it parks it; cancel()
+// that returns true, or notify(), gives it back.
+// Lock order: the list's mutex comes last; notify() is called under it.
+// Why no commit is missed: lookup_or_park() fails on frames in certain versions, marks
 // those frames as waited for, then counts the commits, then compares the
 // versions. A commit unlocks its frames, is counted, then looks for the marks.
 // All four are sequentially consistent, so where the commit does not see the
-// mark, ask() has seen it counted, and with it the new version. Where it sees
-// the mark it takes the room's mutex, under which the parking was completed.
+// mark, lookup_or_park() has seen it counted, and with it the new version. Where it sees
+// the mark it takes the list's mutex, under which the parking was completed.
 #pragma once
 
 #include <chrono>
@@ -25,8 +25,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "answer.hpp"
 #include "guards.hpp"
+#include "query.hpp"
 
 namespace ztf {
 
@@ -43,15 +43,15 @@ class Waiter {
   Waiter(const Waiter&) = delete;
   Waiter& operator=(const Waiter&) = delete;
 
-  // Of the last ask().
+  // Of the last lookup_or_park().
   [[nodiscard]] const Query& query() const noexcept { return query_; }
   [[nodiscard]] const Answer& answer() const noexcept { return answer_; }
 
  protected:
-  virtual void woken() noexcept = 0;  // must not block, nor call the room
+  virtual void notify() noexcept = 0;  // must not block, nor call the list
 
  private:
-  friend class WaitingRoom;
+  friend class WaitList;
   using List = std::multimap<Stamp, Waiter*>;
   using Names = std::unordered_multimap<std::string_view, Waiter*>;
   struct OnFrame {
@@ -63,20 +63,20 @@ class Waiter {
   Query query_;
   const std::string_view target_, source_, fixed_;
   Answer answer_;
-  bool parked_ = false;             // this and what follows: under the room's mutex
+  bool parked_ = false;  // this and what follows: under the list's mutex
   std::vector<OnFrame> on_frames_;
   std::vector<Names::iterator> on_names_;
 };
 
-class WaitingRoom {
+class WaitList {
  public:
-  explicit WaitingRoom(const Tree& tree) noexcept : tree_(tree) {}
+  explicit WaitList(const Tree& tree) noexcept : tree_(tree) {}
 
   // True: it is over, with an answer or with a failure that no commit can cure.
-  // False: the waiter is parked, and woken() comes, once, if a commit may help.
-  bool ask(Waiter& waiter);
-  // Whether the waiter was still parked; woken() then does not come any more.
-  bool leave(Waiter& waiter);
+  // False: the waiter is parked, and notify() comes, once, if a commit may help.
+  bool lookup_or_park(Waiter& waiter);
+  // Whether the waiter was still parked; notify() then does not come any more.
+  bool cancel(Waiter& waiter);
 
   [[nodiscard]] std::size_t size() const noexcept { return size_.load(std::memory_order_seq_cst); }
 
@@ -85,8 +85,8 @@ class WaitingRoom {
     appended,  // samples newer than all before, under the same parent
     other,
   };
-  void changed(FrameId frame, Change change);
-  void named(std::string_view name);
+  void notify_frame(FrameId frame, Change change);
+  void notify_name(std::string_view name);
 
  private:
   struct Lists {
@@ -106,20 +106,20 @@ class WaitingRoom {
 };
 
 // One that a thread sleeps for.
-class Sleeper final : public Waiter {
+class BlockingWaiter final : public Waiter {
  public:
   using Clock = std::chrono::steady_clock;
 
-  Sleeper(WaitingRoom& room, const Query& query, std::string_view target, std::string_view source,
-          std::string_view fixed = {})
-      : Waiter(query, target, source, fixed), room_(room) {}
-  ~Sleeper() override { room_.leave(*this); }
+  BlockingWaiter(WaitList& list, const Query& query, std::string_view target,
+                 std::string_view source, std::string_view fixed = {})
+      : Waiter(query, target, source, fixed), list_(list) {}
+  ~BlockingWaiter() override { list_.cancel(*this); }
 
-  // True: it is over, as of ask(). False at the deadline, after which it goes on.
+  // True: it is over, as of lookup_or_park(). False at the deadline, after which it goes on.
   bool wait(Clock::time_point deadline) {
     for (;;) {
       if (!asleep_) {
-        if (room_.ask(*this)) return true;
+        if (list_.lookup_or_park(*this)) return true;
         asleep_ = true;
       }
       std::unique_lock lock(mutex_);
@@ -129,13 +129,13 @@ class Sleeper final : public Waiter {
   }
 
  private:
-  void woken() noexcept override {
+  void notify() noexcept override {
     const std::lock_guard lock(mutex_);
     woken_ = true;
     changed_.notify_one();
   }
 
-  WaitingRoom& room_;
+  WaitList& list_;
   std::mutex mutex_;
   std::condition_variable changed_;
   bool woken_ = false;

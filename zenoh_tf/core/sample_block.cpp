@@ -1,21 +1,21 @@
 // A block of times: its links followed one after the other, and multiplied.
-#include "sample.hpp"
+#include "sample_block.hpp"
 
 namespace ztf {
 
 namespace {
 
 // Finds a frame's samples for one time after the other.
-class Cursor {
+class HistoryCursor {
  public:
-  Cursor(const Frame& frame, const Times& times) noexcept
+  HistoryCursor(const Frame& frame, const BlockTimes& times) noexcept
       : frame_(frame),
         regular_(frame),
         is_regular_(regular_.spans(times.earliest, times.latest)),
         ascending_(times.ascending) {}
 
-  // As place_at(); false where the link has no sample for the time.
-  ZTF_HOT bool move_to(Stamp time, Bracket& found) noexcept {
+  // As find_link(); false where the link has no sample for the time.
+  ZTF_ALWAYS_INLINE bool move_to(Stamp time, SampleInterval& found) noexcept {
     if (walks_ ? walk_to(time, found) : is_regular_ && regular_.find(time, found)) [[likely]]
       return true;
     return search(time, found);
@@ -25,8 +25,8 @@ class Cursor {
   static constexpr int kSteps = 4;
 
   // From then on ascending times are walked to. Whether others are near could not be foretold.
-  [[gnu::noinline]] bool search(Stamp time, Bracket& found) noexcept {
-    const bool served = place_at(frame_, time, found).kind == Place::Kind::ok;
+  [[gnu::noinline]] bool search(Stamp time, SampleInterval& found) noexcept {
+    const bool served = find_link(frame_, time, found).status == LinkLookup::Status::ok;
     const Ring ring = regular_.ring();
     walks_ = ascending_ && served && ring && found.older != found.newer;
     if (walks_) slot_ = ring.index_of(*found.older);
@@ -35,7 +35,7 @@ class Cursor {
 
   // To the last sample not after a time, from that of an earlier one, if that is near. In a
   // collision, to somewhere in the ring.
-  ZTF_HOT bool walk_to(Stamp time, Bracket& found) noexcept {
+  ZTF_ALWAYS_INLINE bool walk_to(Stamp time, SampleInterval& found) noexcept {
     const Ring ring = regular_.ring();
     if (time >= regular_.newest() || ring.stamp(slot_) > time) return false;
     for (int i = 0; i < kSteps; ++i) {
@@ -52,7 +52,7 @@ class Cursor {
   }
 
   const Frame& frame_;
-  const Regular regular_;
+  const UniformHistory regular_;
   const bool is_regular_;
   const bool ascending_;
   bool walks_ = false;
@@ -63,20 +63,21 @@ class Cursor {
 
 // First where, then what: finding the next times' samples does not wait for the arithmetic of the
 // times before, which is long.
-ZTF_CLONES void SampleBlock::follow(const Step& step, bool is_first, Column& poses) noexcept {
-  fault_point();
-  Cursor cursor(*step.frame, times_);
-  Bracket rows[kRows];
+ZTF_MULTIVERSION void SampleBlock::follow(const PathStep& step, bool is_first,
+                                          Column& poses) noexcept {
+  yield_point();
+  HistoryCursor cursor(*step.frame, times_);
+  SampleInterval rows[kRows];
   for (std::size_t row = 0; row < 4 * quads(); ++row)
-    if (!cursor.move_to(times_.rows[row], rows[row])) left_out_[row] = true;
+    if (!cursor.move_to(times_.rows[row], rows[row])) unanswered_[row] = true;
   for (std::size_t quad = 0; quad < quads(); ++quad) {
-    const Bracket* const four = rows + 4 * quad;
-    const PoseQuad pose = interpolate(four[0], four[1], four[2], four[3]);
+    const SampleInterval* const four = rows + 4 * quad;
+    const Pose4 pose = interpolate(four[0], four[1], four[2], four[3]);
     poses[quad] = is_first ? pose : pose * poses[quad];
   }
 }
 
-void SampleBlock::compose(const Side& side, Column& poses) noexcept {
+void SampleBlock::compose(const PathSegment& side, Column& poses) noexcept {
   for (std::size_t i = 0; i < side.links; ++i) follow(side.steps[i], i == 0, poses);
 }
 
@@ -92,9 +93,9 @@ void SampleBlock::take_times() noexcept {
   }
 }
 
-ZTF_CLONES void SampleBlock::answer(const Chain& chain) noexcept {
-  const auto& [source, target, meeting] = chain;
-  left_out_.fill(false);
+ZTF_MULTIVERSION void SampleBlock::answer(const Chain& chain) noexcept {
+  const auto& [source, target, common_ancestor] = chain;
+  unanswered_.fill(false);
   take_times();
   Column poses, from_target;
   compose(source, poses);
@@ -106,7 +107,7 @@ ZTF_CLONES void SampleBlock::answer(const Chain& chain) noexcept {
     Answer& answer = answers_[row];
     answer.failure.code = Code::ok;
     answer.stamp = queries_[row].stamp;
-    answer.pose = unpacked(poses[row / 4], row % 4);
+    answer.pose = lane(poses[row / 4], row % 4);
   }
 }
 

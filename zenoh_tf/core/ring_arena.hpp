@@ -1,7 +1,8 @@
 // Memory for rings of samples, given out piece by piece and taken back as a whole.
 //
-// Thread safety: all of it. The mutex comes after all other locks, and is rarely taken: rings double.
-// In few large blocks, for huge pages: where frames are many, each write comes to another ring.
+// Thread safety: all of it. The mutex comes after all other locks, and is rarely taken: rings
+// double. In few large blocks, for huge pages: where frames are many, each write comes to another
+// ring.
 #pragma once
 
 #include <algorithm>
@@ -9,23 +10,23 @@
 #include <mutex>
 #include <vector>
 
-#include "zeroed.hpp"
+#include "zeroed_array.hpp"
 
 namespace ztf {
 
-class RingMemory {
+class RingArena {
  public:
   // A cache line.
   struct alignas(64) Line {
     std::byte bytes[64];
   };
 
-  RingMemory() = default;
-  RingMemory(const RingMemory&) = delete;
-  RingMemory& operator=(const RingMemory&) = delete;
+  RingArena() = default;
+  RingArena(const RingArena&) = delete;
+  RingArena& operator=(const RingArena&) = delete;
 
   // Zeroed lines, for as long as this lives. Throws bad_alloc.
-  Line* take(std::size_t lines) {
+  Line* allocate(std::size_t lines) {
     const std::lock_guard lock(mutex_);
     if (lines > left_) {
       // What is left of the last block stays unused: less than a ring.

@@ -33,9 +33,9 @@ struct LatestTransform : StampedTransform {
 
 // errors.BY_CODE[code](message, **facts)
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
-nb::object make_error(const Refused& refused);
-nb::object make_error(const Tree& tree, const Failure& failure, nb::handle target, nb::handle source,
-                      const std::string& note = "");
+nb::object make_error(const Rejected& refused);
+nb::object make_error(const Tree& tree, const Failure& failure, nb::handle target,
+                      nb::handle source, const std::string& note = "");
 // What is added to the message of a lookup that has waited in vain.
 std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <unordered_map>
 
-#include "bindings_rows.hpp"
+#include "rows.hpp"
 
 namespace ztf {
 
@@ -36,18 +36,19 @@ nb::tuple columns_of(nb::handle stampeds) {
     child[i] = row_of(rows[i]->child_frame);
   }
   const auto copied = [n](const std::vector<std::uint32_t>& column) {
-    return make_array<std::uint32_t>({n}, [&](std::uint32_t* d) {
-      std::copy(column.begin(), column.end(), d);
-    });
+    return make_array<std::uint32_t>(
+        {n}, [&](std::uint32_t* d) { std::copy(column.begin(), column.end(), d); });
   };
-  return nb::make_tuple(
-      names, copied(parent), copied(child),
-      make_array<Stamp>({n}, [&](Stamp* d) {
-        for (const StampedTransform* row : rows) *d++ = row->stamp;
-      }),
-      make_array<double>({n, 7}, [&](double* d) {
-        for (const StampedTransform* row : rows) d = std::copy_n(&row->pose.x, 7, d);
-      }));
+  return nb::make_tuple(names, copied(parent), copied(child),
+                        make_array<Stamp>({n},
+                                          [&](Stamp* d) {
+                                            for (const StampedTransform* row : rows)
+                                              *d++ = row->stamp;
+                                          }),
+                        make_array<double>({n, 7}, [&](double* d) {
+                          for (const StampedTransform* row : rows)
+                            d = std::copy_n(&row->pose.x, 7, d);
+                        }));
 }
 
 nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>& parent,
@@ -66,16 +67,23 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
     raise_invalid("read_versions has not as many rows as read_names", "read_versions");
   std::vector<Row> rows(n);
   for (std::size_t i = 0; i < n; ++i) {
-    rows[i] = {checked(parent(i), texts.size(), "parent"), checked(child(i), texts.size(), "child"),
-               stamp(i), {pose(i, 0), pose(i, 1), pose(i, 2), pose(i, 3), pose(i, 4), pose(i, 5),
-                          pose(i, 6)}};
+    rows[i] = {
+        checked(parent(i), texts.size(), "parent"),
+        checked(child(i), texts.size(), "child"),
+        stamp(i),
+        {pose(i, 0), pose(i, 1), pose(i, 2), pose(i, 3), pose(i, 4), pose(i, 5), pose(i, 6)}};
   }
   std::vector<std::uint8_t> stored(n);
-  CommitRequest request{.names = texts, .rows = rows, .authority = authority,
-                        .is_static = is_static, .drop_old = drop_old, .read_names = read_texts};
+  CommitRequest request{.names = texts,
+                        .rows = rows,
+                        .authority = authority,
+                        .is_static = is_static,
+                        .drop_old = drop_old,
+                        .read_names = read_texts};
   if (read_versions) request.read_versions = {read_versions->data(), read_texts.size()};
   commit(tree, request, stored, true);
-  return make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { std::copy(stored.begin(), stored.end(), d); });
+  return make_array<std::uint8_t>(
+      {n}, [&](std::uint8_t* d) { std::copy(stored.begin(), stored.end(), d); });
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // Parking and waking.
-#include "waiting.hpp"
+#include "wait_list.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -14,7 +14,7 @@ constexpr Stamp kNever = std::numeric_limits<Stamp>::max();
 
 }  // namespace
 
-bool WaitingRoom::ask(Waiter& waiter) {
+bool WaitList::lookup_or_park(Waiter& waiter) {
   // What is needed after the waiter was given away.
   const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
   for (;;) {
@@ -24,9 +24,9 @@ bool WaitingRoom::ask(Waiter& waiter) {
     query.fixed = query.op == Op::full ? tree_.find(waiter.fixed_) : 0;
     const FrameId ids[] = {query.target, query.source, query.fixed};
     ReadSet reads;
-    tree_.lookup_all({&query, 1}, {&waiter.answer_, 1}, reads);
+    tree_.lookup_transaction({&query, 1}, {&waiter.answer_, 1}, reads);
     const Failure& failure = waiter.answer_.failure;
-    if (failure.code == Code::ok || !tree_.may_come(failure)) return true;
+    if (failure.code == Code::ok || !tree_.may_succeed_later(failure)) return true;
     {
       const std::lock_guard lock(mutex_);
       try {
@@ -40,24 +40,24 @@ bool WaitingRoom::ask(Waiter& waiter) {
     bool same = true;
     for (const ReadVersion& read : reads) same &= tree_.version(read.frame) == read.version;
     for (int i = 0; i < 3; ++i) same &= names[i].empty() || tree_.find(names[i]) == ids[i];
-    if (same || !leave(waiter)) return false;
+    if (same || !cancel(waiter)) return false;
   }
 }
 
-bool WaitingRoom::leave(Waiter& waiter) {
+bool WaitList::cancel(Waiter& waiter) {
   const std::lock_guard lock(mutex_);
   if (!waiter.parked_) return false;
   unpark(waiter);
   return true;
 }
 
-void WaitingRoom::park(Waiter& waiter, const ReadSet& reads) {
+void WaitList::park(Waiter& waiter, const ReadSet& reads) {
   const Query& query = waiter.query_;
   const Failure& failure = waiter.answer_.failure;
   // Where the latest common time is meant, any sample may move it.
-  const bool any_time = query.op == Op::common ||
-                        (query.op == Op::full &&
-                         (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
+  const bool any_time =
+      query.op == Op::latest_common ||
+      (query.op == Op::full && (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
   const auto add = [&](FrameId frame, bool blocked, Stamp stamp) {
     Lists& lists = frames_[frame];
     Waiter::List& list = blocked ? lists.blocked : lists.passing;
@@ -93,7 +93,7 @@ void WaitingRoom::park(Waiter& waiter, const ReadSet& reads) {
   miss(query.fixed, waiter.fixed_);
 }
 
-void WaitingRoom::unpark(Waiter& waiter) noexcept {
+void WaitList::unpark(Waiter& waiter) noexcept {
   for (const Waiter::OnFrame& on : waiter.on_frames_) {
     const auto lists = frames_.find(on.frame);
     (on.blocked ? lists->second.blocked : lists->second.passing).erase(on.place);
@@ -107,14 +107,14 @@ void WaitingRoom::unpark(Waiter& waiter) noexcept {
   size_.fetch_sub(1, std::memory_order_seq_cst);
 }
 
-void WaitingRoom::wake(const std::vector<Waiter*>& waiters) noexcept {
+void WaitList::wake(const std::vector<Waiter*>& waiters) noexcept {
   for (Waiter* waiter : waiters) {
     unpark(*waiter);
-    waiter->woken();
+    waiter->notify();
   }
 }
 
-void WaitingRoom::changed(FrameId frame, Change change) {
+void WaitList::notify_frame(FrameId frame, Change change) {
   const std::lock_guard lock(mutex_);
   const auto at = frames_.find(frame);
   if (at == frames_.end()) return;
@@ -138,7 +138,7 @@ void WaitingRoom::changed(FrameId frame, Change change) {
   wake(woken);
 }
 
-void WaitingRoom::named(std::string_view name) {
+void WaitList::notify_name(std::string_view name) {
   const std::lock_guard lock(mutex_);
   std::vector<Waiter*> woken;
   const auto [begin, end] = names_.equal_range(name);

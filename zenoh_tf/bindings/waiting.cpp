@@ -12,7 +12,7 @@
 
 #include <nanobind/stl/shared_ptr.h>
 
-#include "bindings_rows.hpp"
+#include "rows.hpp"
 
 namespace ztf {
 
@@ -53,7 +53,11 @@ class WaitQueue {
 class WaitingRows : public std::enable_shared_from_this<WaitingRows> {
  public:
   WaitingRows(const Tree& tree, WaitQueue& queue, ReadRows rows, std::uint64_t token)
-      : tree_(tree), queue_(queue), rows_(std::move(rows)), token_(token), left_(rows_.queries.size() + 1) {
+      : tree_(tree),
+        queue_(queue),
+        rows_(std::move(rows)),
+        token_(token),
+        left_(rows_.queries.size() + 1) {
     for (std::size_t i = 0; i < rows_.queries.size(); ++i) {
       const auto [target, source, fixed] = rows_.names[i];
       const bool full = rows_.queries[i].op == Op::full;
@@ -74,7 +78,7 @@ class WaitingRows : public std::enable_shared_from_this<WaitingRows> {
   [[nodiscard]] std::uint64_t token() const noexcept { return token_; }
   void cancel() {
     cancelled_ = true;
-    for (Row& row : waiting_) tree_.room().leave(row);
+    for (Row& row : waiting_) tree_.wait_list().cancel(row);
   }
   // As in read_rows; rows that still wait fail as they would now.
   nb::tuple result(double waited_s) {
@@ -99,8 +103,10 @@ class WaitingRows : public std::enable_shared_from_this<WaitingRows> {
     Row(WaitingRows& of, std::size_t index, const Query& query, std::string_view target,
         std::string_view source, std::string_view fixed)
         : Waiter(query, target, source, fixed),
-          hopeless(of.rows_.has_bad_name(index)), of(of), index(index) {}
-    void woken() noexcept override {
+          hopeless(of.rows_.has_bad_name(index)),
+          of(of),
+          index(index) {}
+    void notify() noexcept override {
       if (auto rows = of.weak_from_this().lock()) of.queue_.push({std::move(rows), index});
     }
 
@@ -111,7 +117,7 @@ class WaitingRows : public std::enable_shared_from_this<WaitingRows> {
   };
 
   bool ask(std::size_t i) {
-    if (!tree_.room().ask(waiting_[i])) return false;
+    if (!tree_.wait_list().lookup_or_park(waiting_[i])) return false;
     waiting_[i].over.store(true, std::memory_order_release);
     return true;
   }
@@ -127,7 +133,7 @@ class WaitingRows : public std::enable_shared_from_this<WaitingRows> {
   WaitQueue& queue_;
   ReadRows rows_;
   const std::uint64_t token_;
-  std::deque<Row> waiting_;  // they do not move
+  std::deque<Row> waiting_;        // they do not move
   std::atomic<std::size_t> left_;  // and one for start(), so that one alone sees the last go
   std::atomic<bool> cancelled_{false};
 };
@@ -162,20 +168,21 @@ void bind_waiting(nb::module_& m) {
       .def("start", &WaitingRows::start, nb::call_guard<nb::gil_scoped_release>())
       .def("cancel", &WaitingRows::cancel)
       .def("result", &WaitingRows::result, nb::arg("waited_s"));
-  m.def("waiting_rows",
-        [](const Tree& tree, WaitQueue& queue, std::uint64_t token, nb::handle names,
-           const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
-           const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
-           const std::optional<Column<std::uint32_t>>& fixed,
-           const std::optional<Column<Stamp>>& source_stamp) {
-          return std::make_shared<WaitingRows>(
-              tree, queue, ReadRows(tree, names, op, target, source, stamp, fixed, source_stamp),
-              token);
-        },
-        nb::arg("tree"), nb::arg("queue"), nb::arg("token"), nb::arg("names"), nb::arg("op"),
-        nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
-        nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
-        nb::keep_alive<0, 1>(), nb::keep_alive<0, 2>());
+  m.def(
+      "waiting_rows",
+      [](const Tree& tree, WaitQueue& queue, std::uint64_t token, nb::handle names,
+         const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
+         const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
+         const std::optional<Column<std::uint32_t>>& fixed,
+         const std::optional<Column<Stamp>>& source_stamp) {
+        return std::make_shared<WaitingRows>(
+            tree, queue, ReadRows(tree, names, op, target, source, stamp, fixed, source_stamp),
+            token);
+      },
+      nb::arg("tree"), nb::arg("queue"), nb::arg("token"), nb::arg("names"), nb::arg("op"),
+      nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
+      nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
+      nb::keep_alive<0, 1>(), nb::keep_alive<0, 2>());
 }
 
 }  // namespace ztf

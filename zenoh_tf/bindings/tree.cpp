@@ -19,31 +19,31 @@ namespace {
                                    nb::handle source, nb::handle fixed, double timeout_s,
                                    Answer& answer) {
   if (!(timeout_s >= 0)) raise_invalid("timeout_s must not be negative", "timeout_s");
-  using Clock = Sleeper::Clock;
+  using Clock = BlockingWaiter::Clock;
   const auto time = std::chrono::duration<double>(std::min(timeout_s, 1e9));
   const Clock::time_point deadline =
       Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
   // Signals are heard by Python's main thread only, and only while it holds the
   // interpreter lock: that thread wakes up to look.
-  const auto slice = is_main_thread() ? Clock::duration(std::chrono::milliseconds(100))
-                                      : Clock::duration::max();
-  Sleeper sleeper(tree.room(), query, text_of(target, "target_frame"),
-                  text_of(source, "source_frame"),
-                  fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
+  const auto slice =
+      is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
+  BlockingWaiter waiter(tree.wait_list(), query, text_of(target, "target_frame"),
+                        text_of(source, "source_frame"),
+                        fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
     bool over;
     {
       const Unlocked unlocked;
-      over = sleeper.wait(deadline - now < slice ? deadline : now + slice);
+      over = waiter.wait(deadline - now < slice ? deadline : now + slice);
     }
     if (PyErr_CheckSignals() != 0) throw nb::python_error();
     if (over) {
-      answer = sleeper.answer();
+      answer = waiter.answer();
       return {};
     }
     if (Clock::now() >= deadline) break;
   }
-  tree.lookup(sleeper.query(), answer);  // as of the deadline
+  tree.lookup(waiter.query(), answer);  // as of the deadline
   return waited(timeout_s);
 }
 
@@ -61,7 +61,7 @@ LatestTransform latest_answer(const Tree& tree, const Answer& a, nb::handle targ
 }
 
 Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
-  Query query = query_of(tree, Op::common, target, source);
+  Query query = query_of(tree, Op::latest_common, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   if (query.stamp != kNoStamp) query.op = Op::at;
   return query;
@@ -136,7 +136,7 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
   }
   std::vector<Answer> answers(queries.size());
   ReadSet reads;
-  tree.lookup_all(queries, answers, reads);
+  tree.lookup_transaction(queries, answers, reads);
   nb::list out;
   for (std::size_t i = 0; i < answers.size(); ++i)
     out.append(latest_answer(tree, answers[i], names[i].first, names[i].second));
@@ -155,8 +155,13 @@ bool set(Tree& tree, const StampedTransform& s, std::string_view authority, bool
                                     text_of(s.child_frame, "child_frame")};
   const Row row{0, 1, s.stamp, s.pose};
   std::uint8_t stored = 0;
-  commit(tree, {.names = names, .rows = {&row, 1}, .authority = authority, .is_static = is_static,
-                .drop_old = true}, {&stored, 1}, false);
+  commit(tree,
+         {.names = names,
+          .rows = {&row, 1},
+          .authority = authority,
+          .is_static = is_static,
+          .drop_old = true},
+         {&stored, 1}, false);
   return stored != 0;
 }
 
@@ -188,21 +193,24 @@ void remove_frame(Tree& tree, nb::handle name, bool subtree) {
   try {
     nb::gil_scoped_release release;
     tree.remove_frame(text, subtree);
-  } catch (const Refused& refused) {
+  } catch (const Rejected& refused) {
     raise(make_error(refused));
   }
 }
 
-std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most, const char* field) {
+std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most,
+                       const char* field) {
   if (value < least || value > most)
     raise_invalid(std::string(field) + " must be from " + std::to_string(least) + " to " +
-                      std::to_string(most), field);
+                      std::to_string(most),
+                  field);
   return static_cast<std::uint32_t>(value);
 }
 
-void construct(Tree* self, double cache_time_s, std::string_view concurrency, std::int64_t max_frames,
-               std::int64_t max_samples_per_frame, std::int64_t max_name_bytes,
-               std::int64_t max_depth, bool one_authority_per_frame, std::string_view time_jump) {
+void construct(Tree* self, double cache_time_s, std::string_view concurrency,
+               std::int64_t max_frames, std::int64_t max_samples_per_frame,
+               std::int64_t max_name_bytes, std::int64_t max_depth, bool one_authority_per_frame,
+               std::string_view time_jump) {
   Options options;
   if (!(cache_time_s > 0 && cache_time_s <= 1e9))
     raise_invalid("cache_time_s must be above 0 and at most 1e9 seconds", "cache_time_s");

@@ -8,7 +8,7 @@
 
 namespace ztf {
 
-class Crowd {
+class ThreadGroup {
  public:
   // body(stop) runs until stop is set.
   void background(std::function<void(const std::atomic<bool>&)> body) {

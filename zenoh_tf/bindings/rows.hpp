@@ -17,7 +17,8 @@ template <class T>
 void fit(const Column<T>& column, std::size_t n, const char* field) {
   if (column.shape(0) != n)
     raise_invalid(std::string(field) + " has " + std::to_string(column.shape(0)) + " rows, not " +
-                      std::to_string(n), field);
+                      std::to_string(n),
+                  field);
 }
 
 // Lookups, one per row.
@@ -31,9 +32,9 @@ struct ReadRows {
     std::uint32_t target, source, fixed;
   };
   std::vector<std::string_view> texts;
-  std::vector<nb::object> held;      // the names
-  std::vector<FrameId> ids;          // 0 where there is no such frame
-  std::vector<bool> bad_name;        // it can be no frame's
+  std::vector<nb::object> held;  // the names
+  std::vector<FrameId> ids;      // 0 where there is no such frame
+  std::vector<bool> bad_name;    // it can be no frame's
   std::vector<Names> names;
   std::vector<Query> queries;
 

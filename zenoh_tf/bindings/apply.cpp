@@ -22,8 +22,10 @@ nb::object map_items(nb::handle values, const char* field, Item item) {
   std::size_t axis = in.ndim() - sizeof...(Tail);
   ((fits = fits && in.shape(axis++) == Tail), ...);
   if (!fits)
-    raise_invalid((std::string(field) + " must have the shape (..." + ... +
-                   (", " + std::to_string(Tail))) + ")", field);
+    raise_invalid(
+        (std::string(field) + " must have the shape (..." + ... + (", " + std::to_string(Tail))) +
+            ")",
+        field);
   const nb::object result = nb::module_::import_("numpy").attr("empty_like")(array);
   const auto out = nb::cast<nb::ndarray<double, nb::c_contig, nb::device::cpu>>(result);
   const double* from = in.data();
@@ -51,7 +53,9 @@ void put(double* to, const Vec3& v) {
   to[2] = v.z;
 }
 
-void put_sum(double* to, const Vec3& a, const Vec3& b) { put(to, {a.x + b.x, a.y + b.y, a.z + b.z}); }
+void put_sum(double* to, const Vec3& a, const Vec3& b) {
+  put(to, {a.x + b.x, a.y + b.y, a.z + b.z});
+}
 
 nb::object apply_points(const Pose& pose, nb::handle points) {
   return map_items<3>(points, "points", [pose](const double* p, double* out) {
@@ -61,7 +65,7 @@ nb::object apply_points(const Pose& pose, nb::handle points) {
 
 nb::object apply_vectors(const Pose& pose, nb::handle vectors) {
   return map_items<3>(vectors, "vectors",
-                   [pose](const double* v, double* out) { put(out, rotate(pose, v)); });
+                      [pose](const double* v, double* out) { put(out, rotate(pose, v)); });
 }
 
 nb::object apply_poses(const Pose& pose, nb::handle poses) {
@@ -128,15 +132,17 @@ void bind_apply(nb::class_<Pose>& transform) {
       .def("apply_wrench", &apply_wrench, nb::arg("wrench").none(),
            "Wrenches (..., 6) at child's origin -> the equal wrenches at parent's origin.\n\n"
            "Rows fx, fy, fz (newtons), tx, ty, tz (newton metres), in the axes of their frame:\n"
-           "force' = R force, torque' = R torque + t x (R force), the shift of a wrench's reference\n"
+           "force' = R force, torque' = R torque + t x (R force), the shift of a wrench's "
+           "reference\n"
            "point in rigid-body statics, which tf2_geometry_msgs does too.")
-      .def("apply_twist", &apply_twist, nb::arg("twist").none(),
-           "Twists (..., 6) of a body at child's origin -> of the same body at parent's origin.\n\n"
-           "Rows vx, vy, vz (metres a second), wx, wy, wz (radians a second), in the axes of their\n"
-           "frame; the linear part is the velocity of the point of the body that is at the frame's\n"
-           "origin: angular' = R w, linear' = R v + t x (R w), the adjoint map of rigid-body\n"
-           "kinematics. The motion stays relative to the same observer: child and parent are taken\n"
-           "as fixed to each other, and what they do is not added.");
+      .def(
+          "apply_twist", &apply_twist, nb::arg("twist").none(),
+          "Twists (..., 6) of a body at child's origin -> of the same body at parent's origin.\n\n"
+          "Rows vx, vy, vz (metres a second), wx, wy, wz (radians a second), in the axes of their\n"
+          "frame; the linear part is the velocity of the point of the body that is at the frame's\n"
+          "origin: angular' = R w, linear' = R v + t x (R w), the adjoint map of rigid-body\n"
+          "kinematics. The motion stays relative to the same observer: child and parent are taken\n"
+          "as fixed to each other, and what they do is not added.");
 }
 
 }  // namespace ztf

@@ -10,8 +10,8 @@ FrameId known(const Tree& tree, nb::handle name) {
   if (id == 0) {
     nb::dict facts;
     facts["frame"] = name;
-    raise(make_error(Code::lookup, "frame '" + std::string(text_of(name, "frame")) + "' does not exist",
-                     facts));
+    raise(make_error(Code::lookup,
+                     "frame '" + std::string(text_of(name, "frame")) + "' does not exist", facts));
   }
   return id;
 }
@@ -55,7 +55,9 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   const FrameInfo info = tree.info(id);
   const FrameEvents& events = tree.events(id);
   const bool has_data = info.parent != 0;
-  const auto stamp = [&](Stamp value) { return has_data ? nb::object(nb::int_(value)) : nb::none(); };
+  const auto stamp = [&](Stamp value) {
+    return has_data ? nb::object(nb::int_(value)) : nb::none();
+  };
   nb::dict out;
   out["name"] = name;
   out["parent"] = name_or_none(tree, info.parent);
@@ -128,7 +130,7 @@ nb::dict stats(const Tree& tree) {
   out["static_links"] = statics;
   out["samples"] = samples;
   out["commits"] = tree.commits();
-  out["waiters"] = tree.room().size();
+  out["waiters"] = tree.wait_list().size();
   out["rewritten"] = rewritten;
   out["dropped"] = dropped;
   out["evicted"] = evicted;
@@ -142,11 +144,12 @@ void bind_introspection(nb::class_<Tree>& tree) {
   tree.def("frames", &frames)
       .def("frame_record", &frame_record, nb::arg("name"))
       .def("authority_records", &authority_records)
-      .def("parent",
-           [](const Tree& tree, nb::handle frame, nb::handle stamp) {
-             return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));
-           },
-           nb::arg("frame"), nb::arg("stamp_ns").none() = nb::none())
+      .def(
+          "parent",
+          [](const Tree& tree, nb::handle frame, nb::handle stamp) {
+            return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));
+          },
+          nb::arg("frame"), nb::arg("stamp_ns").none() = nb::none())
       .def("chain", &chain, nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats);

@@ -16,8 +16,8 @@
 #include <cstdint>
 #include <thread>
 
-#include "fault_points.hpp"
 #include "pose.hpp"
+#include "yield_point.hpp"
 
 namespace ztf {
 
@@ -69,67 +69,67 @@ using Version = std::uint64_t;
 // with acquire order, and loads the version again (sequentially consistent): had it
 // seen any of the writer's data, that acquire would make bit 0 visible to the
 // second load, so an unchanged version means unmixed data.
-class VersionLock {
+class SeqLock {
  public:
   // As it is for readers: being changed where bit 0 is set.
-  [[nodiscard]] ZTF_HOT Version load() const noexcept {
-    return word_.load(std::memory_order_seq_cst) & ~kOwned;
+  [[nodiscard]] ZTF_ALWAYS_INLINE Version load() const noexcept {
+    return word_.load(std::memory_order_seq_cst) & ~kWriteLocked;
   }
   // Waits until it is not being changed.
-  [[nodiscard]] ZTF_HOT Version unlocked() const {
+  [[nodiscard]] ZTF_ALWAYS_INLINE Version read_begin() const {
     const Version version = load();
-    return version & kLocked ? wait_unlocked() : version;
+    return version & kWriting ? wait_for_writer() : version;
   }
 
   // False where another has it; else gives the version before.
-  bool try_own(Version& before) { return try_take(kOwned, before); }
+  bool try_lock_writer(Version& before) { return try_set(kWriteLocked, before); }
   // The same, and holds readers off at once.
-  bool try_lock(Version& before) { return try_take(kOwned | kLocked, before); }
+  bool try_lock(Version& before) { return try_set(kWriteLocked | kWriting, before); }
   // Waits for it. Also for readers that want it to stand still.
-  Version own() {
+  Version lock_writer() {
     Backoff backoff;
     Version before;
-    while (!try_own(before)) backoff.wait();
+    while (!try_lock_writer(before)) backoff.wait();
     return before;
   }
   // try_lock() for who is already alone (two-phase and giant writers).
-  Version lock_alone() noexcept {
+  Version begin_write_exclusive() noexcept {
     const Version version = word_.load(std::memory_order_relaxed);
-    word_.exchange(version | kOwned | kLocked, std::memory_order_seq_cst);
+    word_.exchange(version | kWriteLocked | kWriting, std::memory_order_seq_cst);
     return version;
   }
   // For who owns it, or is alone. Comes before the data is stored; a fence must come between
   // it and the unlocking (WriteLocks).
-  void hold_readers_off(Version before) noexcept {
-    word_.store(before | kOwned | kLocked, std::memory_order_relaxed);
+  void begin_write(Version before) noexcept {
+    word_.store(before | kWriteLocked | kWriting, std::memory_order_relaxed);
   }
 
   void unlock_changed(Version before) noexcept {
-    fault_point();
-    word_.store(before + kCommit, std::memory_order_release);
+    yield_point();
+    word_.store(before + kIncrement, std::memory_order_release);
   }
   void unlock_unchanged(Version before) noexcept { word_.store(before, std::memory_order_release); }
 
-  static constexpr Version kLocked = 1;
-  static constexpr Version kOwned = 2;
-  static constexpr Version kCommit = 4;
+  static constexpr Version kWriting = 1;
+  static constexpr Version kWriteLocked = 2;
+  static constexpr Version kIncrement = 4;
 
  private:
-  bool try_take(Version bits, Version& before) {
+  bool try_set(Version bits, Version& before) {
     before = word_.load(std::memory_order_relaxed);
-    if (before & (kOwned | kLocked)) return false;
+    if (before & (kWriteLocked | kWriting)) return false;
     if (!word_.compare_exchange_strong(before, before | bits, std::memory_order_seq_cst,
                                        std::memory_order_relaxed))
       return false;
-    fault_point();
+    yield_point();
     return true;
   }
-  [[gnu::noinline, gnu::cold]] Version wait_unlocked() const {
+  [[gnu::noinline, gnu::cold]] Version wait_for_writer() const {
     Backoff backoff;
     for (;;) {
       backoff.wait();
       const Version version = load();
-      if (!(version & kLocked)) return version;
+      if (!(version & kWriting)) return version;
     }
   }
 

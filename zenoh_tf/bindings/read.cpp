@@ -4,15 +4,16 @@
 // the lock, once each.
 #include <algorithm>
 
-#include "bindings_rows.hpp"
-#include "sample.hpp"
+#include "rows.hpp"
+#include "sample_block.hpp"
 
 namespace ztf {
 
 namespace {
 
 constexpr std::size_t kLongColumn = 16;  // rows from which releasing the lock pays
-constexpr std::size_t kPortion = SampleBlock::kRows;  // at a time: their answers stay in the processor's cache
+constexpr std::size_t kPortion =
+    SampleBlock::kRows;  // at a time: their answers stay in the processor's cache
 
 // One lookup per row; a single name, stamp or None stands for every row.
 nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle sources,
@@ -20,8 +21,9 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle source
   std::optional<std::size_t> rows;
   const auto fit = [&](std::size_t n, const char* field) {
     if (rows && *rows != n)
-      raise_invalid(std::string(field) + " has " + std::to_string(n) + " rows, not " +
-                        std::to_string(*rows), field);
+      raise_invalid(
+          std::string(field) + " has " + std::to_string(n) + " rows, not " + std::to_string(*rows),
+          field);
     rows = n;
   };
   const auto names = [&](nb::handle value, const char* field) {
@@ -81,10 +83,10 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle targets, nb::handle source
       for (std::size_t i = 0; i < portion; ++i) {
         const std::size_t row = done + i;
         const Stamp time = has_one_stamp ? one_stamp : stamp_rows(row);
-        queries[i] = {time == kNoStamp ? Op::common : Op::at, target_ids[one_target ? 0 : row],
-                      source_ids[one_source ? 0 : row], time};
+        queries[i] = {time == kNoStamp ? Op::latest_common : Op::at,
+                      target_ids[one_target ? 0 : row], source_ids[one_source ? 0 : row], time};
       }
-      tree.lookup_each({queries.data(), portion}, {answers.data(), portion});
+      tree.lookup_batch({queries.data(), portion}, {answers.data(), portion});
       for (std::size_t i = 0; i < portion; ++i) {
         const Answer& a = answers[i];
         const Pose& answered = a.failure.code == Code::ok ? a.pose : Pose{};
@@ -112,7 +114,8 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
       read_names.append(rows.held[i]);
       ++unknown;
     }
-  return nb::make_tuple(read_names, make_array<Version>({read_set.size() + unknown}, [&](Version* d) {
+  return nb::make_tuple(read_names,
+                        make_array<Version>({read_set.size() + unknown}, [&](Version* d) {
                           for (const ReadVersion& r : read_set) *d++ = r.version;
                           std::fill(d, d + unknown, Version{0});
                         }));
@@ -133,14 +136,14 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
   const auto run = [&] {
     ReadSet reads;
     if (atomic) {
-      do tree.lookup_all(queries, answers, reads);
+      do tree.lookup_transaction(queries, answers, reads);
       while (!rows.names_stand(tree));
       if (versions) read_set.assign(reads.begin(), reads.end());
     } else if (!versions) {
-      tree.lookup_each(queries, answers);
+      tree.lookup_batch(queries, answers);
     } else {
       for (std::size_t i = 0; i < n; ++i) {
-        tree.lookup_all({&queries[i], 1}, {&answers[i], 1}, reads);
+        tree.lookup_transaction({&queries[i], 1}, {&answers[i], 1}, reads);
         read_set.insert(read_set.end(), reads.begin(), reads.end());
       }
     }
@@ -190,7 +193,8 @@ std::vector<nb::object> names_of(nb::handle names, std::vector<std::string_view>
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field) {
   if (index >= names)
     raise_invalid(std::string(field) + ": row " + std::to_string(index) + " of " +
-                      std::to_string(names) + " names", field);
+                      std::to_string(names) + " names",
+                  field);
   return index;
 }
 
@@ -219,11 +223,14 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
     Query& q = queries[i];
     if (op(i) >= kOps) raise_invalid("op: no operation " + std::to_string(op(i)), "op");
     q.op = static_cast<Op>(op(i));
-    names[i] = {checked(target(i), ids.size(), "target"), checked(source(i), ids.size(), "source"), 0};
+    names[i] = {checked(target(i), ids.size(), "target"), checked(source(i), ids.size(), "source"),
+                0};
     q.stamp = stamp(i);
-    if (q.op == Op::at && q.stamp == kNoStamp) raise_invalid("stamp_ns is out of range", "stamp_ns");
+    if (q.op == Op::at && q.stamp == kNoStamp)
+      raise_invalid("stamp_ns is out of range", "stamp_ns");
     if (q.op == Op::full) {
-      if (!fixed || !source_stamp) raise_invalid("a full lookup needs fixed and source_stamp_ns", "fixed");
+      if (!fixed || !source_stamp)
+        raise_invalid("a full lookup needs fixed and source_stamp_ns", "fixed");
       names[i].fixed = checked((*fixed)(i), ids.size(), "fixed");
       q.source_stamp = (*source_stamp)(i);
     }
@@ -280,7 +287,8 @@ nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& ans
       error = rows.name_error(tree, i);
     } else {
       auto [target, source, fixed] = rows.names[i];
-      if (rows.queries[i].op == Op::full)  // the leg that failed: source in fixed, or fixed in target
+      if (rows.queries[i].op ==
+          Op::full)  // the leg that failed: source in fixed, or fixed in target
         (a.failure.target == rows.queries[i].fixed ? target : source) = fixed;
       error = make_error(tree, a.failure, rows.held[target], rows.held[source],
                          notes.empty() ? std::string() : notes[i]);
@@ -289,12 +297,13 @@ nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& ans
     a.pose = Pose{};
   }
   return nb::make_tuple(status_column(answers), stamp_column(answers, &Answer::stamp),
-                        stamp_column(answers, &Answer::newest), pose_column(answers), failures, reads);
+                        stamp_column(answers, &Answer::newest), pose_column(answers), failures,
+                        reads);
 }
 
 void bind_read(nb::module_& m, nb::class_<Tree>& tree) {
   m.attr("OP_AT") = static_cast<int>(Op::at);
-  m.attr("OP_COMMON") = static_cast<int>(Op::common);
+  m.attr("OP_COMMON") = static_cast<int>(Op::latest_common);
   m.attr("OP_LATEST") = static_cast<int>(Op::latest);
   m.attr("OP_LATEST_XACT") = static_cast<int>(Op::latest_xact);
   m.attr("OP_COMMON_TIME") = static_cast<int>(Op::common_time);

@@ -2,7 +2,7 @@
 //
 // Thread safety: all of it. Threads count in different places, mostly, so that
 // writers do not meet here.
-// Ordering: CommitCount is sequentially consistent. A commit unlocks its frames,
+// Ordering: ShardedCounter is sequentially consistent. A commit unlocks its frames,
 // then counts; who has seen it counted sees its frames' new versions.
 #pragma once
 
@@ -13,7 +13,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "zeroed.hpp"
+#include "zeroed_array.hpp"
 
 namespace ztf {
 
@@ -22,31 +22,31 @@ using AuthorityId = std::uint32_t;  // 1, 2, ...; 0: none was named
 // Which of so many places, a power of two, this thread counts in. From the thread's own address: a
 // thread-local number would cost a call, for this is a loaded module. Stacks mostly lie at equal
 // distances, which this multiplier spreads evenly.
-template <std::size_t places>
-std::size_t place_of_thread() noexcept {
+template <std::size_t shards>
+std::size_t shard_of_thread() noexcept {
   const auto self = reinterpret_cast<std::uintptr_t>(pthread_self());
-  return std::uint64_t{self >> 12} * 0x9E3779B97F4A7C15u >> (64 - std::countr_zero(places));
+  return std::uint64_t{self >> 12} * 0x9E3779B97F4A7C15u >> (64 - std::countr_zero(shards));
 }
 
-class CommitCount {
+class ShardedCounter {
  public:
   void add() noexcept {
-    places_[place_of_thread<kPlaces>()].count.fetch_add(1, std::memory_order_seq_cst);
+    shards_[shard_of_thread<kShards>()].count.fetch_add(1, std::memory_order_seq_cst);
   }
 
   [[nodiscard]] std::uint64_t sum() const noexcept {
     std::uint64_t sum = 0;
-    for (const Place& place : places_) sum += place.count.load(std::memory_order_seq_cst);
+    for (const LinkLookup& place : shards_) sum += place.count.load(std::memory_order_seq_cst);
     return sum;
   }
 
  private:
-  static constexpr std::size_t kPlaces = 32;
-  struct alignas(64) Place {
+  static constexpr std::size_t kShards = 32;
+  struct alignas(64) LinkLookup {
     std::atomic<std::uint64_t> count{0};
   };
 
-  Place places_[kPlaces];
+  LinkLookup shards_[kShards];
 };
 
 // What one commit did to its rows.
@@ -61,10 +61,11 @@ struct AuthorityCounts {
 // Of the authorities with a name.
 class AuthorityCounters {
  public:
-  explicit AuthorityCounters(std::uint32_t authorities) : places_(std::size_t{authorities} * kPlaces) {}
+  explicit AuthorityCounters(std::uint32_t authorities)
+      : shards_(std::size_t{authorities} * kShards) {}
 
   void add(AuthorityId id, const CommitTally& tally, bool one_row) noexcept {
-    Place& place = places_[std::size_t{id - 1} * kPlaces + place_of_thread<kPlaces>()];
+    LinkLookup& place = shards_[std::size_t{id - 1} * kShards + shard_of_thread<kShards>()];
     const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
       if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
     };
@@ -78,8 +79,8 @@ class AuthorityCounters {
 
   [[nodiscard]] AuthorityCounts sum(AuthorityId id) const noexcept {
     AuthorityCounts sum;
-    for (std::size_t i = 0; i < kPlaces; ++i) {
-      const Place& place = places_[std::size_t{id - 1} * kPlaces + i];
+    for (std::size_t i = 0; i < kShards; ++i) {
+      const LinkLookup& place = shards_[std::size_t{id - 1} * kShards + i];
       const std::uint64_t single = place.single_commits.load(std::memory_order_relaxed);
       sum.commits += single + place.other_commits.load(std::memory_order_relaxed);
       sum.stored += single + place.stored_by_others.load(std::memory_order_relaxed);
@@ -91,14 +92,14 @@ class AuthorityCounters {
   }
 
  private:
-  static constexpr std::size_t kPlaces = 8;
-  struct alignas(64) Place {
+  static constexpr std::size_t kShards = 8;
+  struct alignas(64) LinkLookup {
     // The usual commit stores one row and counts one word.
     std::atomic<std::uint64_t> single_commits, other_commits, stored_by_others;
     std::atomic<std::uint64_t> dropped, rewritten, conflicts;
   };
 
-  const ZeroedArray<Place> places_;
+  const ZeroedArray<LinkLookup> shards_;
 };
 
 }  // namespace ztf

@@ -3,7 +3,7 @@
 // The chain between the two is found once, for the block's first time. Each of
 // its links is then followed through all times with a cursor into its history,
 // and the poses of four times are computed at once. That holds while no frame has
-// had samples of two parents (Reader::is_only_way()); from then on all times are
+// had samples of two parents (Reader::never_reparented()); from then on all times are
 // left to ordinary lookups. So is a time at which a link has no sample, which a
 // lookup explains.
 //
@@ -14,13 +14,13 @@
 #include <array>
 #include <span>
 
-#include "quad.hpp"
+#include "pose4.hpp"
 #include "walk.hpp"
 
 namespace ztf {
 
 // The times of a block: of whole quads, the last time again where there are no more.
-struct Times {
+struct BlockTimes {
   static constexpr std::size_t kRows = 64;
   std::array<Stamp, kRows> rows;
   Stamp earliest, latest;
@@ -29,7 +29,7 @@ struct Times {
 
 class SampleBlock {
  public:
-  static constexpr std::size_t kRows = Times::kRows;
+  static constexpr std::size_t kRows = BlockTimes::kRows;
 
   // One row at least and kRows at most, all `at`, of one target and one source.
   SampleBlock(std::span<const Query> queries, std::span<Answer> answers) noexcept
@@ -41,26 +41,26 @@ class SampleBlock {
   // Answers the rows that the chain serves,
   void answer(const Chain& chain) noexcept;
   // or none.
-  void leave_out() noexcept { left_out_.fill(true); }
-  [[nodiscard]] bool left_out(std::size_t row) const noexcept { return left_out_[row]; }
+  void leave_unanswered() noexcept { unanswered_.fill(true); }
+  [[nodiscard]] bool unanswered(std::size_t row) const noexcept { return unanswered_[row]; }
 
  private:
   // Without the identities that poses begin as.
   union Column {
     Column() noexcept {}
-    PoseQuad& operator[](std::size_t quad) noexcept { return quads[quad]; }
-    std::array<PoseQuad, kRows / 4> quads;
+    Pose4& operator[](std::size_t quad) noexcept { return quads[quad]; }
+    std::array<Pose4, kRows / 4> quads;
   };
 
   [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
   void take_times() noexcept;
-  void follow(const Step& step, bool is_first, Column& poses) noexcept;
-  void compose(const Side& side, Column& poses) noexcept;
+  void follow(const PathStep& step, bool is_first, Column& poses) noexcept;
+  void compose(const PathSegment& side, Column& poses) noexcept;
 
   const std::span<const Query> queries_;
   const std::span<Answer> answers_;
-  std::array<bool, kRows> left_out_;
-  Times times_;
+  std::array<bool, kRows> unanswered_;
+  BlockTimes times_;
 };
 
 }  // namespace ztf
