@@ -1,4 +1,4 @@
-"""The driver, built with the core as it is, or with a fault in it."""
+"""Builds the history driver with the core as it is, or with a fault patched into a copy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOOLS = sysconfig.get_path("scripts")  # cmake and ninja come from PyPI
 
 
 def build_driver() -> Path:
-    """With the core's own tests, by scripts/core_test.sh's settings."""
+    """Build into the folder of the C++ tests, with the settings of scripts/core_test.sh."""
     return _build(CORE, ROOT / "build/core-plain", "-DZTF_WERROR=ON", "-DZTF_SANITIZE=")
 
 
@@ -28,7 +28,7 @@ def faulty_text(fault: Fault) -> str:
 
 
 def build_faulty_driver(fault: Fault) -> Path:
-    """From a copy of the core, with little optimisation and all files as one: in seconds."""
+    """Build from a patched copy, as one file with little optimisation, which takes seconds."""
     folder = ROOT / "build/histories" / fault.name.replace(" ", "-")
     copy = folder / "zenoh_tf/core"
     shutil.rmtree(folder, ignore_errors=True)

@@ -29,7 +29,7 @@ def transaction(
 
 
 def history(*transactions: Written, in_order: bool = True) -> History:
-    """Every transaction on a thread of its own."""
+    """Return a history in which every transaction has a thread of its own."""
     rows, accesses = [], []
     for number, (invoked, responded, reads, writes, outcome) in enumerate(transactions):
         rows.append((number, invoked, responded, outcome))

@@ -1,15 +1,15 @@
-"""Is a history strictly serializable? If not: which transactions are in no possible order?
+"""Decides whether a history is strictly serializable, and names the transactions that are not.
 
-Every rule that orders two transactions is an edge of a graph, and a cycle is an anomaly:
+Every rule that orders two transactions is an edge of a dependency graph. A cycle is an anomaly.
 
-ww  the later version of a link comes after the earlier one, where versions come in their order
-wr  who reads a version comes after who wrote it
-rw  who reads a version comes before all that wrote newer ones
-rt  who has its answer comes before whoever asks after that
+ww  a later version of a link follows the earlier one, if versions are written in stamp order
+wr  a transaction that reads a version follows the one that wrote it
+rw  a transaction that reads a version precedes all that wrote newer ones
+rt  a transaction precedes every one that started after it had ended (real time)
 
-Two of these would need an edge for nearly every pair of transactions. Nodes that are no
-transactions keep them few: a *gate* before each version of a link leads to its writer and to the
-gate of the next version; a chain of *moments*, one after each response, carries real time.
+The last two rules would need an edge for nearly every pair of transactions. Auxiliary nodes keep
+the graph small: a *gate* before each version of a link leads to its writer and to the next gate,
+and a chain of *time nodes*, one after each response, carries real time.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from .history import COMMITTED, NONSENSE, OUTCOMES, Access, Column, History, Transaction
+from .history import COMMITTED, INCONSISTENT, OUTCOMES, Access, Column, History, Transaction
 
 WW, WR, RW, RT = range(4)
 KINDS = ("ww", "wr", "rw", "rt")
-REAL_TIME = -1  # instead of a link
+REAL_TIME = -1  # the link of a real-time edge
 
 
-class PathStep(NamedTuple):
-    """Transaction `before` comes before `after`."""
+class Dependency(NamedTuple):
+    """An edge: transaction `before` precedes transaction `after`."""
 
     before: int
     kind: int
@@ -50,8 +50,8 @@ class Anomaly:
     text: str
 
 
-class Edges:
-    """The graph: who comes before whom, why, and over which link."""
+class DependencyGraph:
+    """Edges from a node to a later one, each with its kind and its link."""
 
     def __init__(self, nodes: int) -> None:
         self.nodes = nodes
@@ -71,12 +71,12 @@ class Edges:
 
 
 def find_anomaly(history: History) -> Anomaly | None:
-    """The plainest anomaly of the history, if it has one."""
-    return _unwritten(history) or _cycle(history) or _nonsense(history)
+    """Return the simplest anomaly of the history, or None if it is strictly serializable."""
+    return _unwritten(history) or _cycle(history) or _inconsistent(history)
 
 
-def explained(history: History, anomaly: Anomaly) -> str:
-    """The anomaly, and what its transactions have done."""
+def describe(history: History, anomaly: Anomaly) -> str:
+    """Return the anomaly and what each of its transactions read and wrote."""
     lines = [f"{anomaly.name}: {anomaly.text}"]
     start = history.transactions[:, 1].min()
     for number in sorted(set(anomaly.transactions)):
@@ -87,32 +87,38 @@ def explained(history: History, anomaly: Anomaly) -> str:
         )
         for row in history.accesses[history.accesses[:, 0] == number].tolist():
             _, is_write, link, stamp = Access(*row)
-            lines.append(f"    {'wrote' if is_write else 'read'} link {link} as of {stamp}")
+            lines.append(f"    {'wrote' if is_write else 'read'} link {link} at stamp {stamp}")
     return "\n".join(lines)
 
 
-def _nonsense(history: History) -> Anomaly | None:
-    for transaction in np.flatnonzero(history.transactions[:, 3] == NONSENSE):
-        return Anomaly("nonsense", [int(transaction)], f"T{transaction} contradicts itself")
+def _inconsistent(history: History) -> Anomaly | None:
+    for transaction in np.flatnonzero(history.transactions[:, 3] == INCONSISTENT):
+        return Anomaly(
+            "inconsistent result",
+            [int(transaction)],
+            f"T{transaction} returned an inconsistent result",
+        )
     return None
 
 
 def _unwritten(history: History) -> Anomaly | None:
-    """A version that was read, and that no other, committed transaction has written there."""
+    """Find a read of a version that no other committed transaction wrote."""
     transaction, is_write, link, stamp = history.accesses.T
     version = stamp * (link.max(initial=0) + 1) + link
     wrote = is_write == 1
     committed = wrote & (history.transactions[transaction, 3] == COMMITTED)
-    by_whom = version * len(history.transactions) + transaction
-    good = np.isin(version, version[committed]) & ~np.isin(by_whom, by_whom[wrote])
+    version_by_writer = version * len(history.transactions) + transaction
+    good = np.isin(version, version[committed]) & ~np.isin(
+        version_by_writer, version_by_writer[wrote]
+    )
     for read in np.flatnonzero((stamp > 0) & ~wrote & ~good):
         reader = int(transaction[read])
-        where = f"T{reader} has read link {link[read]} as of {stamp[read]}"
+        where = f"T{reader} read link {link[read]} at stamp {stamp[read]}"
         writers = transaction[wrote & (version == version[read])].tolist()
         if writers and writers != [reader]:
-            text = f"{where}, which T{writers[0]} wrote, which was refused"
+            text = f"{where}, written by T{writers[0]}, which was rejected"
             return Anomaly("G1a aborted read", [writers[0], reader], text)
-        return Anomaly("unwritten version", [reader], f"{where}: nobody had written that")
+        return Anomaly("unwritten version", [reader], f"{where}, which no transaction wrote")
     return None
 
 
@@ -121,7 +127,7 @@ def _cycle(history: History) -> Anomaly | None:
     edges = graph.all()
     if _smallest_component(graph.nodes, edges) is None:
         return None
-    # By the fewest kinds of edges that make one: that is the plainest.
+    # A cycle of fewer kinds of edges is the simpler anomaly.
     for kinds in ([WW], [WW, WR], [WW, WR, RW], [WW, WR, RW, RT]):
         some = edges[:, np.isin(edges[1], kinds)]
         component = _smallest_component(graph.nodes, some)
@@ -133,9 +139,9 @@ def _cycle(history: History) -> Anomaly | None:
     return Anomaly(_name(steps), [step.before for step in steps], text)
 
 
-def _graph(history: History) -> Edges:
+def _graph(history: History) -> DependencyGraph:
     transactions, accesses = history.transactions, history.accesses
-    graph = Edges(len(transactions))
+    graph = DependencyGraph(len(transactions))
     wrote = (accesses[:, 1] == 1) & (transactions[accesses[:, 0], 3] == COMMITTED)
     for link in np.unique(accesses[:, 2]):
         here = accesses[:, 2] == link
@@ -151,7 +157,9 @@ def _graph(history: History) -> Edges:
     return graph
 
 
-def _add_link(graph: Edges, link: int, writes: Column, reads: Column, in_order: bool) -> None:
+def _add_link(
+    graph: DependencyGraph, link: int, writes: Column, reads: Column, in_order: bool
+) -> None:
     writers, stamps = writes[:, 0], writes[:, 3]
     gates = graph.new_nodes(len(writers))
     graph.add(gates, RW, link, writers)
@@ -160,11 +168,11 @@ def _add_link(graph: Edges, link: int, writes: Column, reads: Column, in_order: 
         graph.add(writers[:-1], WW, link, writers[1:])
 
     readers = reads[:, 0]
-    newer = np.searchsorted(stamps, reads[:, 3], side="right")  # the first version after it
+    newer = np.searchsorted(stamps, reads[:, 3], side="right")  # the first newer version
     written = newer > 0
     graph.add(writers[newer[written] - 1], WR, link, readers[written])
-    # A gate leads to all newer versions. Who wrote one of them itself goes around it: straight to
-    # those in between, and to the gate after it.
+    # A gate leads to all newer versions. A reader that wrote one of them itself must not precede
+    # itself: it gets edges to the versions in between and to the gate after its own version.
     own = np.full(graph.nodes, -1)
     own[writers] = np.arange(len(writers))
     overwrites = own[readers] >= newer
@@ -176,14 +184,16 @@ def _add_link(graph: Edges, link: int, writes: Column, reads: Column, in_order: 
     graph.add(readers[has_gate], RW, link, gates[gate[has_gate]])
 
 
-def _add_real_time(graph: Edges, transactions: Column) -> None:
+def _add_real_time(graph: DependencyGraph, transactions: Column) -> None:
     responses = np.sort(transactions[:, 2])
-    moments = graph.new_nodes(len(transactions))
-    graph.add(np.argsort(transactions[:, 2]), RT, REAL_TIME, moments)
-    graph.add(moments[:-1], RT, REAL_TIME, moments[1:])
-    before = np.searchsorted(responses, transactions[:, 1], side="left")  # answered before it asked
+    time_nodes = graph.new_nodes(len(transactions))
+    graph.add(np.argsort(transactions[:, 2]), RT, REAL_TIME, time_nodes)
+    graph.add(time_nodes[:-1], RT, REAL_TIME, time_nodes[1:])
+    before = np.searchsorted(
+        responses, transactions[:, 1], side="left"
+    )  # responses before the call
     after = np.flatnonzero(before > 0)
-    graph.add(moments[before[after] - 1], RT, REAL_TIME, after)
+    graph.add(time_nodes[before[after] - 1], RT, REAL_TIME, after)
 
 
 def _smallest_component(nodes: int, edges: Column) -> Column | None:
@@ -197,40 +207,42 @@ def _smallest_component(nodes: int, edges: Column) -> Column | None:
     return np.flatnonzero(component == np.argmin(np.where(sizes > 1, sizes, nodes + 1)))
 
 
-def _shortest_cycle(edges: Column, transactions: int, starts: int = 64) -> list[PathStep]:
-    """The shortest way from some of the transactions back to themselves."""
+def _shortest_cycle(edges: Column, transactions: int, starts: int = 64) -> list[Dependency]:
+    """Return the shortest cycle through any of the first `starts` transactions."""
     after: dict[int, list[tuple[int, int, int]]] = {}
     for before, kind, link, node in edges.T.tolist():
         after.setdefault(before, []).append((kind, link, node))
-    ways = (_way_back(after, start) for start in sorted(after)[:starts] if start < transactions)
-    way = min(ways, key=len)
-    # Steps over nodes that are no transactions are one step of their kind.
-    at = [i for i, (node, _, _) in enumerate(way) if node < transactions]
-    return [PathStep(way[i][0], way[i + 1][1], way[i + 1][2], way[j][0]) for i, j in pairwise(at)]
+    paths = (_path_back(after, start) for start in sorted(after)[:starts] if start < transactions)
+    path = min(paths, key=len)
+    # Edges over auxiliary nodes count as one edge of their kind.
+    at = [i for i, (node, _, _) in enumerate(path) if node < transactions]
+    return [
+        Dependency(path[i][0], path[i + 1][1], path[i + 1][2], path[j][0]) for i, j in pairwise(at)
+    ]
 
 
-def _way_back(
+def _path_back(
     after: dict[int, list[tuple[int, int, int]]], start: int
 ) -> list[tuple[int, int, int]]:
-    """Nodes with the kind and link of the edge that leads to each; first and last are the start."""
-    came: dict[int, tuple[int, int, int]] = {}
+    """Return the nodes of a cycle, each with kind and link of its incoming edge (breadth first)."""
+    incoming: dict[int, tuple[int, int, int]] = {}
     queue = deque([start])
-    while start not in came:
+    while start not in incoming:
         node = queue.popleft()
         for kind, link, following in after[node]:
-            if following not in came:
-                came[following] = (node, kind, link)
+            if following not in incoming:
+                incoming[following] = (node, kind, link)
                 queue.append(following)
-    way: list[tuple[int, int, int]] = []
+    path: list[tuple[int, int, int]] = []
     node = start
-    while not way or node != start:
-        before, kind, link = came[node]
-        way.append((node, kind, link))
+    while not path or node != start:
+        before, kind, link = incoming[node]
+        path.append((node, kind, link))
         node = before
-    return [(start, RT, REAL_TIME), *reversed(way)]
+    return [(start, RT, REAL_TIME), *reversed(path)]
 
 
-def _name(steps: list[PathStep]) -> str:
+def _name(steps: list[Dependency]) -> str:
     kinds = [step.kind for step in steps]
     if RT in kinds:
         return "stale read" if RW in kinds else "order against real time"

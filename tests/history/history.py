@@ -1,4 +1,4 @@
-"""What many threads did to one tree: transactions, and the versions that they read and wrote."""
+"""A history: the transactions of many threads on one tree, and what they read and wrote."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 Concurrency = Literal["optimistic", "2pl", "giant"]
 Column = NDArray[np.int64]
 
-#: A history ends before the driver's stamps do, of which it has 8191.
+#: Transactions of one history. The driver has 8191 stamps, which suffice for them.
 TRANSACTIONS = 16_000
 
-# Outcomes, as in driver.cpp. What a refused transaction has read is as good as what others read.
-COMMITTED, CONFLICT, LATE, NONSENSE = range(4)
-OUTCOMES = ("committed", "refused: conflict", "refused: late", "contradicts itself")
+# Outcomes, as in driver.cpp. Reads of a rejected transaction are checked like all others.
+COMMITTED, CONFLICT, LATE, INCONSISTENT = range(4)
+OUTCOMES = ("committed", "rejected: conflict", "rejected: too old", "inconsistent")
 
 
 class Transaction(NamedTuple):
@@ -33,7 +33,7 @@ class Access(NamedTuple):
     transaction: int
     is_write: bool
     link: int
-    stamp: int  # names the version; 0: what was there before the history
+    stamp: int  # identifies the version; 0: the state before the history
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class History:
     transactions: Column
     #: Columns as in Access. A transaction writes all of its links under one stamp of its own.
     accesses: Column
-    #: The tree refuses a stamp that is older than a link's newest: versions come in their order.
-    #: Else a late write stands behind newer ones from the beginning, and "latest" never shows it.
+    #: True if the tree rejects stamps older than the newest of a link, so that versions are
+    #: written in stamp order. Otherwise a late write is never the latest of its link.
     in_order: bool
 
 
 class Run(NamedTuple):
-    """The arguments of one run of the driver: enough to run it again."""
+    """The arguments of one run of the driver, which repeat it."""
 
     concurrency: Concurrency
     in_order: bool
@@ -76,11 +76,11 @@ def load(file: Path, in_order: bool) -> History:
 
 
 class Liveliness(NamedTuple):
-    """How much a history could have shown."""
+    """How much contention a history had, and so how much it could have shown."""
 
     committed: int  # transactions that wrote
-    conflicts: int  # transactions that were refused, as what they had read was overwritten
-    contended: int  # readings while the version that was seen, or the next one, was being written
+    conflicts: int  # transactions rejected because what they had read was overwritten
+    contended: int  # reads that overlapped the write of the version read, or of the next one
 
     def __add__(self, other: tuple[int, ...]) -> Liveliness:  # type: ignore[override]
         return Liveliness(*(a + b for a, b in zip(self, other, strict=True)))

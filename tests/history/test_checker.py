@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from .by_hand import history, transaction
-from .checker import explained, find_anomaly
-from .history import CONFLICT, NONSENSE, liveliness
+from .checker import describe, find_anomaly
+from .history import CONFLICT, INCONSISTENT, liveliness
 
-#: All at the same time: only what was read and written orders them.
+#: All overlap, so that only what they read and wrote orders them.
 TOGETHER = (0, 100)
 
 ANOMALIES = {
@@ -41,7 +41,7 @@ ANOMALIES = {
     "order against real time": history(
         transaction((20, 30), writes={0: 1}), transaction((0, 10), reads={0: 1})
     ),
-    "nonsense": history(transaction(TOGETHER, outcome=NONSENSE)),
+    "inconsistent result": history(transaction(TOGETHER, outcome=INCONSISTENT)),
 }
 
 
@@ -51,10 +51,10 @@ def test_an_anomaly_is_found_and_named(name: str) -> None:
     assert anomaly is not None
     assert anomaly.name == name
     for number in anomaly.transactions:
-        assert f"T{number}: thread {number}, " in explained(ANOMALIES[name], anomaly)
+        assert f"T{number}: thread {number}, " in describe(ANOMALIES[name], anomaly)
 
 
-def test_two_readers_who_see_two_writes_in_opposite_orders() -> None:
+def test_two_readers_that_see_two_writes_in_opposite_orders() -> None:
     anomaly = find_anomaly(
         history(
             transaction(TOGETHER, writes={0: 1}),
@@ -69,7 +69,7 @@ def test_two_readers_who_see_two_writes_in_opposite_orders() -> None:
 
 
 def test_a_reading_that_is_many_versions_old() -> None:
-    """The gates carry the order over versions that nobody has read, and around own writes."""
+    """Gates carry the order over versions that were not read, and around own writes."""
     writes = [transaction((i, 1000), writes={0: i, i % 3 + 1: i}) for i in range(1, 50)]
     late = [transaction((i, 1000), reads={49 % 3 + 1: 49, 0: 3}) for i in (1, 2)]
     for in_order in (True, False):
@@ -81,8 +81,8 @@ def test_a_reading_that_is_many_versions_old() -> None:
     assert find_anomaly(history(*writes, own, in_order=False)) is None
 
 
-def test_the_plainest_anomaly_is_named() -> None:
-    """A cycle without real time, where there is one, and without much else."""
+def test_the_simplest_anomaly_is_named() -> None:
+    """A cycle without real-time edges is preferred to one with them."""
     anomaly = find_anomaly(
         history(
             transaction((0, 10), writes={0: 1}),
@@ -97,7 +97,7 @@ def test_the_plainest_anomaly_is_named() -> None:
 
 
 @pytest.mark.parametrize("in_order", [True, False])
-def test_what_can_be_put_in_an_order_is_no_anomaly(in_order: bool) -> None:
+def test_a_serializable_history_has_no_anomaly(in_order: bool) -> None:
     assert (
         find_anomaly(
             history(
@@ -116,7 +116,7 @@ def test_what_can_be_put_in_an_order_is_no_anomaly(in_order: bool) -> None:
     )
 
 
-def test_an_answer_in_the_moment_of_the_next_question_orders_nothing() -> None:
+def test_a_call_at_the_instant_of_a_response_is_not_ordered_after_it() -> None:
     assert (
         find_anomaly(
             history(transaction((0, 10), writes={0: 1}), transaction((10, 20), reads={0: 0}))
@@ -125,8 +125,8 @@ def test_an_answer_in_the_moment_of_the_next_question_orders_nothing() -> None:
     )
 
 
-def test_a_late_write_is_an_anomaly_only_where_it_would_have_been_refused() -> None:
-    """T1 writes behind T0's newer version once T2 has read that: legal where late rows are kept."""
+def test_a_late_write_is_an_anomaly_only_if_it_should_have_been_rejected() -> None:
+    """T1 writes an older stamp after T2 read T0's newer version: legal if late rows are stored."""
     late = (
         transaction((0, 60), writes={0: 6}),
         transaction((0, 90), writes={0: 5, 1: 5}),

@@ -1,6 +1,6 @@
-"""Histories of the core with yields in its worst places: strictly serializable, in every mode.
+"""Histories of the core, built with yields at critical points, are strictly serializable.
 
-``ANOMALIES`` sets how many transactions are run over all modes.
+``ANOMALIES`` sets the number of transactions over all modes.
 """
 
 import os
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from .builds import build_driver
-from .checker import explained, find_anomaly
+from .checker import describe, find_anomaly
 from .history import TRANSACTIONS, Concurrency, Liveliness, Run, liveliness, record, runs
 
 MODES: tuple[Concurrency, ...] = ("optimistic", "2pl", "giant")
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.timeout(400 + 10 * HISTORIES)
 
 
 def proves_something(seen: Liveliness, histories: int) -> bool:
-    """Far less than any machine has shown."""
+    """True if there was enough contention. The bounds are far below what any machine has shown."""
     transactions = histories * TRANSACTIONS
     return (
         seen.committed >= 0.1 * transactions
@@ -43,7 +43,7 @@ def test_histories_are_strictly_serializable(
     for run in runs(concurrency, HISTORIES):
         history = record(driver, run, tmp_path / "history")
         anomaly = find_anomaly(history)
-        assert anomaly is None, f"{run}\n{explained(history, anomaly)}"
+        assert anomaly is None, f"{run}\n{describe(history, anomaly)}"
         seen += liveliness(history)
     print(f"\n{HISTORIES * TRANSACTIONS} transactions, {concurrency}: {seen}")
     assert proves_something(seen, HISTORIES), seen
@@ -56,7 +56,7 @@ def test_a_history_of_one_thread_proves_nothing(driver: Path, tmp_path: Path) ->
 
 
 def test_a_wrong_claim_about_the_order_of_versions_is_found(driver: Path, tmp_path: Path) -> None:
-    """Late rows are kept here: who takes them for refused must find them out of order."""
+    """Late rows are stored here, so a checker that assumes stamp order must find an anomaly."""
     history = record(driver, Run("optimistic", False, seed=1, threads=6), tmp_path / "history")
     assert find_anomaly(history) is None
     assert find_anomaly(replace(history, in_order=True)) is not None

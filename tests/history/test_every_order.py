@@ -1,4 +1,4 @@
-"""The checker against the definition: small histories, and every order that there is."""
+"""The checker against the definition, on small histories with all their permutations."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ LINKS = 2
 
 
 def is_possible(order: tuple[Written, ...], in_order: bool) -> bool:
-    """One after the other, in that order: does each read what then was newest?"""
-    asked_last = 0
+    """True if each transaction, run in this order, reads the newest versions of that moment."""
+    latest_call_ns = 0
     newest: Versions = {}
     for one in order:
-        if one.responded_ns < asked_last:
+        if one.responded_ns < latest_call_ns:
             return False
-        asked_last = max(asked_last, one.invoked_ns)
+        latest_call_ns = max(latest_call_ns, one.invoked_ns)
         if any(newest.get(link, 0) != stamp for link, stamp in one.reads.items()):
             return False
         if one.outcome != COMMITTED:
@@ -32,14 +32,14 @@ def is_possible(order: tuple[Written, ...], in_order: bool) -> bool:
 
 
 def some_transactions(rng: random.Random) -> list[Written]:
-    """What an order gives, and mostly a little wrong: near the border between the two."""
+    """Transactions of a serial run with a few random changes, so that about half are anomalies."""
     n = rng.randint(2, 5)
     stamps = list(range(1, n + 1))
     if rng.random() < 0.5:
         rng.shuffle(stamps)
     newest: Versions = {}
     found = []
-    for place, stamp in enumerate(stamps):
+    for index, stamp in enumerate(stamps):
         reads = {
             link: newest.get(link, 0) for link in rng.sample(range(LINKS), rng.randint(0, LINKS))
         }
@@ -48,7 +48,7 @@ def some_transactions(rng: random.Random) -> list[Written]:
                 reads[link] = rng.choice([0, *stamps])
         writes = rng.sample(range(LINKS), rng.randint(0, LINKS))
         outcome = CONFLICT if rng.random() < 0.1 else COMMITTED
-        when = (4 * place - rng.randint(0, 8), 4 * place + rng.randint(0, 8))
+        when = (4 * index - rng.randint(0, 8), 4 * index + rng.randint(0, 8))
         found.append(transaction(when, reads, dict.fromkeys(writes, stamp), outcome))
         if outcome == COMMITTED:
             newest.update({link: max(newest.get(link, 0), stamp) for link in writes})

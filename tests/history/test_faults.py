@@ -1,6 +1,6 @@
 """The checker finds the fault in every faulty core, and none in the same core without it.
 
-``ANOMALIES`` asks for all of them; else it is the two that are hardest to hit.
+If ``ANOMALIES`` is set, all faults are built; otherwise the two that are hardest to hit.
 """
 
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from .builds import build_faulty_driver, faulty_text
-from .checker import explained, find_anomaly
+from .checker import describe, find_anomaly
 from .faults import FAULTS, HISTORIES, SOUND, Fault
 from .history import record, runs
 
@@ -31,7 +31,7 @@ def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
         for run in runs(concurrency, HISTORIES):
             history = record(driver, run, tmp_path / "history")
             if anomaly := find_anomaly(history):
-                print(f"\n{run}\n{explained(history, anomaly)}")
+                print(f"\n{run}\n{describe(history, anomaly)}")
                 break
         else:
             pytest.fail(f"not found in {HISTORIES} histories, {concurrency}")
@@ -39,7 +39,7 @@ def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fault", FAULTS + SOUND, ids=lambda f: f.name)
 def test_a_fault_still_fits_the_core(fault: Fault) -> None:
-    """Also where nobody has the time to build them all."""
+    """The patched text occurs once, so that each fault applies even when it is not built here."""
     assert faulty_text(fault)
 
 
@@ -51,4 +51,4 @@ def test_without_a_fault_none_is_found(sound: Fault, tmp_path: Path) -> None:
         for run in runs(concurrency, HISTORIES):
             history = record(driver, run, tmp_path / "history")
             anomaly = find_anomaly(history)
-            assert anomaly is None, f"{run}\n{explained(history, anomaly)}"
+            assert anomaly is None, f"{run}\n{describe(history, anomaly)}"
