@@ -18,7 +18,7 @@ from zenoh_tf_client import TransformClient
 
 START_TIMEOUT_S = 20.0
 
-# Who starts the tests in the background may have them ignore Ctrl-C, and so all that they start.
+# A shell that starts the tests in the background makes them, and their children, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -67,7 +67,7 @@ class ServerProcess:
 
     @property
     def log(self) -> str:
-        """What it has logged so far."""
+        """Return what it has logged so far."""
         return self._log.read_text()
 
     def connect(self, timeout_s: float = 5.0) -> TransformClient:
@@ -87,7 +87,7 @@ class ServerProcess:
         self._end()
 
     def stop(self) -> int:
-        """Stop it as an init system does; its exit status."""
+        """Stop it as an init system does (SIGTERM); return its exit status."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGCONT)
             self.process.terminate()
@@ -131,7 +131,7 @@ def server(start_server: StartServer) -> ServerProcess:
 
 @pytest.fixture(params=["optimistic", "2pl", "giant"])
 def any_server(request: pytest.FixtureRequest, start_server: StartServer) -> ServerProcess:
-    """The same for each concurrency control."""
+    """A server for each concurrency control in turn."""
     return start_server("--concurrency", request.param)
 
 

@@ -1,4 +1,4 @@
-"""Raw Zenoh, for what the SDK would never send."""
+"""Raw Zenoh messages that the SDK would never send."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recorded robot run, and the real tf2's answers about it, where they are at hand."""
+"""The recorded robot run, and the real tf2's answers about it, if they are present."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ needs_recording = pytest.mark.skipif(
 
 @cache
 def transforms() -> list[tuple[bool, list[StampedTransform]]]:
-    """(static, one message's transforms), in the order of the log."""
+    """Yield (is static, transforms) for each message, in log order."""
     from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
 
     messages = []
@@ -46,7 +46,7 @@ def transforms() -> list[tuple[bool, list[StampedTransform]]]:
 
 @dataclass(frozen=True)
 class Question:
-    """A lookup, or, with ``fixed_frame``, a lookup in full; and what tf2 said."""
+    """A lookup (with ``fixed_frame``: a full lookup), and tf2's answer."""
 
     target: str
     source: str
@@ -58,7 +58,7 @@ class Question:
     pose: tuple[float, ...] | None
 
     def check(self, answer: StampedTransform | errors.TransformException) -> None:
-        """The same error class, or the same transform within 1e-9, rotations up to sign."""
+        """Check for the same error class, or a transform within 1e-9 (rotations up to sign)."""
         if self.error is not None:
             assert isinstance(answer, getattr(errors, self.error)), (self, answer)
             return
@@ -73,12 +73,12 @@ class Question:
 
 @cache
 def questions() -> list[Question]:
-    """All questions, but those whose answer differs on purpose: an unknown frame in itself."""
+    """Return all questions except those that differ on purpose: an unknown frame in itself."""
     known = {s.parent_frame for _, ss in transforms() for s in ss}
     known |= {s.child_frame for _, ss in transforms() for s in ss}
     asked = json.loads(ANSWERS.read_text())
 
-    def latest(stamp_ns: int) -> int | None:  # tf2's 0 is our None
+    def latest(stamp_ns: int) -> int | None:  # tf2's 0 means the latest, which is None here
         return stamp_ns or None
 
     def question(entry: dict[str, Any]) -> Question:

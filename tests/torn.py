@@ -1,7 +1,7 @@
-"""Torn reads: a chain whose x-translations sum to zero in every transaction.
+"""Torn reads: a chain whose x translations sum to zero in every transaction.
 
-Exact in float64: any other sum mixes two transactions. The same writers and readers run on the
-embedded tree (threads) and on a server (processes).
+The sum is exact in float64, so any other sum mixes two transactions. The same writers and readers
+run on the embedded tree (threads) and on a server (processes).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Sets(Protocol):
 
 
 def zero_sum(random: random.Random, stamp_ns: int) -> list[StampedTransform]:
-    """One transaction's links, in random order."""
+    """Return the links of one transaction, in random order."""
     xs = [float(random.randrange(-1000, 1000)) for _ in range(LINKS - 1)]
     xs.append(-sum(xs))
     links = [
@@ -38,7 +38,7 @@ def zero_sum(random: random.Random, stamp_ns: int) -> list[StampedTransform]:
 
 
 def write(tf: Sets, seed: int, until: float) -> int:
-    """Commit until the time (monotonic) is over; the number of commits."""
+    """Commit until a monotonic time; return the number of commits."""
     rng = random.Random(seed)
     commits = 0
     while time.monotonic() < until:
@@ -48,7 +48,7 @@ def write(tf: Sets, seed: int, until: float) -> int:
 
 
 def read(tf: Any, lookups: list[str], until: float) -> Counter[tuple[str, bool]]:
-    """Look up until the time is over; how often each lookup was torn or whole."""
+    """Look up until a monotonic time; return how many results were torn and how many were not."""
     seen: Counter[tuple[str, bool]] = Counter()
     calls: list[tuple[str, Callable[[str, str], StampedTransform]]] = [
         (name, getattr(tf, name)) for name in lookups
@@ -61,7 +61,7 @@ def read(tf: Any, lookups: list[str], until: float) -> Counter[tuple[str, bool]]
 
 
 def main(role: str, endpoint: str, seconds: float, seed_or_lookups: str) -> None:
-    """A process of its own: writes or reads on a server, then prints what it counted."""
+    """Run as a process: write or read on a server, then print the counts."""
     with TransformClient.connect(endpoint) as tf:
         until = time.monotonic() + seconds
         if role == "write":

@@ -1,4 +1,4 @@
-"""The tree under test: embedded, or a client of a live server; the same rows for all."""
+"""The tree under test: embedded, or a client of a live server. The tests are the same for all."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ Concurrency = Literal["optimistic", "2pl"]
 class LiveServer:
     """The service as ``zenoh-tf-server`` runs it, with a router of its own on a loopback port.
 
-    In this process, because starting one a row has to be quick; between it and its clients is
-    Zenoh over TCP all the same.
+    It runs in this process, so that each test can start one quickly. Its clients still reach it
+    through Zenoh over TCP.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class LiveServer:
         self.start()
 
     def start(self) -> None:
-        """Start with an empty tree; after `stop` at the same endpoint again."""
+        """Start with an empty tree, after `stop` at the same endpoint again."""
         assert self._server is None
         self._server = Server(self.settings, self._loop)
 
@@ -59,13 +59,13 @@ class LiveServer:
             server.close()
 
     def connect(self) -> TransformClient:
-        """One more client; whoever asks for it closes it."""
+        """Return another client. The caller closes it."""
         return TransformClient.connect(self.endpoint)
 
 
 @pytest.fixture(params=MODES)
 def mode(request: pytest.FixtureRequest) -> str:
-    """How the tree is reached; a row about the network asks for `REMOTE`."""
+    """How the tree is reached. Tests about the network ask for `REMOTE`."""
     return str(request.param)
 
 
@@ -87,7 +87,7 @@ MakeTree = Callable[..., Tree]
 
 @pytest.fixture
 def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
-    """``start_live(**settings)``: an empty server in the mode's concurrency control."""
+    """``start_live(**settings)``: an empty server with the mode's concurrency control."""
     with ExitStack() as servers:
 
         def start(**settings: Any) -> LiveServer:

@@ -1,4 +1,4 @@
-"""Short words for the rows: seconds for stamps, numbers for poses, comparisons with a tolerance."""
+"""Short helpers for the tests: seconds for stamps, numbers for poses, tolerant comparisons."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 
-#: What a row runs against: both have the same methods.
+#: The tree under test; both classes have the same methods.
 Tree = TransformTree | TransformClient
 
 #: x, y, z or a quaternion's x, y, z, w.
@@ -19,7 +19,7 @@ Numbers = Sequence[float] | NDArray[np.float64]
 
 #: How the tree is reached, and its concurrency control.
 MODES = ("embedded-optimistic", "embedded-2pl", "remote-optimistic", "remote-2pl")
-#: For rows about the network: ``@pytest.mark.parametrize("mode", REMOTE, indirect=True)``.
+#: For tests about the network: ``@pytest.mark.parametrize("mode", REMOTE, indirect=True)``.
 REMOTE = tuple(mode for mode in MODES if mode.startswith("remote"))
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -43,7 +43,7 @@ def stamped(
     xyz: Numbers = ORIGIN,
     q: Numbers = NO_ROTATION,
 ) -> StampedTransform:
-    """`child` stands at `xyz`, `q` in `parent` at `seconds`."""
+    """The pose of `child` in `parent` is `xyz`, `q` at `seconds`."""
     return StampedTransform(parent, child, ns(seconds), Transform(xyz, q))
 
 
@@ -58,7 +58,7 @@ def put(
     static: bool = False,
     authority: str = "",
 ) -> bool:
-    """Set it; False where it was dropped as too old."""
+    """Set a transform; return False if it was dropped as too old."""
     return tf.set_transform(stamped(parent, child, seconds, xyz, q), authority, static)
 
 
@@ -70,27 +70,27 @@ def put_ns(
     xyz: Numbers = ORIGIN,
     q: Numbers = NO_ROTATION,
 ) -> bool:
-    """As `put`, for rows whose times are nanoseconds."""
+    """Like `put`, with the time in nanoseconds."""
     return tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(xyz, q)))
 
 
 def look(tf: Tree, target: str, source: str, seconds: float | None = None) -> StampedTransform:
-    """The pose of `source` in `target` at `seconds`, or at their latest common time."""
+    """Return the pose of `source` in `target` at `seconds`, or at their latest common time."""
     return tf.lookup_transform(target, source, None if seconds is None else ns(seconds))
 
 
 def can(tf: Tree, target: str, source: str, seconds: float | None = None) -> bool:
-    """Whether `look` would answer."""
+    """Return whether `look` would succeed."""
     return tf.can_transform(target, source, None if seconds is None else ns(seconds))
 
 
 def x_of(answer: StampedTransform) -> float:
-    """The x coordinate of an answer, for rows along one axis."""
+    """Return the x translation of a result, for tests along one axis."""
     return answer.transform.pose()[0]
 
 
 def rotation_error(a: Numbers, b: Numbers) -> float:
-    """The largest difference between two quaternions' parts; q and -q are one rotation."""
+    """Return the largest component difference of two quaternions; q and -q are equal."""
     p, q = np.asarray(a), np.asarray(b)
     return float(min(np.abs(p - q).max(), np.abs(p + q).max()))
 

@@ -1,4 +1,4 @@
-"""A: what a set refuses.
+"""A: what a set rejects.
 
 [Q] Decision for A01 to A05 and A07: where tf2 returns False, an InvalidArgumentException says
 what is wrong and for which frames.
@@ -19,7 +19,7 @@ INF = math.inf
 
 
 def test_A01_no_insert_on_self_transform(tf: Tree) -> None:
-    """A frame is not its own parent, however it is spelled."""
+    """A frame cannot be its own parent, with or without a leading slash."""
     for parent, child in (("same_frame", "same_frame"), ("/same_frame", "same_frame")):
         with pytest.raises(InvalidArgumentException) as refused:
             put(tf, parent, child, 10)
@@ -28,7 +28,7 @@ def test_A01_no_insert_on_self_transform(tf: Tree) -> None:
 
 
 def test_A02_no_insert_with_nan(tf: Tree) -> None:
-    """A NaN in translation or rotation is refused, and leaves what was there."""
+    """A NaN in translation or rotation is rejected, and changes nothing."""
     assert put(tf, "same_frame", "other_frame", 10, (1, 2, 3))
     bad = [
         ("translation", (NAN, 0, 0), NO_ROTATION),
@@ -67,20 +67,20 @@ def test_A04_no_insert_with_no_parent_id(tf: Tree) -> None:
 
 
 def test_A05_set_transform_fail(tf: Tree) -> None:
-    """A message that was never filled in, both names empty, is refused."""
+    """An empty message, with both names empty, is rejected."""
     with pytest.raises(InvalidArgumentException):
         put(tf, "", "", 0)
     assert tf.frames() == []
 
 
 def test_A06_set_transform_valid(tf: Tree) -> None:
-    """A good transform is stored, and the call says so."""
+    """A valid transform is stored, and the call returns True."""
     assert put(tf, "foo", "child", 1) is True
     assert can(tf, "foo", "child", 1)
 
 
 def test_A07_set_transform_invalid_quaternion(tf: Tree) -> None:
-    """All zeros is no rotation."""
+    """A quaternion of zeros is rejected."""
     with pytest.raises(InvalidArgumentException) as refused:
         put(tf, "foo", "child", 1, ORIGIN, (0, 0, 0, 0))
     assert refused.value.field == "rotation"
@@ -89,8 +89,8 @@ def test_A07_set_transform_invalid_quaternion(tf: Tree) -> None:
 
 
 def test_A08_quaternion_norm(tf: Tree) -> None:
-    """[Q] Decision A08: a squared norm off by 0.01 or more is refused, anything nearer to 1 is
-    normalised; tf2 0.39.1 normalises whatever is not zero."""
+    """[Q] Decision A08: a squared norm that differs from 1 by 0.01 or more is rejected; others are
+    normalised. tf2 0.39.1 normalises whatever is not zero."""
     for w in (2.0, 0.5, 1e-3, math.sqrt(1.0101), math.sqrt(0.9899)):
         with pytest.raises(InvalidArgumentException) as refused:
             put(tf, "foo", "child", 1, ORIGIN, (0, 0, 0, w))
@@ -105,7 +105,7 @@ def test_A08_quaternion_norm(tf: Tree) -> None:
 
 
 def test_A08b_no_insert_with_infinity(tf: Tree) -> None:
-    """[Q] Decision A08b: infinity is refused as NaN is; tf2 stores it."""
+    """[Q] Decision A08b: infinity is rejected like NaN; tf2 stores it."""
     for bad in (INF, -INF):
         with pytest.raises(InvalidArgumentException) as translation:
             put(tf, "foo", "child", 1, (bad, 0, 0))
@@ -117,8 +117,8 @@ def test_A08b_no_insert_with_infinity(tf: Tree) -> None:
 
 
 def test_A09_leading_slash(tf: Tree) -> None:
-    """[Q] Decision A09: a set strips one leading slash; a lookup refuses it and names the
-    spelling without. A name stored with a slash, from two of them, is out of reach, as in tf2."""
+    """[Q] Decision A09: a set strips one leading slash; a lookup rejects it and names the
+    spelling without. A name stored with a slash (from two) cannot be looked up, as in tf2."""
     assert put(tf, "/p", "/c", 1)
     assert sorted(tf.frames()) == ["c", "p"]
     assert look(tf, "p", "c", 1).parent_frame == "p"
@@ -132,8 +132,8 @@ def test_A09_leading_slash(tf: Tree) -> None:
 
 
 def test_A10_old_data(tf: Tree) -> None:
-    """[Q] Decision A10: older than newest - cache time is dropped, counted, and the return value
-    says so; inside a transaction it refuses the whole, and nothing is written."""
+    """[Q] Decision A10: a row older than newest - cache time is dropped, counted, and the return
+    value says so. Inside a transaction it rejects the whole, and nothing is written."""
     assert put(tf, "p", "c", 100, (100, 0, 0))
     assert put(tf, "p", "c", 90, (90, 0, 0)) is True
     assert_pose(look(tf, "p", "c", 90), (90, 0, 0))

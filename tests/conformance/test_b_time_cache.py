@@ -1,6 +1,6 @@
-"""B: what one link remembers: order, equal stamps, pruning, interpolation.
+"""B: the history of one link: order, equal stamps, pruning, interpolation.
 
-tf2's tests look at the list inside; here its content shows through `parent`, `frame` and lookups.
+tf2's tests inspect the internal list; these observe it through `parent`, `frame` and lookups.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def random_rotations(count: int) -> NDArray[np.float64]:
 
 
 def test_B01_order(make_tf: MakeTree) -> None:
-    """Samples stand in order of time, however they arrive. [Q] Decision B12: of an equal stamp
-    the last one stays, where tf2 keeps all and reads the last inserted."""
+    """Samples are ordered by time, however they arrive. [Q] Decision B12: at an equal stamp the
+    last one wins; tf2 keeps all and reads the last inserted."""
     tf = make_tf(cache_time_s=10e-9)
     for stamp_ns, parent in ARRIVALS:
         assert arrive(tf, stamp_ns, parent)
@@ -63,7 +63,7 @@ def test_B01_order(make_tf: MakeTree) -> None:
 
 
 def test_B02_prune(make_tf: MakeTree) -> None:
-    """A newer sample pushes out what is older than the cache time before it."""
+    """A newer sample evicts those older than the cache time before it."""
     tf = make_tf(cache_time_s=10e-9)
     for stamp_ns, parent in ARRIVALS:
         arrive(tf, stamp_ns, parent)
@@ -99,7 +99,7 @@ def test_B04_repeated_elements(tf: Tree) -> None:
 
 
 def test_B05_zero_at_front(tf: Tree) -> None:
-    """No time given asks for the newest. [Q] Decision E12: that is None, not stamp 0."""
+    """Without a time a lookup asks for the newest. [Q] Decision E12: that is None, not stamp 0."""
     for stamp_ns in range(1, 101):
         put_ns(tf, "parent", "child", stamp_ns, (stamp_ns, 0, 0))
     assert look(tf, "parent", "child").stamp_ns == 100
@@ -109,7 +109,7 @@ def test_B05_zero_at_front(tf: Tree) -> None:
 
 
 def test_B06_cartesian_interpolation(tf: Tree) -> None:
-    """Between two samples the translation moves on a straight line, evenly."""
+    """Between two samples the translation is interpolated linearly."""
     random = np.random.default_rng(6)
     share = np.arange(100) / 100
     for pair in range(99):
@@ -124,7 +124,7 @@ def test_B06_cartesian_interpolation(tf: Tree) -> None:
 
 
 def test_B07_reparenting_interpolation_protection(tf: Tree) -> None:
-    """Nothing is interpolated across a change of parent: the older sample stands until then."""
+    """Nothing is interpolated across a change of parent: the older sample holds until then."""
     q = (0.5, 0.5, 0.5, 0.5)
     put_ns(tf, "P4", "child", 555, (1, 2, 3), q)
     put_ns(tf, "P5", "child", 655, (-4, -5, -6))
@@ -150,7 +150,7 @@ def test_B08_slerp(tf: Tree) -> None:
         to_first = 2 * math.acos(min(1.0, abs(middle[3])))
         to_second = 2 * math.acos(min(1.0, abs(float(middle @ q))))
         assert to_first == pytest.approx(to_second, abs=1e-5)
-        # ... and lies on the shorter way between the two, not on the other side.
+        # ... and lies on the shorter arc between the two.
         assert to_first + to_second == pytest.approx(2 * math.acos(abs(q[3])), abs=1e-5)
 
 
@@ -181,7 +181,7 @@ def test_B10_duplicate_entries(tf: Tree) -> None:
 
 
 def test_B11_out_of_order(tf: Tree) -> None:
-    """Samples that come late take their place in time."""
+    """Late samples are inserted in stamp order."""
     for seconds in (10, 12, 11, 9):
         assert put(tf, "parent", "child", seconds, (seconds, 0, 0))
     for at in (9, 9.5, 10.5, 11.25, 12):

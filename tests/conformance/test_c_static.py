@@ -10,12 +10,12 @@ from zenoh_tf import ConnectivityException, NoDataForExtrapolationException
 from .conftest import StartLive
 from .shorthand import REMOTE, Tree, assert_pose, can, look, ns, put, stamped, x_of
 
-#: No time given, and times before, at and after the stamps below.
+#: No time, and times before, at and after the stamps below.
 TIMES = (None, 0, 1, 10, 1000)
 
 
 def test_C01_static_at_any_time(tf: Tree) -> None:
-    """A static link answers at every time, with that time; with none given the stamp is 0."""
+    """A static link answers at every time, with that time as the stamp; without a time it is 0."""
     put(tf, "a", "b", 1, (1, 2, 3), static=True)
     for seconds in (None, 0, 1, 100, 1000):
         assert can(tf, "a", "b", seconds)
@@ -34,8 +34,8 @@ def test_C02_static_chain(tf: Tree) -> None:
 
 
 def test_C03_static_and_dynamic_chain(tf: Tree) -> None:
-    """With a dynamic link behind them, static ones answer only when it does. [Q] Decision E12:
-    tf2's time 0 is None here, and stamp 0 a time as any other."""
+    """A chain of static and dynamic links answers only at times of the dynamic ones. [Q] Decision
+    E12: tf2's time 0 is None here, and stamp 0 is an ordinary time."""
     put(tf, "a", "b", 1, (1, 0, 0), static=True)
     put(tf, "b", "c", 1, (0, 1, 0), static=True)
     put(tf, "c", "d", 10)
@@ -46,8 +46,8 @@ def test_C03_static_and_dynamic_chain(tf: Tree) -> None:
 
 
 def test_C04_multiple_parents(tf: Tree) -> None:
-    """The last parent set is the parent. [Q] Decision C04: as in tf2, and counted, with who did
-    it."""
+    """The last parent set is the parent. [Q] Decision C04: as in tf2, and counted, with the
+    authority that did it."""
     for parent, child in ("ab", "bc", "cd"):
         put(tf, parent, child, 1, static=True, authority="first")
     assert can(tf, "a", "d")
@@ -71,7 +71,7 @@ def test_C05_static_after_clear(tf: Tree) -> None:
 
 def test_C06_switch_between_dynamic_and_static(tf: Tree) -> None:
     """A link that becomes static or dynamic loses its history. [Q] Decision C06: as in tf2, and
-    counted, with who did it and when."""
+    counted, with authority and time."""
     put(tf, "p", "c", 10, (1, 0, 0), authority="joints")
     put(tf, "p", "c", 11, (2, 0, 0), authority="joints")
     put(tf, "p", "c", 0, (9, 0, 0), static=True, authority="urdf")
@@ -102,8 +102,8 @@ def test_C07_clear(tf: Tree) -> None:
 
 
 def test_C08_static_repeatability(tf: Tree) -> None:
-    """A static link holds its last value, for every time, however often it was set; emptied, it
-    has no answer."""
+    """A static link holds its last value for every time, however often it was set. After a clear
+    it has no answer."""
     for seconds in range(100):
         put(tf, "p", "c", seconds, (seconds, 0, 0), static=True)
         answer = look(tf, "p", "c", seconds)
@@ -121,8 +121,8 @@ def test_C08_static_repeatability(tf: Tree) -> None:
 
 @pytest.mark.parametrize("mode", REMOTE, indirect=True)  # a broadcaster needs a network
 def test_C09_static_broadcaster(start_live: StartLive) -> None:
-    """A broadcaster keeps every static child that it ever sent, the newest of each: who joins
-    late sees all of them, after a restart of the server too."""
+    """A broadcaster keeps the newest static link of every child. Clients that join late see all
+    of them, also after a restart of the server."""
     live = start_live()
     with live.connect() as robot, robot.broadcaster("urdf") as broadcaster:
         broadcaster.send_static(stamped("a", "b", 1, (1, 0, 0)))
@@ -130,7 +130,7 @@ def test_C09_static_broadcaster(start_live: StartLive) -> None:
         broadcaster.send_static(stamped("b", "c", 3, (0, 1, 0)))
         for _ in range(2):
             with live.connect() as late:
-                # One publisher's messages arrive in order: with c, b is there in its last value.
+                # One publisher's messages arrive in order. Once c is there, b has its last value.
                 assert late.can_transform("b", "c", timeout_s=20)
                 assert_pose(look(late, "a", "c", 1000), (2, 1, 0))
                 assert (late.frame("b").static, late.frame("b").authority) == (True, "urdf")

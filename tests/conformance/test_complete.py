@@ -1,4 +1,4 @@
-"""The suite itself: every row has its test, none is left out, and the docs know how many."""
+"""The suite itself: every rule has a test, none is skipped, and the docs state their number."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ PAGE = FOLDER.parent.parent / "docs/from-tf2.md"
 
 #: Group -> its last row; rows are numbered from 01.
 LAST = {
-    "A": 10,  # what a set refuses
-    "B": 13,  # what one link remembers
+    "A": 10,  # what a set rejects
+    "B": 13,  # the history of one link
     "C": 9,  # static transforms
     "D": 10,  # trees of several shapes
     "E": 12,  # times

@@ -1,4 +1,4 @@
-"""D: answers over trees of several shapes, static in time and moving."""
+"""D: lookups in trees of several shapes, constant and moving."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .shorthand import (
 
 #: parent, child, pose of child in parent
 Link = tuple[str, str, Sequence[float], Sequence[float]]
-#: (target, source) -> pose of source in target, or None where no way leads from one to the other
+#: (target, source) -> pose of source in target, or None if they are not connected
 Expected = Callable[[str, str], tuple[Sequence[float], Sequence[float]] | None]
 
 ONE_LINK = {"1": (0, 0), "2": (1, 0)}
@@ -52,8 +52,8 @@ def differences(positions: dict[str, tuple[int, int]]) -> Expected:
 
 
 def filled(make_tf: MakeTree, tree: Sequence[Link]) -> Iterator[tuple[Tree, float]]:
-    """A tree for each way in which upstream fills it, and the stamp T of its newest samples:
-    one sample per link, or two of the same pose."""
+    """Yield trees filled as upstream does (one sample per link, or two of the same pose), and the
+    stamp T of their newest samples."""
     for newest in (1.0, 10.0):
         for before in (None, 0.5, 0.05, 0.0005):
             tf = make_tf()
@@ -108,7 +108,7 @@ def test_D04_y_configuration(make_tf: MakeTree) -> None:
 
 
 def test_D05_multi_configuration(make_tf: MakeTree) -> None:
-    """Two trees side by side: within each as before, from one to the other not at all."""
+    """Two trees side by side: lookups within each succeed, lookups between them fail."""
     tree = links(ONE_LINK, ONE_LINK_TREE) + links(V, V_TREE)
     places = ONE_LINK | V
 
@@ -219,8 +219,8 @@ def test_D08_helix_configuration(tf: Tree) -> None:
 
 
 def test_D09_helix_advanced(tf: Tree) -> None:
-    """d at one time in c at an earlier one, through a, which is fixed in between; the answer is
-    stamped with the target's time."""
+    """d at one time in c at an earlier one, through the fixed frame a. The result has the stamp
+    of the target."""
     for t in helix(tf)[1:]:
         dt, later = t - 10, t - 10 + 0.05
         answer = tf.lookup_transform_full("c", ns(t), "d", ns(t + 0.05), "a")

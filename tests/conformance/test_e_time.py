@@ -1,4 +1,4 @@
-"""E: which times can be asked for, and what "latest" means."""
+"""E: which times have answers, and what "latest" means."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_E03_extrapolation_from_one_value(tf: Tree) -> None:
 
 
 def test_E04_exceptions(tf: Tree) -> None:
-    """Unknown, one sample, before the oldest, after the newest: an error of its own each."""
+    """Unknown frame, single sample, before the oldest, after the newest: each has its own error."""
     both = (("parent", "me"), ("me", "parent"))
     assert not tf.can_transform("parent", "me", 10_000_000)
     with pytest.raises(LookupException):
@@ -113,7 +113,7 @@ def test_E04_exceptions(tf: Tree) -> None:
 
 
 def test_E05_backward_and_forward(tf: Tree) -> None:
-    """What an extrapolation lacks is its class, and its bases are tf2's."""
+    """Each extrapolation error has its own class, and its bases are tf2's."""
     put(tf, "foo", "bar", 2)
     assert can(tf, "foo", "bar", 2)
     for seconds in (4, 1):
@@ -140,8 +140,8 @@ def test_E05_backward_and_forward(tf: Tree) -> None:
 
 
 def test_E06_can_transform(tf: Tree) -> None:
-    """Yes within the samples and at no given time, no before and after; a known frame to itself
-    always. [Q] Decision E06: an unknown frame to itself is not possible, in tf2 it is."""
+    """True within the samples and without a time, False before and after; always True for a known
+    frame in itself. [Q] Decision E06: an unknown frame to itself is not possible, in tf2 it is."""
     siblings(tf)
     for target, source in (("child", "parent"), ("child", "other_child")):
         assert {seconds: can(tf, target, source, seconds) for seconds in ALL_TIMES} == MATRIX
@@ -152,7 +152,7 @@ def test_E06_can_transform(tf: Tree) -> None:
 
 
 def test_E07_can_transform_full(tf: Tree) -> None:
-    """Each half of the way counts at its own time, and a half of no links at any."""
+    """Each leg is checked at its own time; a leg without links has an answer at any time."""
     siblings(tf)
     for source in ("parent", "other_child"):
         for seconds in ALL_TIMES:
@@ -195,7 +195,7 @@ def test_E08_lookup_transform(tf: Tree) -> None:
 
 
 def test_E09_only_links_below_the_common_ancestor(tf: Tree) -> None:
-    """What lies above the common ancestor of two frames has no say."""
+    """Links above the common ancestor of two frames do not matter."""
     for seconds in (10, 12):
         put(tf, "base", "l", seconds, (1, 0, 0))
         put(tf, "base", "r", seconds, (-1, 0, 0))
@@ -224,7 +224,7 @@ def test_E10_latest_can_fail(tf: Tree) -> None:
 
 
 def test_E11_stamp_precision(tf: Tree) -> None:
-    """A stamp keeps its nanoseconds, however many seconds stand before them."""
+    """Stamps keep full nanosecond precision, however large they are."""
     stamp_ns = 1_000_000_000 * 1_000_000_000 + 1
     put_ns(tf, "parent", "child", stamp_ns)
     assert look(tf, "parent", "child").stamp_ns == stamp_ns
@@ -235,8 +235,8 @@ def test_E11_stamp_precision(tf: Tree) -> None:
 
 
 def test_E12_stamp_zero(tf: Tree) -> None:
-    """[Q] Decision E12: stamp 0 is a time as any other, and None means the latest; in tf2 0 means
-    both, and counts for nothing in the latest common time."""
+    """[Q] Decision E12: stamp 0 is an ordinary time, and None means the latest. In tf2 0 means
+    both, and is ignored in the latest common time."""
     put(tf, "parent", "a", 0, (1, 0, 0))
     put(tf, "parent", "b", 5, (2, 0, 0))
     assert tf.latest_common_time("a", "b") == 0

@@ -25,7 +25,7 @@ MAX_DEPTH = 1000  # tf2's, and the default here
 
 
 def test_F01_nothing_exists(tf: Tree) -> None:
-    """Without any frame a lookup is a LookupException, and can_transform says no."""
+    """In an empty tree a lookup raises LookupException, and can_transform returns False."""
     for seconds in (None, 0, 1):
         with pytest.raises(LookupException) as caught:
             look(tf, "foo", "bar", seconds)
@@ -34,7 +34,7 @@ def test_F01_nothing_exists(tf: Tree) -> None:
 
 
 def test_F02_one_of_two_frames_exists(tf: Tree) -> None:
-    """An unknown frame is a LookupException that names it, whichever of the two it is."""
+    """An unknown frame raises LookupException, which names it, whichever of the two it is."""
     put(tf, "foo", "child", 1)
     for pair in (("foo", "bar"), ("bar", "foo")):
         for seconds in (None, 1):
@@ -42,7 +42,7 @@ def test_F02_one_of_two_frames_exists(tf: Tree) -> None:
                 look(tf, *pair, seconds)
             assert caught.value.frame == "bar"
             assert not can(tf, *pair, seconds)
-    assert tf.frames() == ["child", "foo"]  # asking makes no frame
+    assert tf.frames() == ["child", "foo"]  # a lookup creates no frame
 
 
 def test_F03_two_trees(tf: Tree) -> None:
@@ -91,8 +91,8 @@ def test_F05_can_transform_of_invalid_names(tf: Tree) -> None:
 
 
 def test_F06_extrapolation_says_which_way(tf: Tree) -> None:
-    """Outside of the samples: False, and the error says past or future, the link and its range.
-    The link is the one that held at the time asked for, not the newest one."""
+    """Outside the samples: False, and the error gives the direction, the link and its range. The
+    link is that of the requested time, not the newest one."""
     put(tf, "bar", "foo", 1)
     put(tf, "bar", "foo", 2)
     assert can(tf, "bar", "foo", 1.5)
@@ -132,7 +132,7 @@ def check_that_a_cycle_is_refused(tf: Tree) -> None:
         with pytest.raises(InvalidArgumentException, match="cycle"):
             tf.set_transforms_xact([stamped("x", "y", 2), stamped("c", "a", seconds)])
     assert tf.parent("a") is None
-    assert tf.latest_common_time("x", "y") == ns(1)  # nothing of the refused transaction
+    assert tf.latest_common_time("x", "y") == ns(1)  # nothing of the rejected transaction
     look(tf, "a", "c", 1)
 
 
@@ -140,7 +140,7 @@ def check_that_a_past_cycle_is_found(tf: Tree) -> None:
     put(tf, "map", "a", 2)
     put(tf, "map", "b", 2)
     put(tf, "a", "b", 1)  # at 1 s: a -> b
-    put(tf, "b", "a", 1)  # and b -> a; from 2 s on both stand on the map
+    put(tf, "b", "a", 1)  # and b -> a; from 2 s on both have the parent map
     put(tf, "map", "outside", 1)
     put(tf, "map", "outside", 2)
     for pair in (("outside", "a"), ("a", "outside"), ("b", "map")):
@@ -166,9 +166,9 @@ def check_depth(tf: Tree, limit: int) -> None:
 
 
 def test_F07_loops_and_depth(mode: str, make_tf: MakeTree) -> None:
-    """[Q] Decision: a set that would close a cycle in the newest topology is refused; a cycle at
-    some past time only is a LookupException there. A way up of a thousand links is walked, of
-    one more is a LookupException; the limit is an option, of the tree and of the server."""
+    """[Q] Decision: a set that would close a cycle in the newest topology is rejected. A cycle
+    at a past time only is a LookupException at that time. A path of max_depth links is followed,
+    one more is a LookupException."""
     check_that_a_cycle_is_refused(make_tf())
     check_that_a_past_cycle_is_found(make_tf())
     check_depth(make_tf(), MAX_DEPTH)
@@ -177,8 +177,8 @@ def test_F07_loops_and_depth(mode: str, make_tf: MakeTree) -> None:
 
 
 def test_F08_the_error_after_waiting(tf: Tree) -> None:
-    """[Q] Decision: a wait in vain ends with the error of the lookup itself, never with
-    TimeoutException, and with the wait in its text; can_transform ends with False."""
+    """[Q] Decision: a wait that times out raises the error of the lookup, never
+    TimeoutException, and the message mentions the wait; can_transform returns False."""
     put(tf, "bar", "foo", 1)
     put(tf, "bar", "foo", 2)
     put(tf, "elsewhere", "island", 1)

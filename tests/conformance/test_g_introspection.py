@@ -1,4 +1,4 @@
-"""G: what a tree tells about itself."""
+"""G: introspection."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def numbers(text: str) -> list[float]:
 
 
 def test_G01_frames(tf: Tree) -> None:
-    """Frames are listed in the order in which sets named them, the child first, without slash.
-    Neither a move nor a clear removes a name."""
+    """Frames are listed in the order of their first mention, the child first, without slash.
+    Neither a new parent nor a clear removes a name."""
     assert tf.frames() == []
     put(tf, "/parent", "/b", 4e-6)
     assert tf.frames() == ["b", "parent"]
@@ -86,7 +86,7 @@ def test_G02_figures_of_links(tf: Tree) -> None:
 
 
 def test_G03_chain_is_whole(tf: Tree) -> None:
-    """[Q] Decision: every frame between the two, the common ancestor too; target first.
+    """[Q] Decision: every frame between the two with the common ancestor, target first.
     Chain and parent are those of the time asked for."""
     put_v(tf)
     for stamp_ns in (None, ns(1)):

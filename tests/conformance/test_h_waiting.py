@@ -30,7 +30,7 @@ def wait_for(
 
 
 def test_H01_already_transformable(tf: Tree) -> None:
-    """What is there is answered at once, whatever the time-out."""
+    """An answer that is available is returned at once, whatever the time-out."""
     put(tf, "a", "b", 1, (5, 0, 0))
     assert assert_at_once(lambda: wait_for(tf, "a", "b", 1)) == look(tf, "a", "b", 1)
     assert assert_at_once(lambda: wait_for(tf, "a", "b", None)) == look(tf, "a", "b")
@@ -41,7 +41,7 @@ def test_H01_already_transformable(tf: Tree) -> None:
 
 
 def test_H02_waits_for_a_new_transform(tf: Tree) -> None:
-    """Of the samples that come in order exactly the one that serves the time ends the wait."""
+    """Of the samples that arrive in order, exactly the one that serves the time ends the wait."""
     put(tf, "a", "b", 0)
     with asking(tf, lambda: wait_for(tf, "a", "b", 10)) as answer:
         for seconds in range(1, 10):
@@ -55,7 +55,7 @@ def test_H02_waits_for_a_new_transform(tf: Tree) -> None:
 
 
 def test_H03_waits_for_an_old_transform(tf: Tree) -> None:
-    """The same for samples that come from the newest to the oldest."""
+    """The same for samples that arrive newest first."""
     put(tf, "a", "b", 10)
     with asking(tf, lambda: wait_for(tf, "a", "b", 1)) as answer:
         for seconds in range(9, 1, -1):
@@ -68,7 +68,7 @@ def test_H03_waits_for_an_old_transform(tf: Tree) -> None:
 
 
 def test_H04_waits_for_frames_that_do_not_exist(tf: Tree) -> None:
-    """An empty tree can be waited on: names that come, and links that join them, are enough."""
+    """A lookup can wait in an empty tree until the frames and the links between them appear."""
     with asking(tf, lambda: wait_for(tf, "foo", "bar", 1)) as answer:
         put(tf, "other", "frame", 1)
         assert_waits(tf, answer)
@@ -114,8 +114,8 @@ def test_H06_expires(tf: Tree) -> None:
 
 
 def test_H07_nothing_is_left_of_a_wait(tf: Tree) -> None:
-    """A wait that has timed out, or whose asker is gone, leaves nothing and is never answered;
-    a known frame in itself needs no wait.
+    """A wait that has timed out, or whose client is gone, leaves nothing behind and is never
+    answered. A known frame in itself needs no wait.
     [Q] Decision E06: an unknown frame in itself is a LookupException, so it is waited for."""
     for _ in range(3):
         with pytest.raises(LookupException):
@@ -147,8 +147,8 @@ def ask_in_vain(tf: Tree, timeout_s: float) -> None:
 
 
 def test_H08_answer_or_time_out(tf: Tree) -> None:
-    """A wait has one outcome: the transform where that comes first, else the lookup's own error.
-    [Q] Decision: never TimeoutException. At the very deadline either may be, never both."""
+    """A wait has one outcome: the transform if it arrives in time, else the error of the lookup.
+    [Q] Decision: never TimeoutException. At the deadline it may be either, never both."""
     with asking(tf, lambda: wait_for(tf, "valid", "child", 1)) as answer:
         put(tf, "valid", "child", 1, (3, 0, 0))
         assert x_of(answer.result(SOON_S)) == 3
@@ -158,7 +158,7 @@ def test_H08_answer_or_time_out(tf: Tree) -> None:
         wait_for(tf, "timeout", "child", 1, timeout_s=0.1)
     assert time.monotonic() - begun_s >= 0.1
     assert not isinstance(caught.value, TimeoutException)
-    put(tf, "timeout", "child", 1)  # too late for that wait, which is over
+    put(tf, "timeout", "child", 1)  # too late for that wait
     assert tf.stats()["waiters"] == 0
 
     outcomes: list[float | None] = []
@@ -204,8 +204,8 @@ def test_H09_at_once_or_delayed(tf: Tree) -> None:
 
 
 def test_H10_no_thread_is_needed(tf: Tree) -> None:
-    """[Q] Decision: the write itself wakes who waits, so no thread has to run for that, and a
-    tree that nobody writes to answers too: at once without a time-out, then when it is over."""
+    """[Q] Decision: the write wakes the waiting lookups, so no extra thread has to run. A tree
+    without writes answers too: at once without a time-out, else when it has expired."""
     put(tf, "foo", "bar", 1)
     assert can(tf, "foo", "bar", 1)
     threads = threading.active_count()

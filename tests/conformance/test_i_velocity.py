@@ -13,11 +13,11 @@ from zenoh_tf import BackwardExtrapolationException, Velocity
 
 from .shorthand import ORIGIN, Tree, ns, put, stamped, yaw
 
-T = 100.0  # upstream takes the clock's time
+T = 100.0  # upstream uses the current time
 STEPS_PER_S = 10
 WINDOW_S = 0.1
 OBSERVERS = ("foo", "child", "parent")
-#: The middles of the six seconds, in each of which bar moves or turns in another direction.
+#: The middle of each of the six seconds, in which bar moves or turns in different directions.
 MIDDLES = (0.5, 1.5, 2.5, 3.5, 4.5, 5.5)
 
 
@@ -74,8 +74,8 @@ def test_I01_linear_velocity(tf: Tree) -> None:
 
 def test_I02_angular_velocity(tf: Tree) -> None:
     """A frame that turns in place: the same angular velocity for every observer.
-    [Q] Decision: the linear part is that of bar's own origin, which rests; tf2's, of the point
-    at the observer's origin, is had by asking for that point."""
+    [Q] Decision: the linear part is that of bar's own origin, which rests. tf2's, that of the
+    point at the observer's origin, results from asking for that point."""
     put_offsets(tf, -1)
     turns = [(0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1)]
     tf.set_transforms_xact([stamped("foo", "bar", t, ORIGIN, rpy(a)) for t, a in legs(turns)])
@@ -164,5 +164,5 @@ def test_I06_uniform_circle(tf: Tree) -> None:
         assert_twist(middle, ORIGIN, turn, tolerance)
     # seen from bar, foo turns the other way about its own origin
     assert_twist(tf.lookup_velocity("foo", "bar", ns(0.5), WINDOW_S), ORIGIN, (0, 0, -1), tolerance)
-    # and seen from itself nothing moves
+    # in its own frame nothing moves
     assert_twist(tf.lookup_velocity("bar", "bar", ns(0.5), WINDOW_S), ORIGIN)

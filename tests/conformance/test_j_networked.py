@@ -20,7 +20,7 @@ Publish = Callable[[StampedTransform], None]
 
 @pytest.fixture
 def publish(tf: Tree) -> Iterator[Publish]:
-    """A sensor: of a remote tree on a connection of its own, not waiting for an answer."""
+    """Publish as a sensor does: for a remote tree on its own connection, without waiting."""
     with ExitStack() as stack:
         if isinstance(tf, TransformClient):
             peer = stack.enter_context(TransformClient.connect(tf.endpoint))
@@ -38,7 +38,7 @@ def test_J01_lookup_transform_available(tf: Tree, publish: Publish) -> None:
 
 
 def test_J02_lookup_transform_timeout(tf: Tree) -> None:
-    """A transform that never comes fails the lookup at its time-out, not before."""
+    """A lookup of a transform that never arrives fails at its time-out, not before."""
     begun_s = time.monotonic()
     with pytest.raises(LookupException):
         tf.lookup_transform("a", "b", ns(1), timeout_s=1.0)
@@ -46,7 +46,7 @@ def test_J02_lookup_transform_timeout(tf: Tree) -> None:
 
 
 def test_J03_lookup_transform_delayed(tf: Tree, publish: Publish) -> None:
-    """A lookup that has waited for a while is answered all the same, by the set itself."""
+    """A lookup that has waited for a while is answered by the set."""
     with asking(tf, lambda: tf.lookup_transform("a", "b", ns(1), timeout_s=LONG_S)) as answer:
         time.sleep(1.0)
         assert_waits(tf, answer)
@@ -63,7 +63,7 @@ def test_J04_buffer_client(tf: Tree) -> None:
 
 
 def test_J05_unavailable(tf: Tree) -> None:
-    """What is not there raises, and can_transform says no; the peer itself is there."""
+    """A missing transform raises, and can_transform returns False; the server is there."""
     put(tf, "a", "b", 1)
     with pytest.raises(LookupException) as caught:
         look(tf, "a", "nowhere")

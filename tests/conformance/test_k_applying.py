@@ -1,7 +1,7 @@
 """K: the transforms of a tree, applied to what tf2's conversion packages apply them to.
 
-Two directions of one link, as upstream tests them: the stored pose of B in A brings what is in B
-to A, and the lookup of A in B brings what is in A to B.
+Both directions of one link are tested, as upstream does: the stored pose of B in A maps data from
+B to A, and the lookup of A in B maps data from A to B.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def raw(tf: Tree) -> Transform:
 
 @pytest.fixture
 def a_to_b(raw: Transform, tf: Tree) -> Transform:
-    """What brings data in A into B."""
+    """Return the transform that maps data from A to B."""
     return look(tf, "B", "A", 2).transform
 
 
@@ -42,7 +42,7 @@ def assert_close(result: ArrayLike, expected: ArrayLike) -> None:
 
 
 def test_K01_points(raw: Transform, a_to_b: Transform) -> None:
-    """Points are turned and moved, one or many in an array of any leading shape."""
+    """Points are rotated and translated, one or many in an array of any leading shape."""
     for dtype in (np.float64, np.float32):
         point = np.array(XYZ, dtype)
         assert_close(raw.apply(point), RAW)
@@ -54,7 +54,7 @@ def test_K01_points(raw: Transform, a_to_b: Transform) -> None:
 
 
 def test_K02_poses(raw: Transform, a_to_b: Transform) -> None:
-    """Of a pose the position goes as a point, the orientation is turned."""
+    """The position of a pose is mapped as a point, its orientation is rotated."""
     pose = (*XYZ, *HALF_TURN_X)
     for transform, position in ((raw, RAW), (a_to_b, A_TO_B)):
         for result in (transform.apply_poses(pose), transform.apply_poses([pose] * 3)[2]):
@@ -63,14 +63,14 @@ def test_K02_poses(raw: Transform, a_to_b: Transform) -> None:
 
 
 def test_K03_vectors(raw: Transform, a_to_b: Transform) -> None:
-    """A direction has no place: it is turned, the translation does nothing to it."""
+    """A vector is rotated, and the translation has no effect on it."""
     for transform in (raw, a_to_b):
         assert_close(transform.apply_vectors(XYZ), (1, -2, -3))
         assert_close(transform.apply_vectors([[XYZ], [ORIGIN]]), [[(1.0, -2.0, -3.0)], [ORIGIN]])
 
 
 def test_K04_quaternions(raw: Transform, a_to_b: Transform) -> None:
-    """An orientation is turned, as the rotation of a pose and as a Transform without place."""
+    """An orientation is rotated, given as the rotation of a pose or as a Transform."""
     turned = (0, -HALF, 0, HALF)
     for transform in (raw, a_to_b):
         as_pose = transform.apply_poses((*ORIGIN, *turned))
@@ -80,7 +80,7 @@ def test_K04_quaternions(raw: Transform, a_to_b: Transform) -> None:
 
 
 def test_K05_transforms(raw: Transform, a_to_b: Transform) -> None:
-    """A transform goes as the pose that it is: the product from the left."""
+    """A transform is mapped as a pose, by multiplication from the left."""
     inner = Transform(XYZ, HALF_TURN_X)
     assert_pose(raw @ inner, RAW, NO_ROTATION, TOLERANCE)
     assert_pose(a_to_b @ inner, A_TO_B, NO_ROTATION, TOLERANCE)
@@ -89,7 +89,7 @@ def test_K05_transforms(raw: Transform, a_to_b: Transform) -> None:
 
 
 def test_K06_covariances(raw: Transform, a_to_b: Transform) -> None:
-    """Both blocks of a pose's covariance are turned; the lever arm is left out, as in tf2."""
+    """Both blocks of a pose's covariance are rotated, without a lever arm, as in tf2."""
     covariance = np.tile(np.arange(1.0, 7.0), (6, 1))
     row = np.array([1, -2, -3, 4, -5, -6])
     expected = np.array([row, -row, -row, row, -row, -row])
@@ -129,7 +129,7 @@ def test_K08_point_by_frames(tf: Tree) -> None:
 def test_K09_clouds(
     tf: Tree, xyz: tuple[float, ...], q: tuple[float, ...], expected: list[list[float]]
 ) -> None:
-    """A cloud's coordinates go as points; its other columns and the input stay as they are."""
+    """A cloud's coordinates are mapped as points; other columns and the input stay unchanged."""
     put(tf, "base", "lidar", 2, xyz, q)
     answer = look(tf, "base", "lidar", 2)
     assert answer.parent_frame == "base"

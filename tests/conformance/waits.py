@@ -1,4 +1,4 @@
-"""Lookups that wait, on threads, and what a row wants to know of them."""
+"""Helpers for waiting lookups on threads."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .shorthand import Tree
 
 T = TypeVar("T")
 
-#: A wait that a row expects to be over long before; and how long it is given to be over.
+#: A time-out that a test does not expect to reach, and how long the lookup may then take.
 LONG_S = 30.0
 SOON_S = 15.0
 
 
 @contextmanager
 def asking(tf: Tree, question: Callable[[], T], waiters: int = 1) -> Iterator[Future[T]]:
-    """Ask on a thread; the block begins when the tree has this many waiters."""
+    """Run a lookup on a thread; the block starts once the tree has this many waiters."""
     with ThreadPoolExecutor(1) as pool:
         future = pool.submit(question)
         settle(tf, waiters)
@@ -28,7 +28,7 @@ def asking(tf: Tree, question: Callable[[], T], waiters: int = 1) -> Iterator[Fu
 
 
 def settle(tf: Tree, waiters: int = 0) -> None:
-    """Until so many lookups wait; between being woken and waiting again there is a moment."""
+    """Wait until so many lookups wait. A woken lookup needs a moment until it waits again."""
     deadline_s = time.monotonic() + SOON_S
     while (waiting := tf.stats()["waiters"]) != waiters:
         assert time.monotonic() < deadline_s, f"{waiting} waiters, not {waiters}"
@@ -36,13 +36,13 @@ def settle(tf: Tree, waiters: int = 0) -> None:
 
 
 def assert_waits(tf: Tree, future: Future[T]) -> None:
-    """The only lookup that waits has not been answered."""
+    """Check that the only waiting lookup has not been answered."""
     settle(tf, 1)
     assert not future.done()
 
 
 def assert_at_once(question: Callable[[], T]) -> T:
-    """What is answered without waiting for anything, a failure included."""
+    """Check that a call returns without waiting, with a result or an error."""
     begun_s = time.monotonic()
     try:
         return question()

@@ -1,4 +1,4 @@
-"""Calls as values, so that one history can be put to the oracle, the tree and tf2 alike."""
+"""Calls as values, so that the oracle, the tree and tf2 can run the same history."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class Call(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """An error, by its class and by those of its facts that are a matter of rule."""
+    """An error: its class and those of its fields that the rules determine."""
 
     kind: str
     facts: dict[str, object]
 
 
 def ask(tree: TransformTree | Oracle, call: Call) -> object:
-    """What comes out, in one form for all: plain values, answers, faults."""
+    """Run a call and return its outcome in one common form: plain values, answers, faults."""
     arguments = call.arguments
     if isinstance(tree, TransformTree):
         arguments = tuple(_as_stamped(a) for a in arguments)
@@ -49,7 +49,7 @@ def ask(tree: TransformTree | Oracle, call: Call) -> object:
 
 
 def same(a: object, b: object) -> bool:
-    """Equal; poses within ``TOLERANCE`` and up to the quaternion's sign."""
+    """True if two outcomes are equal; poses within ``TOLERANCE``, quaternions up to sign."""
     if isinstance(a, Answer) and isinstance(b, Answer):
         return a[:2] == b[:2] and _same_pose(a.pose, b.pose)
     if isinstance(a, list) and isinstance(b, list):

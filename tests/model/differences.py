@@ -1,9 +1,9 @@
-"""Where the real tf2 answers otherwise, on purpose: every allowed difference, in one place.
+"""Every deliberate difference from the real tf2, in one place.
 
 The installed tf2 is ROS 1's (0.7.6). ``AsTf2`` is the oracle with tf2's rule in place of ours, one
-override for each decision, so that an allowed difference is one answer and not any: tf2 must say
-exactly what ``AsTf2`` says. Besides, an answer of ours that differs must have a decision's mark on
-a link of its way, or on the question itself (``reasons``).
+override for each decision. An allowed difference is thus one exact answer: tf2 must say what
+``AsTf2`` says. An answer that differs must also carry the mark of a decision, on a link of its
+path or on the question (``reasons``).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from collections.abc import Iterable, Sequence
 from zenoh_tf import errors
 
 from .calls import Call
-from .oracle import Answer, Link, Oracle, Row, Sample, Way
+from .oracle import AncestorPath, Answer, Link, Oracle, Row, Sample
 from .poses import IDENTITY
 
-#: By the row of the table of decisions. The first ones keep a write from tf2, or change it.
+#: By number in the table of decisions. The first ones withhold a write from tf2, or change it.
 DECISIONS = {
     "A08": "tf2 stores a rotation as it comes; it is given the normalised one",
     "A08b": "tf2 stores infinite translations: not given to it",
@@ -35,12 +35,12 @@ DECISIONS = {
 class AsTf2(Oracle):
     def __init__(self, cache_ns: int, max_depth: int) -> None:
         super().__init__(cache_ns, max_depth)
-        self.static: dict[str, bool] = {}  # by child, as of its first write
-        self.marks: dict[str, set[str]] = {}  # by child: decisions that its history rests on
-        self.fired: set[str] = set()  # decisions that the last answers rest on
+        self.static: dict[str, bool] = {}  # by child, set at its first write
+        self.marks: dict[str, set[str]] = {}  # by child: decisions that affect its history
+        self.fired: set[str] = set()  # decisions that affect the last answers
 
     def closes_cycle(self, rows: Sequence[Row], static: bool) -> bool:
-        """Would these rows? Says so and leaves no trace."""
+        """True if these rows would close a cycle. Changes nothing."""
         trial = copy.copy(self)
         trial.static, trial.marks = dict(self.static), copy.deepcopy(self.marks)
         return self.has_cycle(trial.with_rows(self.links, rows, static)[0])
@@ -73,29 +73,31 @@ class AsTf2(Oracle):
                 self.fired.add("F04")
             raise faults[0]
 
-    def ways(self, target: str, source: str, stamp_ns: int | None) -> tuple[Way, Way]:
+    def paths(
+        self, target: str, source: str, stamp_ns: int | None
+    ) -> tuple[AncestorPath, AncestorPath]:
         if stamp_ns is None:
-            return super().ways(target, source, stamp_ns)
-        up, other = self.way(target, stamp_ns), self.way(source, stamp_ns)
+            return super().paths(target, source, stamp_ns)
+        up, other = self.path(target, stamp_ns), self.path(source, stamp_ns)
         if isinstance(other.end, errors.LookupException) and target not in other.frames:
             self.fired.add("F07")
             raise other.end
         try:
-            return super().ways(target, source, stamp_ns)
+            return super().paths(target, source, stamp_ns)
         except (errors.ConnectivityException, errors.ExtrapolationException):
-            # The target's way is blamed first, then the source's.
+            # tf2 reports the failure on the target's path first, then on the source's.
             if self._cleared(up) or (up.end is None and self._cleared(other)):
                 self.fired.add("C07")
                 raise errors.ExtrapolationException from None
             raise
 
-    def _cleared(self, way: Way) -> bool:
-        top = way.frames[-1]
-        return way.end is None and top in self.static and top not in self.links
+    def _cleared(self, path: AncestorPath) -> bool:
+        top = path.frames[-1]
+        return path.end is None and top in self.static and top not in self.links
 
 
 def reasons(ours: Oracle, theirs: AsTf2, call: Call) -> set[str]:
-    """The decisions that can make the two differ: marks on links, of the ways, that do differ."""
+    """Return the decisions that can explain a difference: marks on links that do differ."""
     names = [a for a in call.arguments if isinstance(a, str)]
     stamps = {None, *(a for a in call.arguments if isinstance(a, int))}
     stamps |= {s.stamp_ns for oracle in (ours, theirs) for s in _newest(oracle, names)}
@@ -104,12 +106,12 @@ def reasons(ours: Oracle, theirs: AsTf2, call: Call) -> set[str]:
         for oracle in (ours, theirs)
         for name in names
         for stamp_ns in stamps
-        for frame in oracle.way(name, stamp_ns).frames
+        for frame in oracle.path(name, stamp_ns).frames
     }
     differing = {f for f in frames if ours.links.get(f) != theirs.links.get(f)}
     return theirs.fired.union(*(theirs.marks.get(frame, set()) for frame in differing))
 
 
 def _newest(oracle: Oracle, names: Iterable[str]) -> list[Sample]:
-    frames = {frame for name in names for frame in oracle.way(name, None).frames}
+    frames = {frame for name in names for frame in oracle.path(name, None).frames}
     return [oracle.links[frame].samples[-1] for frame in frames if frame in oracle.links]

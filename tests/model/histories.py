@@ -1,10 +1,10 @@
 """Random histories of a tree: writes, and questions after each of them.
 
-Few frames, stamps on a coarse grid around a clock that moves on, and a cache of ten grid steps: so
-that stamps repeat, come late and come too late, frames change parents and kinds, and loops close.
+There are few frames, stamps on a coarse grid around a moving clock, and a cache of ten grid steps.
+So stamps repeat, come late or too late, frames change parent or become static, and cycles close.
 
-``HISTORIES`` in the environment asks for more of them than the hundred or so of a usual run
-(``make histories``: 10,000), ``HISTORY_SEED`` for one.
+The environment variable ``HISTORIES`` sets their number (default: about a hundred; ``make
+histories``: 10,000), and ``HISTORY_SEED`` selects a single one.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ T = TypeVar("T")
 FRAMES = ("map", "base", "arm", "tool", "camera", "object")
 GRID_NS = 100_000_000
 CACHE_NS = 10 * GRID_NS
-SHALLOW, DEEP = 3, 20  # links that a lookup climbs: a limit that is hit, and one that loops hit
+SHALLOW, DEEP = 3, 20  # max_depth: a limit that paths reach, and one that only loops reach
 
 SEEDS = range(int(os.environ.get("HISTORIES", "150")))
 if "HISTORY_SEED" in os.environ:
     SEEDS = range(int(os.environ["HISTORY_SEED"]), int(os.environ["HISTORY_SEED"]) + 1)
 
-Step = tuple[Call, list[Call]]  # a write, and what is asked after it
+Step = tuple[Call, list[Call]]  # a write, and the questions after it
 
 
 class History(NamedTuple):
@@ -46,7 +46,7 @@ class History(NamedTuple):
 
 
 def history(seed: int, writes: int = 40, start_ns: int = -10 * GRID_NS) -> History:
-    """The history of that seed; ``start_ns`` moves all of its stamps."""
+    """Return the history of a seed; ``start_ns`` is added to all of its stamps."""
     return _Making(seed, start_ns).history(writes)
 
 
@@ -126,7 +126,7 @@ class _Making:
             return (x / norm, y / norm, z / norm, w / norm)
 
         x, y, z = (self.random.uniform(-5, 5) for _ in range(3))
-        # Any rotation, little ones as from sample to sample, none.
+        # Any rotation, a small one as between consecutive samples, or none.
         return (x, y, z, *quaternion(self._one_of({1.0: 5, 0.01: 3, 1e-6: 1, 0.0: 1})))
 
     def _question(self) -> Call:

@@ -1,7 +1,7 @@
-"""What the tree must answer, said as plainly as possible: lists, searched from the start.
+"""What the tree must answer, in the simplest possible code: lists, searched linearly.
 
-One thread, no locks, nothing shared with the product but its exceptions. The rules are those of
-``docs/`` and of ``zenoh_tf/core/history.hpp``; stamps are integer nanoseconds. ``stored.py`` has
+It has one thread and no locks, and shares only the exceptions with the product. The rules are those
+of ``docs/`` and ``zenoh_tf/core/history.hpp``. Stamps are integer nanoseconds. ``stored.py`` has
 the writes, this file the reads.
 """
 
@@ -16,7 +16,7 @@ from zenoh_tf import errors
 from .poses import IDENTITY, Pose, compose, interpolated, inverse
 from .stored import Link, Row, Sample, Stored
 
-__all__ = ["Answer", "Link", "Oracle", "Row", "Sample", "Way"]
+__all__ = ["AncestorPath", "Answer", "Link", "Oracle", "Row", "Sample"]
 
 
 class Answer(NamedTuple):
@@ -25,19 +25,19 @@ class Answer(NamedTuple):
     pose: Pose
 
 
-class Way(NamedTuple):
-    """Up from a frame, as far as it goes: ``frames[i + 1]`` is the parent in ``poses[i]``."""
+class AncestorPath(NamedTuple):
+    """The path from a frame to its root. ``poses[i]`` is frame i in its parent, frame i + 1."""
 
     frames: list[str]
     poses: list[Pose]
-    end: errors.TransformException | None  # None: a root
+    end: errors.TransformException | None  # why the path ends; None: at a root
 
 
 class Oracle(Stored):
-    # Walking; a time of None is the newest of every link
+    # Walks. A stamp of None selects the newest sample of every link.
 
     def at(self, frame: str, stamp_ns: int | None) -> Sample | None:
-        """The link above a frame at a time; None for a root."""
+        """Return the link of a frame to its parent at a time; None for a root."""
         if frame not in self.links:
             return None
         static, samples = self.links[frame]
@@ -73,31 +73,33 @@ class Oracle(Stored):
         ratio = (stamp_ns - older.stamp_ns) / (newer.stamp_ns - older.stamp_ns)
         return Sample(stamp_ns, older.parent, interpolated(older.pose, newer.pose, ratio))
 
-    def way(self, frame: str, stamp_ns: int | None) -> Way:
+    def path(self, frame: str, stamp_ns: int | None) -> AncestorPath:
         frames: list[str] = [frame]
         poses: list[Pose] = []
         while True:
             try:
                 link = self.at(frames[-1], stamp_ns)
             except errors.ExtrapolationException as error:
-                return Way(frames, poses, error)
+                return AncestorPath(frames, poses, error)
             if link is None:
-                return Way(frames, poses, None)
+                return AncestorPath(frames, poses, None)
             if len(poses) == self.max_depth:
                 self.events["too deep" if len(set(frames)) == len(frames) else "past loop"] += 1
-                return Way(frames, poses, errors.LookupException(limit=self.max_depth))
+                return AncestorPath(frames, poses, errors.LookupException(limit=self.max_depth))
             frames.append(link.parent)
             poses.append(link.pose)
 
-    def ways(self, target: str, source: str, stamp_ns: int | None) -> tuple[Way, Way]:
-        """From both frames up to the first where they meet."""
-        up, other = self.way(target, stamp_ns), self.way(source, stamp_ns)
+    def paths(
+        self, target: str, source: str, stamp_ns: int | None
+    ) -> tuple[AncestorPath, AncestorPath]:
+        """Return the paths from both frames to their lowest common ancestor."""
+        up, other = self.path(target, stamp_ns), self.path(source, stamp_ns)
         for i, frame in enumerate(up.frames):
             if frame in other.frames:
                 j = other.frames.index(frame)
                 return (
-                    Way(up.frames[: i + 1], up.poses[:i], None),
-                    Way(other.frames[: j + 1], other.poses[:j], None),
+                    AncestorPath(up.frames[: i + 1], up.poses[:i], None),
+                    AncestorPath(other.frames[: j + 1], other.poses[:j], None),
                 )
         ends = [end for end in (up.end, other.end) if end is not None]
         for kind in (errors.LookupException, errors.ExtrapolationException):
@@ -109,20 +111,20 @@ class Oracle(Stored):
         )
 
     def _join(self, target: str, source: str, stamp_ns: int | None) -> Pose:
-        up, other = self.ways(target, source, stamp_ns)
+        up, other = self.paths(target, source, stamp_ns)
         return compose(inverse(_product(up)), _product(other))
 
     def _stamps(self, target: str, source: str) -> list[int]:
-        """Of the newest of every link between the two, but for static ones."""
+        """Return the newest stamp of every dynamic link between the two frames."""
         if target == source:
             children = [target] if target in self.links else []
         else:
-            up, other = self.ways(target, source, None)
+            up, other = self.paths(target, source, None)
             children = up.frames[:-1] + other.frames[:-1]
         links = [self.links[child] for child in children]
         return [link.samples[-1].stamp_ns for link in links if not link.static]
 
-    # Reading
+    # Reads
 
     def lookup_transform(self, target: str, source: str, stamp_ns: int | None = None) -> Answer:
         self.known(target, source)
@@ -153,7 +155,7 @@ class Oracle(Stored):
         return [self.lookup_latest_transform(*pair) for pair in pairs]
 
     def sample(self, target: str, source: str, stamps_ns: Sequence[int]) -> list[Answer | int]:
-        """An error's code in place of an answer."""
+        """Return one answer per stamp, with an error code in place of a failed one."""
         self.check_names(target, source)
         answers: list[Answer | int] = []
         for stamp_ns in stamps_ns:
@@ -178,11 +180,11 @@ class Oracle(Stored):
         self.known(target, source)
         if target == source:
             return [target]
-        up, other = self.ways(target, source, stamp_ns)
+        up, other = self.paths(target, source, stamp_ns)
         return up.frames + other.frames[-2::-1]
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        """None for a root, and where the link has nothing for that time."""
+        """Return the parent; None for a root, or if the link has no sample at that time."""
         self.known(frame)
         try:
             link = self.at(frame, stamp_ns)
@@ -216,9 +218,9 @@ class Oracle(Stored):
         }
 
 
-def _product(way: Way) -> Pose:
-    """The pose of the way's first frame in its last."""
+def _product(path: AncestorPath) -> Pose:
+    """Return the pose of the first frame of the path in its last."""
     pose = IDENTITY
-    for link in way.poses:
+    for link in path.poses:
         pose = compose(link, pose)
     return pose

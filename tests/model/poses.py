@@ -1,4 +1,4 @@
-"""Arithmetic of poses for the oracle, written as in a textbook.
+"""Arithmetic of poses for the oracle, in textbook form.
 
 A pose is (x, y, z, qx, qy, qz, qw). Nothing here comes from the product.
 """
@@ -13,7 +13,7 @@ IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton's product."""
+    """Return the Hamilton product of two quaternions."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -29,18 +29,18 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def rotated(q: Quaternion, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """q p q*, the point taken as a quaternion without a real part."""
+    """Return q p q*, with the point as a pure quaternion."""
     return product(product(q, (x, y, z, 0.0)), conjugate(q))[:3]
 
 
 def compose(ab: Pose, bc: Pose) -> Pose:
-    """X_ac from X_ab and X_bc."""
+    """Return X_ac from X_ab and X_bc."""
     x, y, z = rotated(ab[3:], *bc[:3])
     return (ab[0] + x, ab[1] + y, ab[2] + z, *product(ab[3:], bc[3:]))
 
 
 def inverse(ab: Pose) -> Pose:
-    """X_ba from X_ab."""
+    """Return X_ba from X_ab."""
     q = conjugate(ab[3:])
     return (*rotated(q, -ab[0], -ab[1], -ab[2]), *q)
 
@@ -52,7 +52,7 @@ def normalised(pose: Pose) -> Pose:
 
 
 def interpolated(a: Pose, b: Pose, ratio: float) -> Pose:
-    """Translation linearly, rotation by slerp along the shorter arc."""
+    """Interpolate: translation linearly, rotation by slerp along the shorter arc."""
     x, y, z = (p + (q - p) * ratio for p, q in zip(a[:3], b[:3], strict=True))
     dot = sum(p * q for p, q in zip(a[3:], b[3:], strict=True))
     sign = -1.0 if dot < 0 else 1.0  # q and -q are one rotation

@@ -1,4 +1,4 @@
-"""What the tree must hold after each write: the oracle's one half."""
+"""What the tree must hold after each write: the oracle's write half."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .poses import Pose, normalised
 
 
 class Row(NamedTuple):
-    """A write: the pose of child in parent."""
+    """A write: the pose of a child in its parent."""
 
     parent: str
     child: str
@@ -39,11 +39,11 @@ class Stored:
         self.time_jump = time_jump
         self.names: list[str] = []  # in order of creation
         self.removed: set[str] = set()  # of these
-        self.links: dict[str, Link] = {}  # by child; a list, once in here, is not changed
-        self.counts: dict[str, Counter[str]] = {}  # by child: what its rows did
-        self.events: Counter[str] = Counter()  # what has happened at all
+        self.links: dict[str, Link] = {}  # by child; lists in it are replaced, never changed
+        self.counts: dict[str, Counter[str]] = {}  # by child: counts of what its rows did
+        self.events: Counter[str] = Counter()  # which events have occurred, and how often
 
-    # Writing
+    # Writes
 
     def set_transform(self, row: Row, authority: str = "", static: bool = False) -> bool:
         return self.commit([row], static, drop_old=True)
@@ -98,7 +98,7 @@ class Stored:
 
     @staticmethod
     def has_cycle(links: dict[str, Link]) -> bool:
-        """Among the newest parents."""
+        """True if the newest parents contain a cycle."""
         for child in links:
             frame, seen = child, set()
             while frame in links:
@@ -111,7 +111,7 @@ class Stored:
     def with_rows(
         self, links: dict[str, Link], rows: Sequence[Row], static: bool
     ) -> tuple[dict[str, Link], list[tuple[str, str]]]:
-        """The links with these rows put in, and what happened to whom."""
+        """Return the links with these rows inserted, and the events by child."""
         links = dict(links)
         happened = []
         for row in sorted(rows, key=lambda row: row.stamp_ns):
@@ -119,7 +119,7 @@ class Stored:
         return links, happened
 
     def checked(self, row: Row) -> Row:
-        """The row as it is stored."""
+        """Return the row as it will be stored: stripped names, normalised rotation."""
         parent, child = row.parent.removeprefix("/"), row.child.removeprefix("/")
         if not parent or not child:
             self._refuse("empty name")
@@ -132,7 +132,7 @@ class Stored:
         return Row(parent, child, row.stamp_ns, normalised(row.pose))
 
     def insert(self, links: dict[str, Link], row: Row, static: bool) -> list[str]:
-        """Put a row in where it belongs; what happened."""
+        """Insert a row in stamp order; return the event."""
         sample = Sample(row.stamp_ns, row.parent, row.pose)
         link = links.get(row.child)
         if static:

@@ -1,7 +1,6 @@
-"""The same random histories put to the real tf2, where it is installed.
+"""The same random histories, run by the real tf2 where it is installed.
 
-It must answer as the tree does but for the differences of ``differences.py``, and there exactly as
-these say.
+Its answers must equal the tree's, except for the differences that ``differences.py`` lists.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from .histories import CACHE_NS, DEEP, SEEDS, History, history
 from .oracle import Answer, Oracle, Row
 
 PYTHON_WITH_TF2 = "/usr/bin/python3"
-START_NS = 100_000_000_000  # tf2 knows no times below 0, and its 0 means the latest
+START_NS = 100_000_000_000  # tf2 has no times below 0, and its 0 means the latest
 QUESTIONS = {
     "lookup_transform",
     "lookup_transform_full",
@@ -40,7 +39,7 @@ class Peer:
             [PYTHON_WITH_TF2, str(Path(__file__).with_name("tf2_peer.py"))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # it warns of every refusal
+            stderr=subprocess.DEVNULL,  # it logs a warning for every rejected write
             text=True,
         )
 
@@ -61,7 +60,7 @@ def tf2() -> Iterator[Peer]:
         peer = Peer()
     except FileNotFoundError:
         pytest.skip(f"no {PYTHON_WITH_TF2}, whose tf2 would be asked")
-    with peer.process:  # its end closes the peer's input, at which it leaves
+    with peer.process:  # closing the input ends the peer
         if not peer.line():
             pytest.skip(f"{PYTHON_WITH_TF2} has no tf2_py (Debian: python3-tf2)")
         yield peer
@@ -77,13 +76,13 @@ def _parsed(reply: Any) -> object:
 
 class Asked(NamedTuple):
     call: Call
-    by_rule: object  # what tf2 must say
+    by_rule: object  # what tf2 must answer
     ours: object
-    reasons: set[str]  # why the two may differ
+    reasons: set[str]  # decisions that allow a difference
 
 
-class Told:
-    """A history told to the tree and to both oracles, and what tf2 is to be told and asked."""
+class Prepared:
+    """A history run by the tree and both oracles, and the calls that tf2 will run."""
 
     def __init__(self, counts: Counter[str]) -> None:
         self.counts = counts
@@ -124,7 +123,7 @@ class Told:
             self.calls.append(Call("set_transform", (given, authority, static)))
 
     def _refused(self, rows: list[Row], authority: str, static: bool, single: bool) -> None:
-        """Both refuse what makes no sense; tf2 one by one, and infinity not at all."""
+        """Both reject invalid rows; tf2 one by one, and it accepts infinity."""
         if not single:
             self.counts["A10"] += 1
         elif any(map(math.isinf, rows[0].pose)):
@@ -147,7 +146,7 @@ class Told:
 
 
 def agree(theirs: object, given: object) -> bool:
-    """tf2 has 0 for "at all times", no order of frames, and fewer facts in its errors."""
+    """Compare. tf2 uses 0 for "any time", orders no frames, and its errors have fewer fields."""
     if isinstance(theirs, Fault) and isinstance(given, Fault):
         return theirs.kind == given.kind and theirs.facts.items() <= given.facts.items()
     if isinstance(theirs, list) and isinstance(given, list):
@@ -156,7 +155,7 @@ def agree(theirs: object, given: object) -> bool:
 
 
 def tell(told: History, peer: Peer, counts: Counter[str]) -> None:
-    history_ = Told(counts)
+    history_ = Prepared(counts)
     for write, questions in told.steps:
         history_.write(write)
         for question in questions:
@@ -191,7 +190,7 @@ def test_tf2_differs_only_where_a_decision_says_so(tf2: Peer) -> None:
 
 
 def test_what_is_kept_from_tf2_is_what_it_accepts(tf2: Peer) -> None:
-    """The writes that the histories do not give to it, or not as they are."""
+    """The writes that the histories withhold from tf2, or change."""
 
     def row(parent: str, child: str, x: float = 0.0, w: float = 1.0) -> Call:
         stored = Row(parent, child, START_NS, (x, 0.0, 0.0, 0.0, 0.0, 0.0, w))

@@ -16,7 +16,7 @@ from .oracle import Oracle
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
 
-#: What must have happened for an agreement to mean something.
+#: Events that must have occurred, so that agreement means something.
 EVENTS = {
     "stored",
     "static",
@@ -65,7 +65,7 @@ EVENTS = {
 
 
 def compare(told: History, concurrency: Concurrency, events: Counter[str]) -> str | None:
-    """The first difference, or None."""
+    """Return the first difference, or None."""
     oracle = Oracle(CACHE_NS, told.max_depth, told.time_jump)
     tree = TransformTree(
         CACHE_NS / 1e9,
@@ -85,7 +85,7 @@ def compare(told: History, concurrency: Concurrency, events: Counter[str]) -> st
 
 
 def shortened(told: History, concurrency: Concurrency) -> History:
-    """Fewer writes that show a difference too: the prefix, then without each that can go."""
+    """Return a smaller history with a difference: the prefix, minus each write not needed."""
     steps = told.steps
     while compare(told._replace(steps=steps[:-1]), concurrency, Counter()):
         steps = steps[:-1]

@@ -1,7 +1,7 @@
-"""The tree and the oracle side by side, driven by Hypothesis, which shrinks what it finds.
+"""The tree and the oracle side by side, driven by Hypothesis.
 
-The random histories find more for their time; this one draws its values from nowhere near a grid,
-and ends in the shortest program of calls that shows a difference.
+The random histories find more in the same time. Hypothesis draws values off the grid, and shrinks
+what it finds to the shortest sequence of calls that shows a difference.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MAX_DEPTH = 2
 NAMES = ["map", "base", "arm", "tool"]
 frames = st.sampled_from(NAMES)
 asked = frames | frames | frames | st.sampled_from(["nowhere", "", "/map"])
-# On a grid, so that they repeat and interleave; or anything, as far apart as 64 bits allow.
+# On a grid, so that they repeat and interleave; or any 64-bit value.
 grid = st.integers(-8, 12).map(lambda step: step * 100)
 stamps = grid | grid | grid | st.integers(-800, 1200) | st.integers(-(2**63) + 1, 2**63 - 1)
 PROBES = [*range(-850, 1300, 50), 1, -(2**63) + 1, 2**63 - 1]
@@ -56,7 +56,7 @@ rotations = st.builds(_rotation, axes, st.floats(-6, 6) | st.floats(-1e-3, 1e-3)
 poses: st.SearchStrategy[Pose] = st.builds(
     lambda x, y, z, q: (x, y, z, *q), metres, metres, metres, rotations
 )
-# Mostly links that make a tree, so that cycles do not refuse everything.
+# Mostly links that form a tree, so that few writes are rejected as cycles.
 usual = st.sampled_from([("map", "base"), ("base", "arm"), ("arm", "tool"), ("map", "arm")])
 links = usual | usual | usual | st.tuples(frames, frames)
 spoilt = st.sampled_from([1.0] * 8 + [1.004, 1.006, 0.0, math.nan])

@@ -1,8 +1,8 @@
-"""The installed real tf2 (ROS 1), put to histories. Runs under the interpreter that has it.
+"""Runs histories on the installed real tf2 (ROS 1), under the interpreter that has it.
 
-One history a line, ``{"cache_ns": N, "calls": [[METHOD, ARGUMENTS], ...]}``, is answered with the
-list of what came out of each call: a pose as ``{"stamp_ns", "pose"}``, an error as ``{"error",
-"facts"}``, anything else as it is. Imports nothing of this project.
+Each input line is a history, ``{"cache_ns": N, "calls": [[METHOD, ARGUMENTS], ...]}``. Each output
+line is the list of the outcomes of its calls: a pose as ``{"stamp_ns", "pose"}``, an error as
+``{"error", "facts"}``, anything else unchanged. Imports nothing of this project.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import genpy  # type: ignore[import-not-found]
 import tf2_py  # type: ignore[import-not-found]
 from geometry_msgs.msg import TransformStamped  # type: ignore[import-not-found]
 
-#: tf2 has one class for three faults, and facts only in the text.
+#: tf2 has one class for three errors, and gives facts only in the message.
 EXTRAPOLATIONS = [
     ("NoDataForExtrapolationException", "only time", "newest_stamp_ns"),
     ("BackwardExtrapolationException", "earliest data is at time", "oldest_stamp_ns"),
