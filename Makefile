@@ -60,7 +60,7 @@ format: .venv/requirements.stamp ## format Python and C++, sort imports
 
 # Strict: a warning, such as a dead link, is an error. Needs no network and no native module.
 docs: .venv/requirements.stamp ## the documentation and the API reference, in build/site
-	@DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation: build/site/index.html"
 
 bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON

@@ -17,7 +17,7 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
 OUTSIDE = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "bench/README.md"]
-LINK = re.compile(r"(\]\()([^)#\s:]+)(?=[)#])")
+LINK = re.compile(r"\[(?P<text>[^\[\]]*)\]\((?P<path>[^)#\s:]+)(?P<anchor>#[^)]*)?\)")
 
 
 def site_path(path: str) -> str:
@@ -43,8 +43,8 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, site_path(path), content=(ROOT / path).read_text()))
     for file in list(files.documentation_pages()):
         page = repository_path(file.src_uri)
-        for _, link in LINK.findall(file.content_string):
-            path = link_target(page, link)
+        for match in LINK.finditer(file.content_string):
+            path = link_target(page, match["path"])
             uri = site_path(path)
             if files.get_file_from_path(uri) is None and (ROOT / path).is_file():
                 files.append(File.generated(config, uri, abs_src_path=str(ROOT / path)))
@@ -56,8 +56,11 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     folder = posixpath.dirname(page.file.src_uri)
 
     def rewrite(match: re.Match[str]) -> str:
-        uri = site_path(link_target(source, match[2]))
-        return match[1] + posixpath.relpath(uri, folder or ".")
+        path = link_target(source, match["path"])
+        if path.endswith("/README.md") and not (ROOT / path).exists():
+            return match["text"]  # a folder without a page
+        link = posixpath.relpath(site_path(path), folder or ".")
+        return f"[{match['text']}]({link}{match['anchor'] or ''})"
 
     return LINK.sub(rewrite, markdown)
 
