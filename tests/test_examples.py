@@ -7,10 +7,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
+import zenoh_tf
+import zenoh_tf_client
 from zenoh_tf_client import TransformClient
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -75,6 +78,15 @@ def test_pages_name_files_that_exist(page: str) -> None:
     names = set(re.findall(r"[\w/]+\.(?:pyi?|hpp|cpp)\b", (ROOT / "docs" / page).read_text()))
     assert names
     assert [name for name in sorted(names) if not any(f.endswith(f"/{name}") for f in files)] == []
+
+
+@pytest.mark.parametrize("package", [zenoh_tf, zenoh_tf_client])
+def test_every_public_name_is_in_the_api_reference(package: ModuleType) -> None:
+    pages = "".join(path.read_text() for path in (ROOT / "docs/api").glob("*.md"))
+    shown = set(re.findall(r"^::: (\S+)$", pages, re.MULTILINE))
+    for name in package.__all__:
+        if not name.startswith("_") and not hasattr(zenoh_tf.errors, name):
+            assert f"{package.__name__}.{name}" in shown
 
 
 PAGES = [
