@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f)
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories anomalies lint format bench figures core-test image-test clean
+.PHONY: help native demo test histories anomalies lint format docs bench figures core-test image-test clean
 
 help: ## say what there is
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
@@ -57,6 +57,11 @@ format: .venv/requirements.stamp ## format Python and C++, sort imports
 	@$(BIN)/ruff check --select I --fix .
 	@$(BIN)/ruff format .
 	@$(BIN)/clang-format -i $(CPP)
+
+# Strict: a warning, such as a dead link, is an error. Needs no network and no native module.
+docs: .venv/requirements.stamp ## the documentation and the API reference, in build/site
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+	@echo "documentation: build/site/index.html"
 
 bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)

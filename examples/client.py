@@ -1,4 +1,4 @@
-"""A client: ask where the camera is, where it was, and the way in between."""
+"""A client: look up where the camera is, where it was, and its path in between."""
 
 import argparse
 
@@ -19,5 +19,6 @@ with TransformClient.connect(args.connect) as tf:
     print("a quarter of a second before:", then.transform.translation)
 
     stamps_ns = then_ns + 250_000 * np.arange(1001)
-    path = tf.sample("map", "camera", stamps_ns)  # a thousand lookups, one round trip
+    path = tf.sample("map", "camera", stamps_ns)  # 1001 lookups, one round trip
+    path.raise_for_status()  # a failed lookup raises its error here
     print("moved:", path.translations[-1] - path.translations[0])

@@ -1,4 +1,4 @@
-"""A script as one writes it for tf2_ros: what is imported differs, and that a server is named."""
+"""A tf2_ros script: only the imports and the choice of a server differ."""
 
 import argparse
 import time
@@ -15,7 +15,7 @@ from zenoh_tf_client.tf2 import (
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
-connect(parser.parse_args().connect)  # or ZENOH_TF_ENDPOINT in the environment
+connect(parser.parse_args().connect)  # or ZENOH_TF_CONNECT in the environment
 
 tf_buffer = Buffer()
 tf_listener = TransformListener(tf_buffer)

@@ -1,4 +1,4 @@
-"""A sensor: publish where the robot is, fifty times a second, without waiting for anyone."""
+"""A sensor: publish the robot's pose fifty times a second, without waiting for answers."""
 
 import argparse
 import itertools

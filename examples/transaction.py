@@ -14,7 +14,7 @@ PAIR = ("gripper", "object")
 
 
 def lift(tx: Transaction) -> None:
-    """Runs again if anyone moves one of the two between the reading and the commit."""
+    """Runs again if another writer moves either frame between the lookup and the commit."""
     poses = tx.lookup_latest_transforms_xact([("map", name) for name in PAIR])
     up, now_ns = Transform(translation=(0.0, 0.0, 0.1)), time.time_ns()
     tx.set_transforms_xact(

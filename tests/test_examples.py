@@ -7,10 +7,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
+import zenoh_tf
+import zenoh_tf_client
 from zenoh_tf_client import TransformClient
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -69,17 +72,32 @@ def test_examples_are_short_and_in_the_readme(name: str) -> None:
     assert f"```python\n{text}```" in (ROOT / "README.md").read_text()
 
 
-def test_architecture_names_files_that_exist() -> None:
+@pytest.mark.parametrize("page", ["architecture.md", "concurrency.md", "glossary.md"])
+def test_pages_name_files_that_exist(page: str) -> None:
     files = [str(path) for path in ROOT.glob("*/**/*.*") if ".venv" not in path.parts]
-    for name in re.findall(
-        r"[\w/]+\.(?:py|hpp|cpp)\b", (ROOT / "docs/architecture.md").read_text()
-    ):
-        assert any(path.endswith(f"/{name}") for path in files), name
+    names = set(re.findall(r"[\w/]+\.(?:pyi?|hpp|cpp)\b", (ROOT / "docs" / page).read_text()))
+    assert names
+    assert [name for name in sorted(names) if not any(f.endswith(f"/{name}") for f in files)] == []
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
-)
+@pytest.mark.parametrize("package", [zenoh_tf, zenoh_tf_client])
+def test_every_public_name_is_in_the_api_reference(package: ModuleType) -> None:
+    pages = "".join(path.read_text() for path in (ROOT / "docs/api").glob("*.md"))
+    shown = set(re.findall(r"^::: (\S+)$", pages, re.MULTILINE))
+    for name in package.__all__:
+        if not name.startswith("_") and not hasattr(zenoh_tf.errors, name):
+            assert f"{package.__name__}.{name}" in shown
+
+
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "bench/README.md",
+    *(ROOT / "docs").glob("**/*.md"),
+]
+
+
+@pytest.mark.parametrize("page", [str(path.relative_to(ROOT)) for path in PAGES])
 def test_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text()
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text) + re.findall(
