@@ -134,6 +134,36 @@ def test_names_that_no_frame_has_cannot_be_removed(tf: Tf) -> None:
         assert caught.value.field == "name"
 
 
+def test_reset_drops_samples_static_links_and_names(tf: Tf) -> None:
+    put(tf, "map", "base", 1, authority="wheels")
+    put(tf, "base", "camera", 0, authority="mounts", static=True)
+    commits = tf.stats()["commits"]
+    tf.reset()
+    assert tf.frames() == []
+    stats = tf.stats()
+    assert (stats["frames"], stats["samples"], stats["static_links"]) == (0, 0, 0)
+    assert stats["commits"] == commits + 1
+    with pytest.raises(LookupException):
+        tf.lookup_transform("base", "camera")
+    with pytest.raises(LookupException):
+        tf.frame("map")
+    # What authorities have done is not forgotten, and the names may come back.
+    assert [authority.name for authority in tf.authorities()] == ["wheels", "mounts"]
+    put(tf, "camera", "map", 0.5, authority="other")
+    assert sorted(tf.frames()) == ["camera", "map"]
+    assert tf.frame("map").samples == 1
+    tf.reset()
+    tf.reset()
+    assert tf.frames() == []
+
+
+def test_reset_of_an_empty_tree(tf: Tf) -> None:
+    tf.reset()
+    assert tf.frames() == []
+    put(tf, "map", "base", 1)
+    assert tf.can_transform("map", "base")
+
+
 def test_a_late_transform_is_dropped(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="reject")
     put(tf, "map", "base", 100)

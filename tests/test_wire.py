@@ -85,6 +85,11 @@ def test_golden_error() -> None:
     assert caught.value.facts == {"frame": "x"}
 
 
+def test_golden_reset() -> None:
+    golden = "82a17601a477686174a57265736574"
+    assert wire.pack(wire.call_body("reset")).hex() == golden
+
+
 def test_columns_are_views_of_the_message() -> None:
     lookup = wire.parse_lookup(wire.unpack(wire.pack(LOOKUP)))
     assert not lookup.stamp.flags.owndata

@@ -4,7 +4,7 @@
     tf/v1/{tree}/commit            query   one write transaction
     tf/v1/{tree}/batch             query   an ordered list of the two above and of infos
     tf/v1/{tree}/info              query   what the tree holds
-    tf/v1/{tree}/admin             query   clear, remove_frame
+    tf/v1/{tree}/admin             query   clear, reset, remove_frame
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
     tf/v1/{tree}/server/{instance}    liveliness token of the server

@@ -284,6 +284,9 @@ class Service:
         if what == "clear":
             self.tree.clear(wire.flag(message, "keep_static", True))
             log.info("cleared")
+        elif what == "reset":
+            self.tree.reset()
+            log.info("reset: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
             self.tree.remove_frame(name, wire.flag(message, "subtree"))

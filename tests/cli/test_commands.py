@@ -293,6 +293,18 @@ def test_clear_keeps_static_links(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+def test_reset_forgets_names_and_needs_a_yes(run: Run, client: TransformClient) -> None:
+    done = run("reset")
+    assert done.returncode == 2
+    assert "--yes" in done.stderr
+    assert len(client.frames()) == 3
+    assert "reset" in succeeds(run("reset", "--yes"))
+    assert client.frames() == []
+    assert succeeds(run("frames")) == "no frames\n"
+    assert document(run("reset", "--yes", "--json")) == {"reset": True}
+
+
+@pytest.mark.usefixtures("chain")
 def test_unknown_frame(run: Run) -> None:
     line = refusal(run("lookup", "map", "nowhere"))
     assert "LookupException" in line
@@ -354,7 +366,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
     reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
-    assert {*commands} == reading | {"set", "remove", "clear", "replay"}
+    assert {*commands} == reading | {"set", "remove", "clear", "reset", "replay"}
     for command in commands:
         assert "--connect" in succeeds(zenoh_tf(command, "--help"))
 
