@@ -15,7 +15,7 @@ from zenoh_tf_client.tf2 import (
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
-connect(parser.parse_args().connect)  # or ZENOH_TF_ENDPOINT in the environment
+connect(parser.parse_args().connect)  # or ZENOH_TF_CONNECT in the environment
 
 tf_buffer = Buffer()
 tf_listener = TransformListener(tf_buffer)

@@ -69,3 +69,11 @@ def test_keys_are_as_documented() -> None:
     assert keys.puts("main", static=True) == "tf/v1/main/static/*"
     assert keys.server("main", "0af3") == "tf/v1/main/server/0af3"
     assert keys.servers("@") == "tf/v1/%40/server/*"
+    assert keys.all_servers() == "tf/v1/*/server/*"
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_any_key_names_its_tree(name: str) -> None:
+    key = keys.server(name, "0af3")
+    assert keys.tree_name(key) == name
+    assert zenoh.KeyExpr(keys.all_servers()).includes(zenoh.KeyExpr(key))

@@ -56,7 +56,7 @@ def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClien
     # An error is an outcome as well.
     identity = os.urandom(16)
     bad = wires.query("commit", wire.pack(commit(child="map", id=identity)))
-    assert wire.parse_fault(bad["error"]).code == InvalidArgumentException.code
+    assert wire.decode_error(bad["error"]).code == InvalidArgumentException.code
     assert wires.query("commit", wire.pack(commit(x=3.0, id=identity))) == bad
     # Without an id nothing is remembered.
     wires.query("commit", wire.pack(commit(x=4.0)))
@@ -170,7 +170,7 @@ def test_limits_name_themselves(start_server: StartServer) -> None:
         many = tf.broadcaster("many")
         many.send([link] * 11)
         _wait(tf, "bad_puts", 1)
-        assert "limit rows: 11, at most 10" in server.log
+        assert "the limit is 10 (--max-rows)" in server.log
 
 
 def _wait(tf: TransformClient, counter: str, value: int) -> None:

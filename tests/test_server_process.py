@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform
+from zenoh_tf import StampedTransform, Transform, zenoh_config
 from zenoh_tf.errors import (
     InvalidArgumentException,
     OutcomeUnknown,
@@ -24,7 +24,6 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import TransformClient
 
 from .conftest import ServerProcess, StartServer, free_endpoint
-from .raw import config
 
 LINK = StampedTransform("map", "base", 1, Transform())
 
@@ -106,7 +105,7 @@ def test_second_server_on_a_tree_is_refused(start_server: StartServer) -> None:
 def test_of_two_servers_at_once_one_stays() -> None:
     endpoint = free_endpoint()
     command = [sys.executable, "-m", "zenoh_tf_server", "--connect", endpoint]
-    with zenoh.open(config(endpoint, "router")):
+    with zenoh.open(zenoh_config.router([endpoint])):
         servers = [
             subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             for _ in range(3)
