@@ -261,6 +261,50 @@ def test_a_bad_put_names_authority_and_field(
     assert client.frames() == []
 
 
+def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient) -> None:
+    """In transforms, with the last reason, and also for authorities with nothing but refusals."""
+    two_rows = {
+        **commit(child="map"),
+        "parent": struct.pack("<2I", 0, 0),
+        "child": struct.pack("<2I", 1, 1),
+        "stamp": struct.pack("<2q", 1, 2),
+        "pose": struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1) * 2,
+    }
+    wires.put("good", wire.pack(commit()))
+    wires.put("mixed", wire.pack(two_rows))
+    wires.put("mixed", wire.pack(commit(child="arm")))
+    wires.put("mixed", wire.pack(two_rows))
+    wires.put("mixed", b"garbage")
+    wires.put("bad", wire.pack(two_rows), static=True)
+    wires.put("", wire.pack(two_rows))
+    wires.session.put("tf/v1/main/set/%2f", wire.pack(two_rows))  # nobody's name
+    _wait(client, "bad_puts", 6)
+    records = {record.name: record for record in client.authorities()}
+    assert set(records) == {"good", "mixed", "bad", ""}
+    assert (records["good"].refused, records["good"].last_refusal) == (0, None)
+    mixed, bad = records["mixed"], records["bad"]
+    assert (mixed.commits, mixed.stored, mixed.refused) == (1, 1, 5)
+    assert mixed.last_refusal is not None and mixed.last_refusal.startswith("ProtocolError: ")
+    assert (bad.frames, bad.commits, bad.stored, bad.refused) == (0, 0, 0, 2)
+    assert bad.last_refusal is not None and "own parent" in bad.last_refusal
+    # A call that is refused raises, and is not counted.
+    with pytest.raises(InvalidArgumentException):
+        client.set_transform(StampedTransform("x", "x", 1, Transform()), authority="good")
+    assert {record.name: record.refused for record in client.authorities()}["good"] == 0
+
+
+def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartServer) -> None:
+    server = start_server("--max-refused-authorities", "2")
+    with raw(server.endpoint) as wires, server.connect() as tf:
+        wires.put("good", wire.pack(commit()))
+        wires.put("good", b"garbage")
+        for name in ("a", "b", "a", "c"):
+            wires.put(name, b"garbage")
+        _wait(tf, "bad_puts", 5)
+        refused = {record.name: record.refused for record in tf.authorities()}
+        assert refused == {"good": 1, "a": 2, "c": 1}  # b was refused longest ago
+
+
 def test_one_put_is_all_or_nothing(wires: Raw, client: TransformClient) -> None:
     two = {
         "v": 1,

@@ -79,6 +79,25 @@ def test_port_in_use(server: ServerProcess) -> None:
     )
 
 
+@pytest.mark.parametrize("flag", ["--listen", "--connect"])
+@pytest.mark.parametrize("endpoint", ["foo", "tcp/127.0.0.1:http", "bogus/x#key=secret"])
+def test_wrong_endpoints_are_said_in_our_words(flag: str, endpoint: str) -> None:
+    line = refused(flag, endpoint).splitlines()[-1]
+    assert line.startswith("zenoh-tf-server: error: cannot ")
+    assert f"{flag}: endpoint '{endpoint.partition('#')[0]}' has " in line
+    for internal in ("secret", ".rs", "src/", "Invalid", "locator"):
+        assert internal not in line
+
+
+def test_the_greeting_shows_no_options_of_an_endpoint(start_server: StartServer) -> None:
+    """With TLS they are paths of keys."""
+    endpoint = free_endpoint()
+    server = start_server(endpoint=f"{endpoint}#listen_private_key=/home/me/key.pem")
+    assert f"listens on {endpoint};" in server.greeting
+    assert f"--connect {endpoint} --tree" in server.greeting
+    assert "key" not in server.greeting
+
+
 def test_wrong_flags() -> None:
     assert "cannot listen on bogus/x" in refused("--listen", "bogus/x")
     assert "--max-rows" in refused("--max-rows", "0")
@@ -143,6 +162,36 @@ def test_another_tree(server: ServerProcess) -> None:
         TransformClient.connect(server.endpoint, tree="lost", timeout_s=0.5)
     assert time.monotonic() - begun < 1.5
     assert server.endpoint in str(caught.value) and "'lost'" in str(caught.value)
+
+
+def test_a_wrong_tree_says_which_trees_there_are(start_server: StartServer) -> None:
+    """Within a second, not after the whole time-out."""
+    first = start_server(tree="main")
+    begun = time.monotonic()
+    with pytest.raises(ServerUnavailable) as caught:
+        TransformClient.connect(first.endpoint, tree="mian", timeout_s=20.0)
+    assert 0.9 < time.monotonic() - begun < 5.0
+    assert str(caught.value) == (
+        f"no server for tree 'mian' at {first.endpoint}; trees served there: 'main'"
+    )
+    start_server("--connect", first.endpoint, tree="robot 2/arm", endpoint=first.endpoint)
+    for timeout_s in (20.0, 0.3):
+        with pytest.raises(ServerUnavailable) as caught:
+            TransformClient.connect(first.endpoint, tree="mian", timeout_s=timeout_s)
+        assert str(caught.value).endswith("trees served there: 'main', 'robot 2/arm'")
+
+
+def test_a_tree_that_starts_late_is_found_beside_others(start_server: StartServer) -> None:
+    first = start_server(tree="main")
+    with ThreadPoolExecutor() as pool:
+        # Nobody else is there, so the client waits; and it stays for a tree that is there.
+        first.freeze()
+        connecting = pool.submit(TransformClient.connect, first.endpoint, "main", 20.0)
+        time.sleep(1.5)
+        assert not connecting.done()
+        first.send_signal(signal.SIGCONT)
+        with connecting.result() as tf:
+            assert tf.frames() == []
 
 
 def test_client_may_come_before_the_server(start_server: StartServer) -> None:

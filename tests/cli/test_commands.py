@@ -257,11 +257,30 @@ def test_authorities(run: Run) -> None:
         "dropped": 0,
         "rewritten": 1,
         "conflicts": 1,
+        "refused": 0,
+        "last_refusal": None,
     }
     assert (by_name["wheels"]["frames"], by_name["wheels"]["commits"]) == (1, 2)
     header, *lines = succeeds(run("authorities")).splitlines()
-    assert header.split() == ["frames", "commits", "stored", "dropped", "rewritten", "conflicts"]
-    assert "a hand       1        1       1        0          1          1" in lines
+    counts = ["frames", "commits", "stored", "dropped", "rewritten", "conflicts", "refused"]
+    assert header.split() == counts
+    assert "a hand       1        1       1        0          1          1        0" in lines
+
+
+def test_authorities_shows_refusals(run: Run, client: TransformClient) -> None:
+    """Also those of an authority that never had a transform accepted."""
+    with client.broadcaster("broken driver") as broken:
+        broken.send([StampedTransform("a", "a", stamp, Transform()) for stamp in range(3)])
+        deadline = time.monotonic() + 10
+        while not client.authorities():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    (record,) = document(run("authorities", "--json"))["authorities"]
+    assert (record["name"], record["refused"], record["stored"]) == ("broken driver", 3, 0)
+    _, line, reason = succeeds(run("authorities")).splitlines()
+    assert line.split() == ["broken", "driver", "0", "0", "0", "0", "0", "0", "3"]
+    assert reason.startswith("last refusal of broken driver: InvalidArgumentException: ")
+    assert "own parent" in reason
 
 
 def test_authorities_of_an_empty_tree(run: Run) -> None:
@@ -349,6 +368,7 @@ def test_no_such_tree(run: Run) -> None:
         ["--json", "frames", "--mermaid"],
         ["frame"],
         ["replay", "file", "--rate", "-1"],
+        ["replay", "file", "--authority", ""],
     ],
 )
 def test_wrong_usage(zenoh_tf: Run, args: list[str]) -> None:
@@ -382,6 +402,22 @@ def test_a_reader_that_goes_away_is_no_error(server: Any) -> None:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""
+
+
+def test_the_environment_names_server_and_tree(
+    start_server: Any, zenoh_tf: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = start_server(tree="robot 1")
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
+    monkeypatch.setenv("ZENOH_TF_TREE", "robot 1")
+    succeeds(zenoh_tf("set", "map", "base", "0", "0", "0"))
+    assert document(zenoh_tf("frames", "--json"))["tree"] == "robot 1"
+    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames"))
+    assert "tcp/127.0.0.1:9" in line
+    line = refusal(zenoh_tf("frames", "--tree", "elsewhere"))
+    assert "trees served there: 'robot 1'" in line
+    monkeypatch.setenv("ZENOH_TF_CONNECT", "tcp/127.0.0.1:9")
+    assert "tcp/127.0.0.1:9" in refusal(zenoh_tf("--timeout", "0.5", "frames"))
 
 
 def test_interrupted() -> None:

@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -160,7 +161,7 @@ def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
     path = write(tmp_path / "log", log)
     done = run("replay", str(path), "--rate", "10")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "1 of them dropped" in done.stdout
+    assert "1 of them dropped on arrival" in done.stdout
 
 
 def test_other_publishers_do_not_end_it_early(client: TransformClient) -> None:
@@ -252,8 +253,57 @@ def test_a_server_that_refuses(start_server: Any, zenoh_tf: Run, tmp_path: Path)
         tf.set_transform(StampedTransform("odom", "base", 1, Transform()), authority="wheels")
     path = write(tmp_path / "log")
     done = zenoh_tf("--connect", server.endpoint, "replay", str(path))
-    assert "refused 1 messages" in refusal(done)
-    assert "wheels" in server.log
+    line = refusal(done)
+    assert "the server refused 52 of the 53 transforms sent as 'replay'" in line
+    assert "InvalidArgumentException" in line
+    assert "published by 'wheels'" in line
+
+
+def test_refusals_of_others_do_not_fail_it(client: TransformClient) -> None:
+    """Each authority answers for its own transforms only."""
+    feed = Feed(client, "replay", patience_s=10)
+    with client.broadcaster("broken") as broken:
+        broken.send(StampedTransform("x", "x", 1, Transform()))
+        deadline = time.monotonic() + 10
+        while client.stats()["bad_puts"] == 0:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    feed.add((StampedTransform("a", "b", i, Transform()) for i in range(1200)), static=False)
+    feed.finish()
+    assert client.frame("b").newest_stamp_ns == 1199
+    assert (feed.transforms, feed.dropped_as_too_old, feed.no_longer_kept()) == (1200, 0, 0)
+
+
+def test_refusals_from_before_do_not_fail_it(client: TransformClient) -> None:
+    with client.broadcaster("replay") as earlier:
+        earlier.send(StampedTransform("x", "x", 1, Transform()))
+        deadline = time.monotonic() + 10
+        while client.stats()["bad_puts"] == 0:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    feed = Feed(client, "replay", patience_s=10)
+    feed.add([StampedTransform("a", "b", 1, Transform())], static=False)
+    feed.finish()
+
+
+def test_what_has_left_the_cache_is_told(start_server: Any, zenoh_tf: Run, tmp_path: Path) -> None:
+    """A minute of transforms at 1 Hz; the server keeps the last ten seconds."""
+    server = start_server("--cache-time", "10")
+    log: Log = [
+        (100.0, "/tf_static", [("b", "c", 0.0, 1.0)]),
+        *[(101.0 + i, "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(60)],
+    ]
+    path = write(tmp_path / "log", log)
+    done = zenoh_tf("--connect", server.endpoint, "replay", str(path), "--json")
+    summary = json.loads(done.stdout)
+    with server.connect() as tf:
+        kept = tf.frame("b").samples
+    assert summary["transforms"] == 61
+    assert summary["dropped_as_too_old"] == 0
+    assert summary["no_longer_kept"] == 60 - kept > 40
+    done = zenoh_tf("--connect", server.endpoint, "replay", str(path))
+    # By now all but the newest are too old on arrival, or rewrite what is there.
+    assert "of them dropped on arrival" in done.stdout
 
 
 @pytest.mark.parametrize("restarted", [False, True])
