@@ -135,13 +135,12 @@ def _check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         keys.server(options.tree, "")
     except TransformException as error:
         flags.error(f"--tree: {error}")
-    for flag, verb in (("listen", "listen on"), ("connect", "connect to")):
+    for flag in ("listen", "connect"):
         for endpoint in getattr(options, flag) or ():
             try:
                 zenoh_config.check_endpoint(endpoint)
             except TransformException as error:
-                shown = zenoh_config.address(endpoint)
-                flags.error(f"cannot {verb} {shown}: --{flag}: {error}")
+                flags.error(f"--{flag}: {error}")
 
 
 async def serve(settings: Settings) -> None:
