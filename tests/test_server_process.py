@@ -187,7 +187,7 @@ def test_a_server_that_exists_but_does_not_answer_is_waited_for(
     router = start_server(tree="main")
     slow = start_server("--connect", router.endpoint, tree="slow", endpoint=router.endpoint)
     slow.freeze()
-    with pytest.raises(ServerUnavailable, match="did not answer within 0.5 s"):
+    with pytest.raises(ServerUnavailable, match=r"did not answer within 0\.5 s"):
         slow.connect(timeout_s=0.5)
     with ThreadPoolExecutor() as pool:
         connecting = pool.submit(slow.connect, 20.0)
