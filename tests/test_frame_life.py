@@ -116,7 +116,7 @@ def test_a_subtree_is_removed_at_once(tf: Tf) -> None:
     assert tf.frames() == []
 
 
-def test_who_once_was_a_parent_can_be_removed(tf: Tf) -> None:
+def test_a_former_parent_can_be_removed(tf: Tf) -> None:
     put(tf, "old", "base", 1)
     put(tf, "new", "base", 2)
     tf.remove_frame("old")
@@ -213,7 +213,7 @@ def test_backward_extrapolation_names_the_link_as_it_was(tf: Tf) -> None:
         assert fact in str(error)
 
 
-def test_who_changed_a_link_and_what_it_was(tf: Tf) -> None:
+def test_last_change_names_the_authority_and_the_link_before(tf: Tf) -> None:
     put(tf, "map", "base", 1, authority="odometry")
     assert tf.frame("base").last_change is None
     put(tf, "map", "base", 2, authority="lidar")
@@ -230,7 +230,7 @@ def test_who_changed_a_link_and_what_it_was(tf: Tf) -> None:
 
 
 def test_what_each_authority_has_done(tf: Tf) -> None:
-    put(tf, "map", "base", 1)  # by nobody
+    put(tf, "map", "base", 1)  # without an authority
     put(tf, "map", "base", 100, authority="a")
     put(tf, "map", "base", 100, authority="a")
     put(tf, "map", "base", 1, authority="a")

@@ -277,7 +277,7 @@ def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient)
     wires.put("mixed", b"garbage")
     wires.put("bad", wire.pack(two_rows), static=True)
     wires.put("", wire.pack(two_rows))
-    wires.session.put("tf/v1/main/set/%2f", wire.pack(two_rows))  # nobody's name
+    wires.session.put("tf/v1/main/set/%2f", wire.pack(two_rows))  # not an escaped name
     _wait(client, "bad_puts", 6)
     records = {record.name: record for record in client.authorities()}
     assert set(records) == {"good", "mixed", "bad", ""}

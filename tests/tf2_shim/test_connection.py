@@ -1,4 +1,4 @@
-"""Which server a script talks to, and what happens where there is none."""
+"""Which server a script talks to, and what happens if there is none."""
 
 from __future__ import annotations
 
