@@ -51,6 +51,25 @@ def parser() -> argparse.ArgumentParser:
         metavar="ENDPOINT",
         help="join the Zenoh network at this endpoint as a client, and do not listen; repeatable",
     )
+    _add_tree_flags(flags)
+    flags.add_argument(
+        "--workers",
+        type=int,
+        default=min(8, max(2, os.cpu_count() or 2)),
+        metavar="N",
+        help="threads that serve queries, per query family (default: %(default)s)",
+    )
+    flags.add_argument(
+        "--log-level",
+        choices=("debug", "info", "warning", "error"),
+        default="info",
+        help="lowest level of the messages logged to standard error (default: %(default)s)",
+    )
+    limits.add_flags(flags)
+    return flags
+
+
+def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
     flags.add_argument("--tree", default="main", help="name of the tree (default: %(default)s)")
     flags.add_argument(
         "--cache-time",
@@ -79,21 +98,6 @@ def parser() -> argparse.ArgumentParser:
         "cache time. reject: drop it, because it is late. clear: simulated time was set back, so "
         "drop all but static transforms, then store it (default: %(default)s)",
     )
-    flags.add_argument(
-        "--workers",
-        type=int,
-        default=min(8, max(2, os.cpu_count() or 2)),
-        metavar="N",
-        help="threads that serve queries, per query family (default: %(default)s)",
-    )
-    flags.add_argument(
-        "--log-level",
-        choices=("debug", "info", "warning", "error"),
-        default="info",
-        help="lowest level of the messages logged to standard error (default: %(default)s)",
-    )
-    limits.add_flags(flags)
-    return flags
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

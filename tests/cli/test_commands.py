@@ -267,22 +267,6 @@ def test_authorities(run: Run) -> None:
     assert "a hand       1        1       1        0          1          1        0" in lines
 
 
-def test_authorities_shows_refusals(run: Run, client: TransformClient) -> None:
-    """Also those of an authority that never had a transform accepted."""
-    with client.broadcaster("broken driver") as broken:
-        broken.send([StampedTransform("a", "a", stamp, Transform()) for stamp in range(3)])
-        deadline = time.monotonic() + 10
-        while not client.authorities():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-    (record,) = document(run("authorities", "--json"))["authorities"]
-    assert (record["name"], record["refused"], record["stored"]) == ("broken driver", 3, 0)
-    _, line, reason = succeeds(run("authorities")).splitlines()
-    assert line.split() == ["broken", "driver", "0", "0", "0", "0", "0", "0", "3"]
-    assert reason.startswith("last refusal of broken driver: InvalidArgumentException: ")
-    assert "own parent" in reason
-
-
 def test_authorities_of_an_empty_tree(run: Run) -> None:
     assert succeeds(run("authorities")) == "no authorities\n"
 
@@ -309,18 +293,6 @@ def test_clear_keeps_static_links(run: Run) -> None:
     document(run("lookup", "base", "camera", "--json"))
     assert document(run("clear", "--all", "--json")) == {"cleared": True, "kept_static": False}
     refusal(run("lookup", "base", "camera"))
-
-
-@pytest.mark.usefixtures("chain")
-def test_reset_forgets_names_and_needs_a_yes(run: Run, client: TransformClient) -> None:
-    done = run("reset")
-    assert done.returncode == 2
-    assert "--yes" in done.stderr
-    assert len(client.frames()) == 3
-    assert "reset" in succeeds(run("reset", "--yes"))
-    assert client.frames() == []
-    assert succeeds(run("frames")) == "no frames\n"
-    assert document(run("reset", "--yes", "--json")) == {"reset": True}
 
 
 @pytest.mark.usefixtures("chain")
@@ -402,22 +374,6 @@ def test_a_reader_that_goes_away_is_no_error(server: Any) -> None:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""
-
-
-def test_the_environment_names_server_and_tree(
-    start_server: Any, zenoh_tf: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    server = start_server(tree="robot 1")
-    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
-    monkeypatch.setenv("ZENOH_TF_TREE", "robot 1")
-    succeeds(zenoh_tf("set", "map", "base", "0", "0", "0"))
-    assert document(zenoh_tf("frames", "--json"))["tree"] == "robot 1"
-    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames"))
-    assert "tcp/127.0.0.1:9" in line
-    line = refusal(zenoh_tf("frames", "--tree", "elsewhere"))
-    assert "trees served there: 'robot 1'" in line
-    monkeypatch.setenv("ZENOH_TF_CONNECT", "tcp/127.0.0.1:9")
-    assert "tcp/127.0.0.1:9" in refusal(zenoh_tf("--timeout", "0.5", "frames"))
 
 
 def test_interrupted() -> None:
