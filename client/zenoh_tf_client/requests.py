@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -335,10 +335,9 @@ def authorities() -> Request[list[AuthorityInfo]]:
 def _record(value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo]) -> dict[str, Any]:
     """The fields of a record, without those of a newer server."""
     known = {entry.name for entry in fields(kind)}
-    required = {entry.name for entry in fields(kind) if entry.default is MISSING}
-    if type(value) is not dict or not required <= value.keys():
-        raise ProtocolError(f"a record of {kind.__name__} has the fields {required}", field="value")
-    return {name: value[name] for name in known & value.keys()}
+    if type(value) is not dict or not known <= value.keys():
+        raise ProtocolError(f"a record of {kind.__name__} has the fields {known}", field="value")
+    return {name: value[name] for name in known}
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:

@@ -340,7 +340,6 @@ def test_no_such_tree(run: Run) -> None:
         ["--json", "frames", "--mermaid"],
         ["frame"],
         ["replay", "file", "--rate", "-1"],
-        ["replay", "file", "--authority", ""],
     ],
 )
 def test_wrong_usage(zenoh_tf: Run, args: list[str]) -> None:

@@ -216,6 +216,13 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
     assert process.returncode == -signal.SIGINT
 
 
+def test_an_authority_without_a_name(zenoh_tf: Run) -> None:
+    """The server does not count for it, so replay could not tell what became of its transforms."""
+    done = zenoh_tf("replay", "file", "--authority", "")
+    assert done.returncode == 2
+    assert "the name is empty" in done.stderr
+
+
 def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
     """All of them are known before a server is asked for."""
     text = tmp_path / "notes.txt"

@@ -42,11 +42,11 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     authorities = commands.add_parser(
         "authorities",
         parents=[common],
-        help="who publishes, and how that goes",
-        description="Print what each authority has done: the frames whose newest writer it is, its "
-        "commits, transforms stored, dropped as too old and rewritten at an equal stamp, the times "
-        "that it took over another's frame (conflicts), and the published transforms that the "
-        "server refused, with the reason of the last refusal.",
+        help="list the publishers, and what became of their transforms",
+        description="Print for each authority: the frames that it wrote last, its commits, its "
+        "transforms that were stored, dropped as too old, or rewritten at an equal stamp, how "
+        "often it took over a frame of another authority (conflicts), and its published "
+        "transforms that the server refused, with the reason of the last refusal.",
     )
     authorities.set_defaults(run=_authorities)
 
