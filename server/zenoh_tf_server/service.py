@@ -137,7 +137,7 @@ class Service:
         return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose())
 
     def _read(self, lookup: wire.Lookup) -> wire.Message:
-        """The reply's fields of a lookup that does not wait."""
+        """The reply's fields."""
         rows = self.tree.read_rows(
             lookup.names,
             lookup.op,
@@ -204,7 +204,7 @@ class Service:
         return wire.commit_reply(self.commit(commit))
 
     def commit(self, commit: wire.Commit) -> Any:
-        """Commit a transaction to the tree. Returns (n,) uint8: 1 stored, 0 dropped as too old."""
+        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
         return self.tree.commit_rows(
             commit.names,
             commit.parent,
