@@ -1,5 +1,4 @@
-"""Frames that go and come back, links that change hands, time that is set back: the same
-embedded and behind a server."""
+"""Removal, reset, change of authority and time jumps, embedded and behind a server."""
 
 from __future__ import annotations
 
@@ -121,7 +120,7 @@ def test_a_former_parent_can_be_removed(tf: Tf) -> None:
     put(tf, "new", "base", 2)
     tf.remove_frame("old")
     assert not tf.can_transform("old", "base", SECOND)
-    # A past link may name it again, and brings it back.
+    # A sample in the past may name it as the parent again, which brings it back.
     put(tf, "old", "base", 0.5)
     assert "old" in tf.frames()
     assert tf.can_transform("old", "base", SECOND // 2)

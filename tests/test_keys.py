@@ -1,4 +1,4 @@
-"""Key expressions survive every name, and give it back."""
+"""Any name can be escaped into a key expression, and be recovered from it."""
 
 import pytest
 import zenoh

@@ -1,4 +1,4 @@
-"""The server against raw messages: repeats, expiry, limits, garbage."""
+"""Raw messages to a server: repeats, expiry, limits and garbage."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClien
     assert first["stored"] == b"\1"
     assert wires.query("commit", wire.pack(commit(x=2.0, id=identity))) == first
     assert client.lookup_transform("map", "base").transform.translation[0] == 1.0
-    # An error is an outcome as well.
+    # An error is remembered as well.
     identity = os.urandom(16)
     bad = wires.query("commit", wire.pack(commit(child="map", id=identity)))
     assert wire.decode_error(bad["error"]).code == InvalidArgumentException.code
@@ -200,7 +200,7 @@ def test_more_pending_queries_than_allowed(start_server: StartServer) -> None:
 
 
 def garbage(seed: int) -> Iterator[bytes]:
-    """Random bytes, real messages cut short or damaged, headers that claim the world."""
+    """Random bytes, truncated and damaged messages, and headers that claim gigabytes."""
     rng = random.Random(seed)
     lookup = wire.pack(wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP))
     real = [
@@ -232,7 +232,7 @@ def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: Transfo
     print("seed", seed)
     for payload in garbage(seed):
         for operation in OPERATIONS[:-1]:
-            wires.query(operation, payload)  # an answer, whatever it is
+            wires.query(operation, payload)  # any reply will do
         wires.put("broken", payload)
         wires.put("broken", payload, static=True)
     assert isinstance(wires.error("lookup", None), ProtocolError)

@@ -1,4 +1,4 @@
-"""The server as a process: start, greeting, refusals, stop, and what kills it."""
+"""The server as a process: start, greeting, refusal to start, stop, kill and restart."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LINK = StampedTransform("map", "base", 1, Transform())
 
 
 def refused(*flags: str) -> str:
-    """Run a server that must not start; its one line."""
+    """Run a server that must not start. Returns what it wrote to standard error."""
     done = subprocess.run(
         [sys.executable, "-m", "zenoh_tf_server", *flags],
         capture_output=True,
@@ -90,7 +90,7 @@ def test_wrong_endpoints_are_said_in_our_words(flag: str, endpoint: str) -> None
 
 
 def test_the_greeting_shows_no_options_of_an_endpoint(start_server: StartServer) -> None:
-    """With TLS they are paths of keys."""
+    """With TLS the options name the private key's file."""
     endpoint = free_endpoint()
     server = start_server(endpoint=f"{endpoint}#listen_private_key=/home/me/key.pem")
     assert f"listens on {endpoint};" in server.greeting
@@ -183,7 +183,7 @@ def test_a_wrong_tree_says_which_trees_there_are(start_server: StartServer) -> N
 def test_a_server_that_exists_but_does_not_answer_is_waited_for(
     start_server: StartServer,
 ) -> None:
-    """Although other trees are served: its token says that the tree's name is right."""
+    """Other trees are served too, but the server's token shows that the tree's name is right."""
     router = start_server(tree="main")
     slow = start_server("--connect", router.endpoint, tree="slow", endpoint=router.endpoint)
     slow.freeze()
@@ -224,7 +224,7 @@ def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) 
     server = start_server()
     with server.connect(timeout_s=3.0) as tf:
         tf.set_transform(LINK)
-        server.freeze()  # so that the call is under way when it dies
+        server.freeze()  # so that the server dies during the call
         with ThreadPoolExecutor() as pool:
             call = pool.submit(_fails_within, 3.0, tf, write)
             time.sleep(0.3)
@@ -232,7 +232,7 @@ def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) 
             server.kill()
             error = call.result()
         assert type(error) is (OutcomeUnknown if write else ServerUnavailable)
-        # Now nothing is there: a write is not even sent.
+        # There is no server now, so a write is not even sent.
         assert type(_fails_within(3.0, tf, True)) is ServerUnavailable
         assert type(_fails_within(3.0, tf, False)) is ServerUnavailable
 
@@ -292,7 +292,7 @@ def test_a_write_finds_the_new_server_by_itself(start_server: StartServer) -> No
         start_server(endpoint=server.endpoint)
         wait_for_frames(watcher, [])
         deadline = time.monotonic() + 10
-        while True:  # until this client's own connection is back
+        while True:  # until this client has reconnected
             try:
                 assert tf.set_transform(LINK)
                 break

@@ -1,4 +1,4 @@
-"""The wire: golden bytes, what goes in comes out, and no input that harms."""
+"""The wire protocol: golden bytes, round trips, and malformed input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tree knows about its frames, and about the authorities that write them."""
+"""What the tree knows about its frames, and about who writes them."""
 
 from __future__ import annotations
 

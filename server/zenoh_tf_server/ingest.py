@@ -116,8 +116,6 @@ class Ingest:
             self._counters.dropped_as_too_old += commit.rows - kept
 
     def _refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
-        with self._lock:
-            self._counters.bad_puts += 1
         field = error.field if isinstance(error, TransformException) else None
         where = f" (field {field})" if field else ""
         reason = f"{type(error).__name__}: {error}{where}"
@@ -125,3 +123,5 @@ class Ingest:
             self._refusals.refuse(authority, transforms, reason)
         source = key if authority is None else authority
         self._log.warn(f"put of {source!r}", reason)
+        with self._lock:  # last: a client that sees the count finds the reason as well
+            self._counters.bad_puts += 1

@@ -1,4 +1,4 @@
-"""``zenoh-tf replay``: recordings made here, replayed onto a real server."""
+"""``zenoh-tf replay`` with recordings made by the tests, against a real server."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
 
 
 def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -> None:
-    """Static and moving links travel on two keys, which the server takes side by side."""
+    """Static and dynamic links have different keys, which the server ingests in parallel."""
     log: Log = [
         (float(i), "/tf_static" if i % 2 else "/tf", [("a", "b", 1.0 + i, float(i))])
         for i in range(20)
@@ -132,7 +132,7 @@ def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -
 
 
 def test_a_link_that_turns_around(run: Run, tmp_path: Path) -> None:
-    """First a holds b, then b holds a: a loop only if taken for one instant."""
+    """First a is the parent of b, then b of a: a cycle only if committed at one instant."""
     log: Log = [
         (1.0, "/tf", [("world", "a", 1.0, 1.0), ("a", "b", 1.0, 1.0)]),
         (2.0, "/tf", [("world", "b", 2.0, 3.0)]),
@@ -165,7 +165,7 @@ def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
 
 
 def test_other_publishers_do_not_end_it_early(client: TransformClient) -> None:
-    """The server counts everybody's messages; those of others must not pass for ours."""
+    """Transforms of other authorities do not count as those of the replay."""
     feed = Feed(client, "replay", patience_s=10)
     others = client.broadcaster("others")
     for stamp_ns in range(300):
@@ -224,7 +224,7 @@ def test_an_authority_without_a_name(zenoh_tf: Run) -> None:
 
 
 def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
-    """All of them are known before a server is asked for."""
+    """Bad files are reported without a connection to a server."""
     text = tmp_path / "notes.txt"
     text.write_text("no recording")
     broken = tmp_path / "broken.mcap"
