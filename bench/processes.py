@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import socket
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from collections.abc import Iterator
 import zenoh
 
 from bench.machine import ROOT
+from zenoh_tf import zenoh_config
 
 
 @contextlib.contextmanager
@@ -41,13 +41,4 @@ def free_endpoint() -> str:
 
 def open_session(endpoint: str) -> zenoh.Session:
     """A Zenoh session, set up as the SDK's is."""
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
+    return zenoh.open(zenoh_config.client([endpoint], 5.0))

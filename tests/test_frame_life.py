@@ -1,5 +1,4 @@
-"""Frames that go and come back, links that change hands, time that is set back: the same
-embedded and behind a server."""
+"""Removal, reset, change of authority and time jumps, embedded and behind a server."""
 
 from __future__ import annotations
 
@@ -116,12 +115,12 @@ def test_a_subtree_is_removed_at_once(tf: Tf) -> None:
     assert tf.frames() == []
 
 
-def test_who_once_was_a_parent_can_be_removed(tf: Tf) -> None:
+def test_a_former_parent_can_be_removed(tf: Tf) -> None:
     put(tf, "old", "base", 1)
     put(tf, "new", "base", 2)
     tf.remove_frame("old")
     assert not tf.can_transform("old", "base", SECOND)
-    # A past link may name it again, and brings it back.
+    # A sample in the past may name it as the parent again, which brings it back.
     put(tf, "old", "base", 0.5)
     assert "old" in tf.frames()
     assert tf.can_transform("old", "base", SECOND // 2)
@@ -132,6 +131,36 @@ def test_names_that_no_frame_has_cannot_be_removed(tf: Tf) -> None:
         with pytest.raises(InvalidArgumentException) as caught:
             tf.remove_frame(name)
         assert caught.value.field == "name"
+
+
+def test_reset_drops_samples_static_links_and_names(tf: Tf) -> None:
+    put(tf, "map", "base", 1, authority="wheels")
+    put(tf, "base", "camera", 0, authority="mounts", static=True)
+    commits = tf.stats()["commits"]
+    tf.reset()
+    assert tf.frames() == []
+    stats = tf.stats()
+    assert (stats["frames"], stats["samples"], stats["static_links"]) == (0, 0, 0)
+    assert stats["commits"] == commits + 1
+    with pytest.raises(LookupException):
+        tf.lookup_transform("base", "camera")
+    with pytest.raises(LookupException):
+        tf.frame("map")
+    # What authorities have done is not forgotten, and the names may come back.
+    assert [authority.name for authority in tf.authorities()] == ["wheels", "mounts"]
+    put(tf, "camera", "map", 0.5, authority="other")
+    assert sorted(tf.frames()) == ["camera", "map"]
+    assert tf.frame("map").samples == 1
+    tf.reset()
+    tf.reset()
+    assert tf.frames() == []
+
+
+def test_reset_of_an_empty_tree(tf: Tf) -> None:
+    tf.reset()
+    assert tf.frames() == []
+    put(tf, "map", "base", 1)
+    assert tf.can_transform("map", "base")
 
 
 def test_a_late_transform_is_dropped(make_tf: MakeTf) -> None:
@@ -183,7 +212,7 @@ def test_backward_extrapolation_names_the_link_as_it_was(tf: Tf) -> None:
         assert fact in str(error)
 
 
-def test_who_changed_a_link_and_what_it_was(tf: Tf) -> None:
+def test_last_change_names_the_authority_and_the_link_before(tf: Tf) -> None:
     put(tf, "map", "base", 1, authority="odometry")
     assert tf.frame("base").last_change is None
     put(tf, "map", "base", 2, authority="lidar")
@@ -200,7 +229,7 @@ def test_who_changed_a_link_and_what_it_was(tf: Tf) -> None:
 
 
 def test_what_each_authority_has_done(tf: Tf) -> None:
-    put(tf, "map", "base", 1)  # by nobody
+    put(tf, "map", "base", 1)  # without an authority
     put(tf, "map", "base", 100, authority="a")
     put(tf, "map", "base", 100, authority="a")
     put(tf, "map", "base", 1, authority="a")

@@ -1,4 +1,4 @@
-"""Key expressions survive every name, and give it back."""
+"""Any name can be escaped into a key expression, and be recovered from it."""
 
 import pytest
 import zenoh
@@ -69,3 +69,11 @@ def test_keys_are_as_documented() -> None:
     assert keys.puts("main", static=True) == "tf/v1/main/static/*"
     assert keys.server("main", "0af3") == "tf/v1/main/server/0af3"
     assert keys.servers("@") == "tf/v1/%40/server/*"
+    assert keys.all_servers() == "tf/v1/*/server/*"
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_any_key_names_its_tree(name: str) -> None:
+    key = keys.server(name, "0af3")
+    assert keys.tree_name(key) == name
+    assert zenoh.KeyExpr(keys.all_servers()).includes(zenoh.KeyExpr(key))

@@ -1,4 +1,4 @@
-"""The limits' page says what the flags do."""
+"""docs/limits.md and the flags agree with the table of limits."""
 
 from __future__ import annotations
 

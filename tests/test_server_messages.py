@@ -1,4 +1,4 @@
-"""The server against raw messages: repeats, expiry, limits, garbage."""
+"""Raw messages to a server: repeats, expiry, limits and garbage."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClien
     assert first["stored"] == b"\1"
     assert wires.query("commit", wire.pack(commit(x=2.0, id=identity))) == first
     assert client.lookup_transform("map", "base").transform.translation[0] == 1.0
-    # An error is an outcome as well.
+    # An error is remembered as well.
     identity = os.urandom(16)
     bad = wires.query("commit", wire.pack(commit(child="map", id=identity)))
-    assert wire.parse_fault(bad["error"]).code == InvalidArgumentException.code
+    assert wire.decode_error(bad["error"]).code == InvalidArgumentException.code
     assert wires.query("commit", wire.pack(commit(x=3.0, id=identity))) == bad
     # Without an id nothing is remembered.
     wires.query("commit", wire.pack(commit(x=4.0)))
@@ -170,7 +170,7 @@ def test_limits_name_themselves(start_server: StartServer) -> None:
         many = tf.broadcaster("many")
         many.send([link] * 11)
         _wait(tf, "bad_puts", 1)
-        assert "limit rows: 11, at most 10" in server.log
+        assert "the limit is 10 (--max-rows)" in server.log
 
 
 def _wait(tf: TransformClient, counter: str, value: int) -> None:
@@ -200,7 +200,7 @@ def test_more_pending_queries_than_allowed(start_server: StartServer) -> None:
 
 
 def garbage(seed: int) -> Iterator[bytes]:
-    """Random bytes, real messages cut short or damaged, headers that claim the world."""
+    """Random bytes, truncated and damaged messages, and headers that claim gigabytes."""
     rng = random.Random(seed)
     lookup = wire.pack(wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP))
     real = [
@@ -232,7 +232,7 @@ def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: Transfo
     print("seed", seed)
     for payload in garbage(seed):
         for operation in OPERATIONS[:-1]:
-            wires.query(operation, payload)  # an answer, whatever it is
+            wires.query(operation, payload)  # any reply will do
         wires.put("broken", payload)
         wires.put("broken", payload, static=True)
     assert isinstance(wires.error("lookup", None), ProtocolError)
@@ -259,6 +259,50 @@ def test_a_bad_put_names_authority_and_field(
     wires.session.put("tf/v1/main/set/%2f", wire.pack(commit()))  # not the escape of '/'
     _wait(client, "bad_puts", 2)
     assert client.frames() == []
+
+
+def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient) -> None:
+    """In transforms, with the last reason, and also for authorities with nothing but refusals."""
+    two_rows = {
+        **commit(child="map"),
+        "parent": struct.pack("<2I", 0, 0),
+        "child": struct.pack("<2I", 1, 1),
+        "stamp": struct.pack("<2q", 1, 2),
+        "pose": struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1) * 2,
+    }
+    wires.put("good", wire.pack(commit()))
+    wires.put("mixed", wire.pack(two_rows))
+    wires.put("mixed", wire.pack(commit(child="arm")))
+    wires.put("mixed", wire.pack(two_rows))
+    wires.put("mixed", b"garbage")
+    wires.put("bad", wire.pack(two_rows), static=True)
+    wires.put("", wire.pack(two_rows))
+    wires.session.put("tf/v1/main/set/%2f", wire.pack(two_rows))  # not an escaped name
+    _wait(client, "bad_puts", 6)
+    records = {record.name: record for record in client.authorities()}
+    assert set(records) == {"good", "mixed", "bad", ""}
+    assert (records["good"].refused, records["good"].last_refusal) == (0, None)
+    mixed, bad = records["mixed"], records["bad"]
+    assert (mixed.commits, mixed.stored, mixed.refused) == (1, 1, 5)
+    assert mixed.last_refusal is not None and mixed.last_refusal.startswith("ProtocolError: ")
+    assert (bad.frames, bad.commits, bad.stored, bad.refused) == (0, 0, 0, 2)
+    assert bad.last_refusal is not None and "own parent" in bad.last_refusal
+    # A call that is refused raises, and is not counted.
+    with pytest.raises(InvalidArgumentException):
+        client.set_transform(StampedTransform("x", "x", 1, Transform()), authority="good")
+    assert {record.name: record.refused for record in client.authorities()}["good"] == 0
+
+
+def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartServer) -> None:
+    server = start_server("--max-refused-authorities", "2")
+    with raw(server.endpoint) as wires, server.connect() as tf:
+        wires.put("good", wire.pack(commit()))
+        wires.put("good", b"garbage")
+        for name in ("a", "b", "a", "c"):
+            wires.put(name, b"garbage")
+        _wait(tf, "bad_puts", 5)
+        refused = {record.name: record.refused for record in tf.authorities()}
+        assert refused == {"good": 1, "a": 2, "c": 1}  # b was refused longest ago
 
 
 def test_one_put_is_all_or_nothing(wires: Raw, client: TransformClient) -> None:

@@ -1,4 +1,4 @@
-"""The server as a process: start, greeting, refusals, stop, and what kills it."""
+"""The server as a process: start, greeting, refusal to start, stop, kill and restart."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform
+from zenoh_tf import StampedTransform, Transform, zenoh_config
 from zenoh_tf.errors import (
     InvalidArgumentException,
     OutcomeUnknown,
@@ -24,13 +24,12 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import TransformClient
 
 from .conftest import ServerProcess, StartServer, free_endpoint
-from .raw import config
 
 LINK = StampedTransform("map", "base", 1, Transform())
 
 
 def refused(*flags: str) -> str:
-    """Run a server that must not start; its one line."""
+    """Run a server that must not start. Returns what it wrote to standard error."""
     done = subprocess.run(
         [sys.executable, "-m", "zenoh_tf_server", *flags],
         capture_output=True,
@@ -80,8 +79,26 @@ def test_port_in_use(server: ServerProcess) -> None:
     )
 
 
+@pytest.mark.parametrize("flag", ["--listen", "--connect"])
+@pytest.mark.parametrize("endpoint", ["foo", "tcp/127.0.0.1:http", "bogus/x#key=secret"])
+def test_wrong_endpoints_are_said_in_our_words(flag: str, endpoint: str) -> None:
+    line = refused(flag, endpoint).splitlines()[-1]
+    shown = endpoint.partition("#")[0]
+    assert line.startswith(f"zenoh-tf-server: error: {flag}: endpoint '{shown}' has ")
+    for internal in ("secret", ".rs", "src/", "Invalid", "locator"):
+        assert internal not in line
+
+
+def test_the_greeting_shows_no_options_of_an_endpoint(start_server: StartServer) -> None:
+    """With TLS the options name the private key's file."""
+    endpoint = free_endpoint()
+    server = start_server(endpoint=f"{endpoint}#listen_private_key=/home/me/key.pem")
+    assert f"listens on {endpoint};" in server.greeting
+    assert f"--connect {endpoint} --tree" in server.greeting
+    assert "key" not in server.greeting
+
+
 def test_wrong_flags() -> None:
-    assert "cannot listen on bogus/x" in refused("--listen", "bogus/x")
     assert "--max-rows" in refused("--max-rows", "0")
     assert "--cache-time" in refused("--cache-time", "0")
     assert "--tree" in refused("--tree", "x" * 256)
@@ -106,7 +123,7 @@ def test_second_server_on_a_tree_is_refused(start_server: StartServer) -> None:
 def test_of_two_servers_at_once_one_stays() -> None:
     endpoint = free_endpoint()
     command = [sys.executable, "-m", "zenoh_tf_server", "--connect", endpoint]
-    with zenoh.open(config(endpoint, "router")):
+    with zenoh.open(zenoh_config.router([endpoint])):
         servers = [
             subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             for _ in range(3)
@@ -146,6 +163,41 @@ def test_another_tree(server: ServerProcess) -> None:
     assert server.endpoint in str(caught.value) and "'lost'" in str(caught.value)
 
 
+def test_a_wrong_tree_says_which_trees_there_are(start_server: StartServer) -> None:
+    """Within a second, not after the whole time-out."""
+    first = start_server(tree="main")
+    begun = time.monotonic()
+    with pytest.raises(ServerUnavailable) as caught:
+        TransformClient.connect(first.endpoint, tree="mian", timeout_s=20.0)
+    assert 0.9 < time.monotonic() - begun < 5.0
+    assert str(caught.value) == (
+        f"no server for tree 'mian' at {first.endpoint}; trees served there: 'main'"
+    )
+    start_server("--connect", first.endpoint, tree="robot 2/arm", endpoint=first.endpoint)
+    for timeout_s in (20.0, 0.3):
+        with pytest.raises(ServerUnavailable) as caught:
+            TransformClient.connect(first.endpoint, tree="mian", timeout_s=timeout_s)
+        assert str(caught.value).endswith("trees served there: 'main', 'robot 2/arm'")
+
+
+def test_a_server_that_exists_but_does_not_answer_is_waited_for(
+    start_server: StartServer,
+) -> None:
+    """Other trees are served too, but the server's token shows that the tree's name is right."""
+    router = start_server(tree="main")
+    slow = start_server("--connect", router.endpoint, tree="slow", endpoint=router.endpoint)
+    slow.freeze()
+    with pytest.raises(ServerUnavailable, match=r"did not answer within 0\.5 s"):
+        slow.connect(timeout_s=0.5)
+    with ThreadPoolExecutor() as pool:
+        connecting = pool.submit(slow.connect, 20.0)
+        time.sleep(1.5)
+        assert not connecting.done()
+        slow.send_signal(signal.SIGCONT)
+        with connecting.result() as tf:
+            assert tf.frames() == []
+
+
 def test_client_may_come_before_the_server(start_server: StartServer) -> None:
     endpoint = free_endpoint()
     with ThreadPoolExecutor() as pool:
@@ -172,7 +224,7 @@ def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) 
     server = start_server()
     with server.connect(timeout_s=3.0) as tf:
         tf.set_transform(LINK)
-        server.freeze()  # so that the call is under way when it dies
+        server.freeze()  # so that the server dies during the call
         with ThreadPoolExecutor() as pool:
             call = pool.submit(_fails_within, 3.0, tf, write)
             time.sleep(0.3)
@@ -180,7 +232,7 @@ def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) 
             server.kill()
             error = call.result()
         assert type(error) is (OutcomeUnknown if write else ServerUnavailable)
-        # Now nothing is there: a write is not even sent.
+        # There is no server now, so a write is not even sent.
         assert type(_fails_within(3.0, tf, True)) is ServerUnavailable
         assert type(_fails_within(3.0, tf, False)) is ServerUnavailable
 
@@ -240,7 +292,7 @@ def test_a_write_finds_the_new_server_by_itself(start_server: StartServer) -> No
         start_server(endpoint=server.endpoint)
         wait_for_frames(watcher, [])
         deadline = time.monotonic() + 10
-        while True:  # until this client's own connection is back
+        while True:  # until this client has reconnected
             try:
                 assert tf.set_transform(LINK)
                 break

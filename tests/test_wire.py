@@ -1,4 +1,4 @@
-"""The wire: golden bytes, what goes in comes out, and no input that harms."""
+"""The wire protocol: golden bytes, round trips, and malformed input."""
 
 from __future__ import annotations
 
@@ -85,6 +85,11 @@ def test_golden_error() -> None:
     assert caught.value.facts == {"frame": "x"}
 
 
+def test_golden_reset() -> None:
+    golden = "82a17601a477686174a57265736574"
+    assert wire.pack(wire.call_body("reset")).hex() == golden
+
+
 def test_columns_are_views_of_the_message() -> None:
     lookup = wire.parse_lookup(wire.unpack(wire.pack(LOOKUP)))
     assert not lookup.stamp.flags.owndata
@@ -124,14 +129,14 @@ def test_every_error_survives_with_its_facts(code: int) -> None:
         "field": "pose",
     }
     error = BY_CODE[code]("why", **facts)
-    again = wire.parse_fault(msgpack.unpackb(msgpack.packb(wire.fault(error))))
+    again = wire.decode_error(msgpack.unpackb(msgpack.packb(wire.encode_error(error))))
     assert type(again) is type(error) is BY_CODE[code]
     assert (str(again), again.facts) == (str(error), facts)
     assert pickle.loads(pickle.dumps(again)).facts == facts
 
 
 def test_errors_of_a_newer_server_stay_understandable() -> None:
-    again = wire.parse_fault({"code": 99, "message": "new", "facts": {"frame": "x", "new": [1]}})
+    again = wire.decode_error({"code": 99, "message": "new", "facts": {"frame": "x", "new": [1]}})
     assert type(again) is TransformException
     assert again.facts == {"frame": "x"}
 

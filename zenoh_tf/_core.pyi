@@ -187,6 +187,17 @@ class Tree:
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None: ...
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]: ...
     def clear(self, keep_static: bool = True) -> None: ...
+    def reset(self) -> None:
+        """Drop every frame at one instant: all samples, static links and names.
+
+        The tree is then as new, apart from its counters and authorities. A name that was ever
+        used keeps counting against `max_frames`. To keep the names, use `clear(False)`.
+
+        Example:
+            >>> tree.reset()
+            >>> tree.frames()
+            []
+        """
     def remove_frame(self, name: str, subtree: bool = False) -> None: ...
     def stats(self) -> dict[str, int]: ...
 

@@ -78,9 +78,18 @@ class FrameInfo:
 class AuthorityInfo:
     """What an authority has done since the tree exists. Commits without one are not counted.
 
-    ``frames``: whose newest writer it is. ``commits``, and the transforms in them that were
-    ``stored`` or ``dropped`` as too old; samples ``rewritten`` at an equal stamp;
-    ``conflicts``: times it took over a frame that another had written.
+    Attributes:
+        name: The authority.
+        frames: Frames whose newest sample it wrote.
+        commits: Its commits, published or called.
+        stored: Transforms in them that were stored.
+        dropped: Transforms in them that were older than the cache time, and dropped.
+        rewritten: Stored transforms that replaced a sample at an equal stamp.
+        conflicts: Times that it took over a frame which another authority had written.
+        refused: Transforms in published messages that the server refused; a message that it
+            could not parse counts as one. A refused call raises an error and is not counted,
+            so this is always 0 for an embedded tree.
+        last_refusal: Why the server refused the last of these messages; ``None``: none was.
     """
 
     name: str
@@ -90,3 +99,5 @@ class AuthorityInfo:
     dropped: int
     rewritten: int
     conflicts: int
+    refused: int = 0
+    last_refusal: str | None = None

@@ -2,15 +2,15 @@
 
     tf/v1/{tree}/lookup            query   many lookups
     tf/v1/{tree}/commit            query   one write transaction
-    tf/v1/{tree}/batch             query   an ordered list of the two above and of infos
+    tf/v1/{tree}/batch             query   an ordered list of lookups, commits and infos
     tf/v1/{tree}/info              query   what the tree holds
-    tf/v1/{tree}/admin             query   clear, remove_frame
+    tf/v1/{tree}/admin             query   clear, reset, remove_frame
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
     tf/v1/{tree}/server/{instance}    liveliness token of the server
 
-Tree and authority names are any UTF-8 text and fill exactly one chunk, so they are
-percent-escaped. Frame names never stand in a key: they travel in payloads.
+Tree and authority names may be any UTF-8 text. They are percent-escaped, so that each fills
+exactly one chunk of the key. Frame names are never part of a key: they travel in payloads.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
 OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin")
 
-#: Longest name in UTF-8 bytes: escaping triples it, and Zenoh's keys are meant to be short.
+#: Longest name in UTF-8 bytes. Escaping may triple it, and Zenoh's keys should be short.
 MAX_NAME_BYTES: Final = 255
 
-#: The empty name has no characters to escape; no escaped name can be a lone '%'.
+#: The chunk of the empty name. No other name is escaped to a lone '%'.
 _EMPTY: Final = "%"
 
-#: Zenoh reserves / * $ ? #, a leading '@' hides a chunk from wildcards, and '%' is the
-#: escape itself. Control characters would be legal but break logs and terminals.
+#: Zenoh reserves / * $ ? #, a leading '@' hides a chunk from wildcards, and '%' is the escape
+#: character. Zenoh allows control characters, but they would garble logs and terminals.
 _UNSAFE = re.compile(r"[/*$?#%@\x00-\x20\x7f-\x9f\u2028\u2029]")
 _ESCAPED = re.compile(r"(?:%[0-9A-F]{2})+")
 
 
 def escape(name: str, what: str = "name") -> str:
-    """One key chunk for any text; `unescape` gives it back.
+    """The key chunk of a name; `unescape` returns the name.
 
-    Raises InvalidArgumentException (`field`: `what`) for text that is not valid UTF-8
-    (lone surrogates) or longer than MAX_NAME_BYTES.
+    Raises:
+        InvalidArgumentException: The name is not valid UTF-8 (lone surrogates) or longer than
+            MAX_NAME_BYTES; `field` is `what`.
     """
     try:
         size = len(name.encode())
@@ -48,7 +49,7 @@ def escape(name: str, what: str = "name") -> str:
         raise InvalidArgumentException(f"{what} is not valid UTF-8", field=what) from error
     if size > MAX_NAME_BYTES:
         raise InvalidArgumentException(
-            f"{what} has {size} bytes, at most {MAX_NAME_BYTES} are allowed",
+            f"{what} has {size} bytes of UTF-8: the limit is {MAX_NAME_BYTES}; shorten the name",
             field=what,
             limit=MAX_NAME_BYTES,
             value=size,
@@ -57,9 +58,14 @@ def escape(name: str, what: str = "name") -> str:
 
 
 def unescape(chunk: str) -> str:
-    """The name behind a chunk. Raises InvalidArgumentException (`field`: "chunk") for a
-    chunk that `escape` never makes: a name has one spelling only, so that access rules
-    on keys cannot be passed by spelling it differently."""
+    """The name of a key chunk.
+
+    Each name has exactly one spelling as a chunk, so no other spelling can evade access rules
+    on keys.
+
+    Raises:
+        InvalidArgumentException: `escape` never returns this chunk; `field` is "chunk".
+    """
     if chunk == _EMPTY:
         return ""
     try:
@@ -68,7 +74,10 @@ def unescape(chunk: str) -> str:
     except (UnicodeDecodeError, InvalidArgumentException):
         canonical = False
     if not canonical:
-        raise InvalidArgumentException(f"{chunk!r} is not an escaped name", field="chunk")
+        raise InvalidArgumentException(
+            f"key chunk {chunk!r} is not a correctly escaped name: see docs/protocol.md",
+            field="chunk",
+        )
     return name
 
 
@@ -83,7 +92,9 @@ def _unpercent(match: re.Match[str]) -> str:
 def operation(tree: str, name: str) -> str:
     """The key of a query family, e.g. ``operation("main", "lookup")``."""
     if name not in OPERATIONS:
-        raise InvalidArgumentException(f"no operation {name!r}", field="operation")
+        raise InvalidArgumentException(
+            f"unknown query family {name!r}: use one of {', '.join(OPERATIONS)}", field="operation"
+        )
     return f"{PREFIX}/{escape(tree, 'tree')}/{name}"
 
 
@@ -108,6 +119,16 @@ def servers(tree: str) -> str:
     return f"{PREFIX}/{escape(tree, 'tree')}/server/*"
 
 
+def all_servers() -> str:
+    """The key expression of the liveliness tokens of all trees' servers."""
+    return f"{PREFIX}/*/server/*"
+
+
+def tree_name(key: str) -> str:
+    """The tree of any key of the service."""
+    return unescape(key.removeprefix(f"{PREFIX}/").partition("/")[0])
+
+
 def last_name(key: str) -> str:
-    """The authority of a put's key, or the instance of a token's key."""
+    """The authority of a put's key, or the instance of a liveliness token's key."""
     return unescape(key.rpartition("/")[2])

@@ -179,6 +179,23 @@ class TransformClient:
     def clear(self, keep_static: bool = True) -> None:
         self._call(requests.clear(keep_static))
 
+    def reset(self) -> None:
+        """Drop every frame at one instant: all samples, static links and names.
+
+        The tree is then as new, apart from its counters and authorities. Broadcasters that
+        keep static transforms do not announce them again until a server starts.
+
+        Raises:
+            ServerUnavailable: No server answered, and nothing was changed.
+            OutcomeUnknown: The request was sent, but no answer came in time.
+
+        Example:
+            >>> tf.reset()
+            >>> tf.frames()
+            []
+        """
+        self._call(requests.reset())
+
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         self._call(requests.remove_frame(name, subtree))
 

@@ -6,16 +6,15 @@ Thread safety: all methods; calls of different threads run side by side.
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import keys, wire, zenoh_config
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
@@ -26,14 +25,17 @@ from zenoh_tf.errors import (
 )
 
 from . import requests
+from .served_trees import no_server_message, served_trees
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
-#: The links that Zenoh's Python package can make.
-_LINKS: Final = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
 #: Replies larger than this are cut off; the server's limits keep them far below.
 _MAX_REPLY_BYTES: Final = 256 << 20
 _HELLO_PERIOD_S: Final = 0.05
+#: If other trees are served, the wait for one that is not ends after this time.
+_OTHER_TREES_GRACE_S: Final = 1.0
+_OTHER_TREES_PERIOD_S: Final = 0.25
+_OTHER_TREES_TIMEOUT_S: Final = 0.4
 #: What Zenoh answers in place of a server that stays silent.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
@@ -61,14 +63,9 @@ class Connection:
             raise InvalidArgumentException(
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
             )
-        if endpoint.partition("/")[0] not in _LINKS or not endpoint.partition("/")[2]:
-            # Zenoh would try a link that it does not know again and again.
-            raise InvalidArgumentException(
-                f"endpoint {endpoint!r} must be like tcp/HOST:PORT, with one of "
-                f"{', '.join(_LINKS)}",
-                field="endpoint",
-            )
+        zenoh_config.check_endpoint(endpoint)
         self.endpoint = endpoint
+        self._address = zenoh_config.address(endpoint)  # for messages: without secrets
         self.tree = tree
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
@@ -184,18 +181,23 @@ class Connection:
         self._server = None
 
     def _meet(self, deadline_s: float) -> None:
-        """Ask until a server answers: it may still be starting."""
+        """Ask until the tree's server answers, which may still be starting. Gives up early if
+        the network serves other trees only: then the tree's name is probably wrong."""
+        next_check_s = time.monotonic() + _OTHER_TREES_GRACE_S
         while True:
             left_s = deadline_s - time.monotonic()
             try:
                 self._hello(max(left_s, 0.1))
                 return
             except ServerUnavailable:
-                if left_s <= _HELLO_PERIOD_S:
-                    raise ServerUnavailable(
-                        f"no server of tree {self.tree!r} at {self.endpoint} "
-                        f"within {self.timeout_s:g} s"
-                    ) from None
+                is_last = left_s <= _HELLO_PERIOD_S
+                if is_last or time.monotonic() >= next_check_s:
+                    trees = served_trees(self.session, _OTHER_TREES_TIMEOUT_S)
+                    if is_last or (trees and self.tree not in trees):
+                        raise ServerUnavailable(
+                            no_server_message(self.tree, self._address, trees, self.timeout_s)
+                        ) from None
+                    next_check_s = time.monotonic() + _OTHER_TREES_PERIOD_S
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> _Server:
@@ -216,35 +218,28 @@ class Connection:
         return server
 
     def _where(self) -> str:
-        return f"the server of tree {self.tree!r} at {self.endpoint}"
+        return f"the server of tree {self.tree!r} at {self._address}"
 
     def _open(self) -> zenoh.Session:
-        settings: dict[str, Any] = {
-            "mode": "client",
-            "connect/endpoints": [self.endpoint],
-            "connect/timeout_ms": int(self.timeout_s * 1000),
-            "connect/retry": _RETRY,
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-            # It can drop a reply when this side stalls for 100 ms.
-            "transport/shared_memory/enabled": False,
-            "transport/link/rx/max_message_size": _MAX_REPLY_BYTES,
-        }
-        config = zenoh.Config()
         try:
-            for key, value in settings.items():
-                config.insert_json5(key, json.dumps(value))
-            return zenoh.open(config)
+            return zenoh.open(
+                zenoh_config.client(
+                    [self.endpoint],
+                    self.timeout_s,
+                    retry=_RETRY,
+                    max_message_bytes=_MAX_REPLY_BYTES,
+                )
+            )
         except zenoh.ZError as error:
             raise self._cannot_open(str(error)) from error
 
     def _cannot_open(self, reason: str) -> TransformException:
         if "Unable to connect" in reason:
             return ServerUnavailable(
-                f"nothing listens at {self.endpoint} (tree {self.tree!r}, "
+                f"nothing listens at {self._address} (tree {self.tree!r}, "
                 f"tried for {self.timeout_s:g} s)"
             )
         return InvalidArgumentException(
-            f"endpoint {self.endpoint!r}: {reason.split(' at /', maxsplit=1)[0]}",
+            f"endpoint {self._address!r}: {reason.split(' at /', maxsplit=1)[0]}",
             field="endpoint",
         )

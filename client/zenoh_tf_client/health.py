@@ -9,11 +9,10 @@ defaults.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 
 from zenoh_tf import TransformException
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, environment
 
 # Any name does: whether the tree has such a frame is not what is asked.
 _FRAME = "zenoh-tf-health"
@@ -24,10 +23,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m zenoh_tf_client.health", description="Exit 0 if the server answers, else 1."
     )
-    parser.add_argument(
-        "--connect", default=os.environ.get("ZENOH_TF_CONNECT", "tcp/127.0.0.1:7447")
-    )
-    parser.add_argument("--tree", default=os.environ.get("ZENOH_TF_TREE", "main"))
+    parser.add_argument("--connect", default=environment.endpoint())
+    parser.add_argument("--tree", default=environment.tree())
     parser.add_argument("--timeout", type=float, default=2.0, metavar="SECONDS")
     args = parser.parse_args()
     try:

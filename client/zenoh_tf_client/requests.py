@@ -290,6 +290,10 @@ def clear(keep_static: bool = True) -> Request[None]:
     return _admin("clear", keep_static=keep_static)
 
 
+def reset() -> Request[None]:
+    return _admin("reset")
+
+
 def remove_frame(name: str, subtree: bool = False) -> Request[None]:
     return _admin("remove_frame", name=name, subtree=subtree)
 

@@ -1,7 +1,7 @@
-"""Sensors' puts: one message is one transaction, a bad one harms nobody.
+"""Ingest of published transforms: each put is one transaction, and a bad one harms no other.
 
-A thread per subscriber commits message by message. The channel in front of it is bounded;
-a full one holds the publisher back instead of losing transforms.
+One thread per subscriber commits message by message. The channel before it is bounded; a full
+channel holds the publishers back, so no transform is lost.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 import zenoh
 from zenoh.handlers import FifoChannel
@@ -18,16 +18,18 @@ from zenoh.handlers import FifoChannel
 from zenoh_tf import keys, wire
 from zenoh_tf.errors import TransformException
 
-from .complaints import Complaints
 from .limits import Limits
+from .rate_limited_log import RateLimitedLog
+from .refusals import Refusals
 
-#: Messages between Zenoh's receiver and the ingest thread.
-_QUEUE = 256
+#: Messages between Zenoh's receiver and an ingest thread.
+_CHANNEL: Final = 256
+_JOIN_TIMEOUT_S: Final = 0.5
 
 
 @dataclass(slots=True)
 class PutCounters:
-    """Part of the statistics of `info`."""
+    """Counters of all published messages, part of `stats`."""
 
     puts: int = 0
     put_transforms: int = 0
@@ -42,24 +44,30 @@ class Ingest:
     """Commits the puts on ``set/*`` and ``static/*`` of a tree."""
 
     def __init__(
-        self, commit: Callable[[wire.Commit], Any], counters: PutCounters, limits: Limits
+        self,
+        commit: Callable[[wire.Commit], Any],
+        counters: PutCounters,
+        refusals: Refusals,
+        limits: Limits,
     ) -> None:
         self._commit = commit
-        self._limits = limits
         self._counters = counters
-        self._lock = threading.Lock()
-        self._complaints = Complaints(logging.getLogger("zenoh_tf.server.ingest"))
+        self._refusals = refusals
+        self._limits = limits
+        self._lock = threading.Lock()  # of the counters: two threads ingest
+        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ingest"))
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._threads: list[threading.Thread] = []
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         for static in (False, True):
-            channel: FifoChannel[zenoh.Sample] = FifoChannel(_QUEUE)
+            channel: FifoChannel[zenoh.Sample] = FifoChannel(_CHANNEL)
             subscriber = session.declare_subscriber(keys.puts(tree, static=static), channel)
             self._subscribers.append(subscriber)
-            # The handler, not the subscriber: undeclaring one that a thread waits on fails.
+            # The thread receives on the handler: undeclaring a subscriber fails while a thread
+            # waits on the subscriber itself.
             thread = threading.Thread(
-                target=self._drain,
+                target=self._run,
                 args=(subscriber.handler, static),
                 name="ingest-static" if static else "ingest",
                 daemon=True,
@@ -71,38 +79,49 @@ class Ingest:
         for subscriber in self._subscribers:
             subscriber.undeclare()
         for thread in self._threads:
-            thread.join(timeout=0.5)
+            thread.join(_JOIN_TIMEOUT_S)
 
-    def _drain(self, handler: Any, static: bool) -> None:
+    def _run(self, handler: Any, static: bool) -> None:
         while True:
             try:
                 sample = handler.recv()
             except zenoh.ZError:  # undeclared
                 return
             if sample.kind == zenoh.SampleKind.PUT:
-                self._take(str(sample.key_expr), sample.payload.to_bytes(), static)
+                self._ingest(str(sample.key_expr), sample.payload.to_bytes(), static)
 
-    def _take(self, key: str, payload: bytes, static: bool) -> None:
-        authority = key
+    def _ingest(self, key: str, payload: bytes, static: bool) -> None:
+        """Commit one message. Never raises: an error is counted and logged."""
+        authority = None
+        transforms = 1  # a message that cannot be parsed counts as one transform
         try:
             authority = keys.last_name(key)
             commit = wire.parse_commit(wire.unpack(payload, self._limits.message_bytes))
+            transforms = commit.rows
             self._limits.check("rows", commit.rows)
-            # The key decides: it is what Zenoh's access control has checked.
+            # The key counts, not the message: Zenoh's access control has checked the key.
             commit.authority, commit.static = authority, static
             commit.drop_old = True
             commit.read_names, commit.read_versions = [], None
             stored = self._commit(commit)
         except Exception as error:
-            with self._lock:
-                self._counters.bad_puts += 1
-            kind = type(error).__name__
-            known = isinstance(error, TransformException) and error.field
-            where = f" (field {error.field})" if known else ""  # type: ignore[attr-defined]
-            self._complaints.warn(f"put of {authority!r}", f"{kind}: {error}{where}")
+            self._refuse(key, authority, transforms, error)
             return
+        if commit.rows:
+            self._refusals.accept(authority)
         kept = int(stored.sum())
         with self._lock:
             self._counters.puts += 1
             self._counters.put_transforms += kept
             self._counters.dropped_as_too_old += commit.rows - kept
+
+    def _refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
+        field = error.field if isinstance(error, TransformException) else None
+        where = f" (field {field})" if field else ""
+        reason = f"{type(error).__name__}: {error}{where}"
+        if authority is not None:
+            self._refusals.refuse(authority, transforms, reason)
+        source = key if authority is None else authority
+        self._log.warn(f"put of {source!r}", reason)
+        with self._lock:  # last: a client that sees the count finds the reason as well
+            self._counters.bad_puts += 1

@@ -1,4 +1,4 @@
-"""Every limit of the service in one table: flags, defaults and docs/limits.md come from it.
+"""Every limit of the server in one table. Flags, defaults and docs/limits.md are made from it.
 
 ``python -m zenoh_tf_server.limits > docs/limits.md`` writes the page.
 """
@@ -24,12 +24,12 @@ class Limits:
     frames: int = _limit(
         1 << 20,
         "frames in the tree",
-        "the write that names one more is refused",
+        "a write that names a new frame is refused",
     )
     samples_per_frame: int = _limit(
         1 << 16,
         "samples kept per frame, within the cache time",
-        "the oldest samples make room",
+        "the oldest samples are evicted",
     )
     name_bytes: int = _limit(
         255,
@@ -54,28 +54,33 @@ class Limits:
     )
     pending_queries: int = _limit(
         4096,
-        "queries received and not yet started, per query family",
+        "queries received but not yet started, per query family",
         "the query is refused",
     )
     waiters: int = _limit(
         10_000,
-        "lookups waiting for a transform (`timeout_s`), counted by row",
+        "lookups waiting for a transform (`timeout_s`); each row of a batch counts",
         "the lookup is refused",
     )
     outcomes: int = _limit(
         200_000,
-        "outcomes of writes remembered until the write's expiry",
+        "replies to writes, remembered until the write's expiry",
         "the write is refused",
     )
     outcome_bytes: int = _limit(
         64 << 20,
-        "bytes of all remembered outcomes",
+        "bytes of all remembered replies to writes",
         "the write is refused",
     )
     expiry_s: int = _limit(
         600,
         "seconds until a write's expiry; a write without one is remembered this long",
         "the write is refused",
+    )
+    refused_authorities: int = _limit(
+        1024,
+        "authorities remembered that had messages refused and none accepted",
+        "the one that was refused longest ago is forgotten",
     )
     connections: int = _limit(
         1000,
@@ -84,16 +89,17 @@ class Limits:
     )
 
     def check(self, name: str, value: int) -> None:
-        """Raise LimitExceeded if `value` is over the limit `name`."""
+        """Raise LimitExceeded if `value` is above the limit `name`."""
         limit: int = getattr(self, name)
         if value > limit:
             raise self.exceeded(name, value)
 
     def exceeded(self, name: str, value: int) -> LimitExceeded:
+        """The error for a `value` above the limit `name`."""
         limit: int = getattr(self, name)
         meaning = next(entry.metadata["meaning"] for entry in fields(self) if entry.name == name)
         return LimitExceeded(
-            f"limit {name}: {value}, at most {limit} {meaning}",
+            f"{value} {meaning.partition(';')[0]}: the limit is {limit} ({_flag(name)})",
             field=name,
             limit=limit,
             value=value,
@@ -108,6 +114,7 @@ def _flag(name: str) -> str:
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add a flag for each limit."""
     group = parser.add_argument_group("limits")
     for entry in fields(Limits):
         group.add_argument(
@@ -120,25 +127,25 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def from_flags(options: argparse.Namespace) -> Limits:
+    """The limits that the flags of `add_flags` say."""
     return Limits(**{entry.name: getattr(options, f"max_{entry.name}") for entry in fields(Limits)})
 
 
 def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
+    if not text.isascii() or not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an integer of at least 1")
+    return int(text)
 
 
 def page() -> Iterator[str]:
     """The lines of docs/limits.md."""
     yield "# Limits"
     yield ""
-    yield "Everything that a client could make grow has a limit. Each is a flag of"
-    yield "`zenoh-tf-server`; one that refuses a request answers `LimitExceeded` with the limit's"
-    yield "name in `field` (with `max_` before it where the tree itself refuses), its value in"
-    yield "`limit` and what hit it in `value`. Clients learn the values at connect and check the"
-    yield "size of a message before they send it."
+    yield "Everything that a client can make grow has a limit, and each limit is a flag of"
+    yield "`zenoh-tf-server`. A request that is refused for a limit gets `LimitExceeded`: `field`"
+    yield "is the limit's name (with `max_` in front if the tree itself refuses), `limit` its"
+    yield "value and `value` what exceeded it. Clients learn the limits when they connect, and"
+    yield "check the size of a message before they send it."
     yield ""
     yield "| limit | flag | default | of what | when hit |"
     yield "|---|---|---|---|---|"
@@ -148,9 +155,11 @@ def page() -> Iterator[str]:
             f"| {entry.metadata['meaning']} | {entry.metadata['when_hit']} |"
         )
     yield ""
-    yield "Tree names have at most 255 bytes, authority names as many as frame names, and a tree"
-    yield "knows 4,096 authorities. A lookup that climbs deeper than `depth` links fails with"
-    yield "`LookupException`, as in tf2. The embedded `TransformTree` takes the first four as"
+    yield "Some limits are fixed: 255 bytes in a tree's name, as many bytes in an authority's"
+    yield "name as in a frame's, and 4,096 authorities per tree. A lookup that climbs more than"
+    yield "`depth` links fails with `LookupException`, as in tf2. A frame that was removed, or"
+    yield "dropped by a reset, keeps its place among the `frames`; its name may come back without"
+    yield "needing another. The embedded `TransformTree` takes the first four limits as"
     yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes` and `max_depth`."
 
 

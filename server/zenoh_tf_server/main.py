@@ -1,4 +1,4 @@
-"""``zenoh-tf-server``: flags, logging, signals."""
+"""``zenoh-tf-server``: command-line flags, logging and signals."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from importlib.metadata import version
 
 import uvloop
 
-from zenoh_tf import keys
+from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
 from . import limits
 from .network import NetworkError
-from .presence import TreeTaken
 from .server import Server, Settings
+from .tree_claim import TreeTaken
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
-#: Exit status when the server cannot start, as for wrong flags.
+#: Exit status of a server that cannot start; the same as for wrong flags.
 CANNOT_START = 2
-#: A stop that takes longer is ended by force, within the two seconds that are promised.
+#: A server stops within two seconds: a stop that takes longer than this is ended by force.
 _STOP_TIMEOUT_S = 1.7
 
 log = logging.getLogger("zenoh_tf.server")
@@ -34,7 +34,7 @@ log = logging.getLogger("zenoh_tf.server")
 def parser() -> argparse.ArgumentParser:
     flags = argparse.ArgumentParser(
         prog="zenoh-tf-server",
-        description="Serves a transform tree over Zenoh.",
+        description="Serve a transform tree over Zenoh.",
     )
     flags.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
     where = flags.add_mutually_exclusive_group()
@@ -42,21 +42,42 @@ def parser() -> argparse.ArgumentParser:
         "--listen",
         action="append",
         metavar="ENDPOINT",
-        help=f"embed a Zenoh router on this endpoint; repeatable (default: {DEFAULT_LISTEN})",
+        help="embed a Zenoh router that listens on this endpoint, PROTOCOL/HOST:PORT; repeatable "
+        f"(default: {DEFAULT_LISTEN})",
     )
     where.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help="join an existing Zenoh network as a client instead of listening; repeatable",
+        help="join the Zenoh network at this endpoint as a client, and do not listen; repeatable",
     )
+    _add_tree_flags(flags)
+    flags.add_argument(
+        "--workers",
+        type=int,
+        default=min(8, max(2, os.cpu_count() or 2)),
+        metavar="N",
+        help="threads that serve queries, per query family (default: %(default)s)",
+    )
+    flags.add_argument(
+        "--log-level",
+        choices=("debug", "info", "warning", "error"),
+        default="info",
+        help="lowest level of the messages logged to standard error (default: %(default)s)",
+    )
+    limits.add_flags(flags)
+    return flags
+
+
+def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
     flags.add_argument("--tree", default="main", help="name of the tree (default: %(default)s)")
     flags.add_argument(
         "--cache-time",
         type=float,
         default=10.0,
         metavar="SECONDS",
-        help="how long transforms are kept (default: %(default)s)",
+        help="how long transforms are kept, counted back from the newest of their frame "
+        "(default: %(default)s)",
     )
     flags.add_argument(
         "--concurrency",
@@ -67,44 +88,22 @@ def parser() -> argparse.ArgumentParser:
     flags.add_argument(
         "--one-authority-per-frame",
         action="store_true",
-        help="refuse transforms of a frame from a second authority, instead of reporting them",
+        help="refuse transforms of a frame from a second authority, instead of counting conflicts",
     )
     flags.add_argument(
         "--time-jump",
         choices=("reject", "clear"),
         default="reject",
-        help="what a transform means that is older than its frame's newest by more than the "
-        "cache time: a late one, to be dropped; or that simulated time was set back, so that "
-        "everything but static transforms is cleared first (default: %(default)s)",
+        help="what to do with a transform that is older than its frame's newest by more than the "
+        "cache time. reject: drop it, because it is late. clear: simulated time was set back, so "
+        "drop all but static transforms, then store it (default: %(default)s)",
     )
-    flags.add_argument(
-        "--workers",
-        type=int,
-        default=min(8, max(2, os.cpu_count() or 2)),
-        metavar="N",
-        help="threads that answer queries (default: %(default)s)",
-    )
-    flags.add_argument(
-        "--log-level",
-        choices=("debug", "info", "warning", "error"),
-        default="info",
-        help="what is logged to the standard error output (default: %(default)s)",
-    )
-    limits.add_flags(flags)
-    return flags
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     flags = parser()
     options = flags.parse_args(arguments)
-    if options.workers < 1:
-        flags.error("--workers must be at least 1")
-    if not options.cache_time > 0:
-        flags.error("--cache-time must be positive")
-    try:
-        keys.server(options.tree, "")
-    except TransformException as error:
-        flags.error(f"--tree: {error}")
+    _check(flags, options)
     logging.basicConfig(
         level=options.log_level.upper(),
         format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
@@ -130,6 +129,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if a flag's value is wrong."""
+    if options.workers < 1:
+        flags.error(f"--workers is {options.workers}: it must be at least 1")
+    if not options.cache_time > 0:
+        flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
+    try:
+        keys.server(options.tree, "")
+    except TransformException as error:
+        flags.error(f"--tree: {error}")
+    for flag in ("listen", "connect"):
+        for endpoint in getattr(options, flag) or ():
+            try:
+                zenoh_config.check_endpoint(endpoint)
+            except TransformException as error:
+                flags.error(f"--{flag}: {error}")
+
+
 async def serve(settings: Settings) -> None:
     """Serve until SIGINT or SIGTERM."""
     loop = asyncio.get_running_loop()
@@ -140,7 +157,7 @@ async def serve(settings: Settings) -> None:
     stopped = asyncio.ensure_future(stop.wait())
     await asyncio.wait({starting, stopped}, return_when=asyncio.FIRST_COMPLETED)
     if not starting.done():
-        _leave("stopped while starting")
+        _leave("stopped before the start was complete")
     try:
         server = starting.result()
     except BaseException:
@@ -152,19 +169,20 @@ async def serve(settings: Settings) -> None:
     try:
         await asyncio.wait_for(asyncio.to_thread(server.close), _STOP_TIMEOUT_S)
     except TimeoutError:
-        _leave("the Zenoh session did not close in time, leaving without")
+        _leave("the Zenoh session did not close in time: ending without closing it")
     log.info("stopped")
 
 
 def _leave(reason: str) -> None:
-    """End the process at once: a thread inside Zenoh cannot be interrupted."""
+    """End the process at once: Python cannot interrupt a thread that is inside Zenoh."""
     log.warning(reason)
     logging.shutdown()
     os._exit(0)
 
 
 def _greeting(settings: Settings, instance: str) -> str:
-    endpoints = settings.connect or settings.listen
+    # Options of an endpoint are left out: with TLS they hold the private key's path.
+    endpoints = [zenoh_config.address(each) for each in settings.connect or settings.listen]
     how = "joined" if settings.connect else "listens on"
     endpoint = shlex.quote(endpoints[0])
     return (

@@ -1,19 +1,22 @@
-"""The Zenoh session of a server: a router of its own, or a client of a network."""
+"""The Zenoh session of a server: an embedded router, or a client of an existing network."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from typing import Final
 
 import zenoh
 
+from zenoh_tf import zenoh_config
+
 from .limits import Limits
 
-#: How long a server waits for the router that it joins, e.g. one starting beside it.
-CONNECT_TIMEOUT_MS = 10_000
-#: Messages up to this many times the limit are received, so that they can be refused
-#: with a reply; larger ones Zenoh itself cuts off.
-_RECEIVE_MARGIN = 4
+#: How long a server waits for the router that it joins, which may be starting beside it.
+CONNECT_TIMEOUT_S: Final = 10.0
+_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+#: Messages of up to this many times the limit are received, so that the server can refuse them
+#: with a reply. Zenoh closes the connection of a client that sends a larger one.
+_RECEIVE_MARGIN: Final = 4
 
 
 class NetworkError(Exception):
@@ -21,47 +24,33 @@ class NetworkError(Exception):
 
 
 def open_session(listen: Sequence[str], connect: Sequence[str], limits: Limits) -> zenoh.Session:
-    """A session that listens on `listen` as a router, or joins `connect` as a client."""
-    settings: dict[str, object] = {
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "scouting/delay": 0,  # nothing is scouted for
-        # It can drop a reply when a receiver stalls for 100 ms.
-        "transport/shared_memory/enabled": False,
-        "transport/link/rx/max_message_size": _RECEIVE_MARGIN * limits.message_bytes,
-    }
-    if connect:
-        settings |= {
-            "mode": "client",
-            "connect/endpoints": list(connect),
-            "connect/timeout_ms": CONNECT_TIMEOUT_MS,
-            "connect/retry": {
-                "period_init_ms": 100,
-                "period_max_ms": 1000,
-                "period_increase_factor": 2,
-            },
-        }
-    else:
-        settings |= {
-            "mode": "router",
-            "listen/endpoints": list(listen),
-            "listen/exit_on_failure": True,
-            "transport/unicast/max_sessions": limits.connections,
-        }
-    config = zenoh.Config()
+    """Open a session: a client of `connect` if that is not empty, else a router on `listen`.
+
+    Raises:
+        NetworkError: The endpoints cannot be reached or listened on.
+    """
+    max_message_bytes = _RECEIVE_MARGIN * limits.message_bytes
     try:
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
+        if connect:
+            config = zenoh_config.client(
+                connect, CONNECT_TIMEOUT_S, retry=_RETRY, max_message_bytes=max_message_bytes
+            )
+        else:
+            config = zenoh_config.router(
+                listen, max_sessions=limits.connections, max_message_bytes=max_message_bytes
+            )
+        config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise NetworkError(_explain(str(error), listen, connect)) from error
+        raise NetworkError(_message(str(error), listen, connect)) from error
 
 
-def _explain(reason: str, listen: Sequence[str], connect: Sequence[str]) -> str:
-    """Zenoh's reason without the paths into its sources, in terms of the flags."""
+def _message(reason: str, listen: Sequence[str], connect: Sequence[str]) -> str:
+    """Zenoh's reason in terms of the flags, without the paths into its sources."""
     if connect:
-        return f"cannot connect to {', '.join(connect)} within {CONNECT_TIMEOUT_MS / 1000:g} s"
-    where = ", ".join(listen)
+        where = ", ".join(map(zenoh_config.address, connect))
+        return f"cannot connect to {where} within {CONNECT_TIMEOUT_S:g} s: is a router there?"
+    where = ", ".join(map(zenoh_config.address, listen))
     if "Address already in use" in reason:
         return f"cannot listen on {where}: the port is already in use"
     return f"cannot listen on {where}: {reason.split(' at /', maxsplit=1)[0]}"

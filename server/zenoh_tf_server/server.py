@@ -1,9 +1,8 @@
-"""One running server: session, service, workers, ingest and presence, put together."""
+"""One running server: the Zenoh session and everything that is declared on it."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -12,13 +11,11 @@ from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, presence
+from . import network, tree_claim
 from .ingest import Ingest
 from .limits import Limits
 from .service import Service
 from .workers import Workers
-
-log = logging.getLogger("zenoh_tf.server")
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
 TimeJump = Literal["reject", "clear"]
@@ -27,8 +24,8 @@ TimeJump = Literal["reject", "clear"]
 @dataclass(frozen=True)
 class Settings:
     tree: str
-    listen: Sequence[str]  # endpoints of the embedded router, or
-    connect: Sequence[str]  # endpoints of a network to join
+    listen: Sequence[str]  # endpoints of the embedded router; unused if `connect` is not empty
+    connect: Sequence[str]  # endpoints of an existing network to join
     cache_time_s: float
     concurrency: Concurrency
     one_authority_per_frame: bool
@@ -38,7 +35,7 @@ class Settings:
 
 
 class Server:
-    """Open from construction to `close`. Raises NetworkError or TreeTaken."""
+    """Serves from construction to `close`. Raises NetworkError or TreeTaken."""
 
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
@@ -53,20 +50,20 @@ class Server:
             one_authority_per_frame=settings.one_authority_per_frame,
             time_jump=settings.time_jump,
         )
-        # Closed in the reverse order: no more queries, then no more waiters, then the session.
+        # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
-            presence.refuse_if_taken(session, settings.tree)
+            tree_claim.refuse_if_taken(session, settings.tree)
             service = Service(tree, settings.tree, self.instance, limits, loop)
             stack.callback(service.close)
-            ingest = Ingest(service.commit, service.puts, limits)
+            ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
             workers = Workers(service, settings.workers)
             stack.callback(workers.close)
             workers.start(session, settings.tree)
-            token = presence.claim(session, settings.tree, self.instance)
+            token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()
 

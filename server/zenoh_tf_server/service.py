@@ -1,7 +1,8 @@
-"""What the service answers, without Zenoh: message bytes in, reply bytes out.
+"""The service without Zenoh: message bytes in, reply bytes out.
 
-Thread safety: `handle` from any number of threads; each answer is called exactly once,
-for a waiting lookup later and from another thread.
+Thread safety: all methods.
+Invariant: each ReplyCallback is called exactly once; for a waiting lookup that happens later, and
+on another thread.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from zenoh_tf.errors import (
     TransformException,
 )
 
-from . import introspection
+from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
-from .outcomes import Answer, Outcomes
+from .refusals import Refusals
+from .reply_cache import ReplyCache, ReplyCallback
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -45,29 +47,31 @@ class Service:
         self.tree = tree
         self.instance = instance
         self.limits = limits
-        self.outcomes = Outcomes(limits)
         self.waiters = Waiters(tree, limits, loop)
-        #: Counted by the ingest of sensors' puts; part of the statistics.
+        #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
+        self.refusals = Refusals(limits)
+        self._info = InfoRequests(tree, self.refusals, self._counters)
+        self._reply_cache = ReplyCache(limits)
         self._name = name
-        self._operations: dict[str, Callable[[wire.Message, Answer], None]] = {
+        self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
-            "commit": lambda message, answer: self._write(message, answer, self._run_commit),
+            "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
             "batch": self._batch,
-            "info": lambda message, answer: answer(self._seal(self._run_info(message)), False),
-            "admin": lambda message, answer: self._write(message, answer, self._run_admin),
+            "info": lambda message, reply_to: reply_to(self._pack(self._run_info(message)), False),
+            "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
         }
 
-    def handle(self, operation: str, payload: bytes, answer: Answer) -> None:
-        """Answer one request. Never raises: what goes wrong is the answer."""
+    def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
+        """Reply to one request. Never raises: an error is the reply."""
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
-            self._operations[operation](message, answer)
+            self._operations[operation](message, reply_to)
         except Exception as error:
-            answer(self.error(error), True)
+            reply_to(self.error(error), True)
 
     def error(self, error: Exception) -> bytes:
-        """The reply to a request that failed as a whole."""
+        """The bytes of the reply to a request that failed as a whole."""
         return wire.pack(wire.error_reply(self.instance, self._typed(error)))
 
     def close(self) -> None:
@@ -76,42 +80,43 @@ class Service:
     @staticmethod
     def _typed(error: Exception) -> TransformException:
         if not isinstance(error, (TransformException, TypeError, ValueError, OverflowError)):
-            log.exception("internal error", exc_info=error)
+            log.exception("internal error while serving a request", exc_info=error)
         return wire.as_transform_exception(error)
 
-    def _seal(self, reply: wire.Message) -> bytes:
+    def _pack(self, reply: wire.Message) -> bytes:
         reply["v"] = wire.VERSION
         reply["instance"] = self.instance
         return wire.pack(reply)
 
     # --- reads
 
-    def _lookup(self, message: wire.Message, answer: Answer) -> None:
+    def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         one = wire.parse_one_read(message)
         if one is not None and (found := self._read_one(*one)) is not None:
-            answer(self._seal(found), False)
+            reply_to(self._pack(found), False)
             return
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)
         if lookup.timeout_ns:
 
             def settle(found: list[Rows]) -> None:
-                answer(self._seal(wire.lookup_reply(lookup, *found[0])), False)
+                reply_to(self._pack(wire.lookup_reply(lookup, *found[0])), False)
 
-            self._wait([lookup], settle, answer)
+            self._wait([lookup], settle, reply_to)
         else:
-            answer(self._seal(self._read(lookup)), False)
+            reply_to(self._pack(self._read(lookup)), False)
 
     def _wait(
         self,
         lookups: list[wire.Lookup],
         settle: Callable[[list[Rows]], None],
-        answer: Answer,
+        reply_to: ReplyCallback,
     ) -> None:
-        self.waiters.ask(lookups, settle, lambda error: answer(self.error(error), True))
+        self.waiters.ask(lookups, settle, lambda error: reply_to(self.error(error), True))
 
     def _read_one(self, target: str, source: str, op: int, stamp_ns: int) -> wire.Message | None:
-        """The reply's fields to a plain single read; None for any other or a failed one."""
+        """Fast path of a single lookup without options: the reply's fields, or None if the lookup
+        fails or is of another kind. The general path then finds out why."""
         tree = self.tree
         newest_ns = None
         try:
@@ -151,18 +156,19 @@ class Service:
     def _write(
         self,
         message: wire.Message,
-        answer: Answer,
+        reply_to: ReplyCallback,
         run: Callable[[wire.Message], wire.Message],
     ) -> None:
-        """Run a write once: by id, before its expiry, on the instance that it is meant for."""
+        """Run a write at most once, before its expiry, and only on the instance it is meant for."""
         write = wire.parse_write(message)
         now_ns = time.monotonic_ns()
         if write.instance is not None and write.instance != self.instance:
             raise ServerRestarted(
-                f"meant for server instance {write.instance}, this one is {self.instance}",
+                f"the write is for server instance {write.instance}, but this is instance "
+                f"{self.instance}: it did not run; send it again to this one",
                 value=write.instance,
             )
-        if write.id is not None and self.outcomes.repeat(write.id, answer):
+        if write.id is not None and self._reply_cache.reply_to_repeat(write.id, reply_to):
             return
         longest_ns = self.limits.expiry_s * 1_000_000_000
         until_ns = now_ns + longest_ns
@@ -170,7 +176,8 @@ class Service:
             if write.expires_ns < now_ns:
                 late_ms = (now_ns - write.expires_ns) / 1e6
                 raise TimeoutException(
-                    f"the write expired {late_ms:.1f} ms before it could run, and did not run",
+                    f"the write arrived {late_ms:.1f} ms after its expiry and did not run: send it "
+                    "again, with a longer timeout_s",
                     field="expires_ns",
                     value=write.expires_ns,
                 )
@@ -179,17 +186,17 @@ class Service:
                 raise self.limits.exceeded("expiry_s", ahead_s)
             until_ns = write.expires_ns
         if write.id is None:
-            answer(self._seal(run(message)), False)
+            reply_to(self._pack(run(message)), False)
             return
-        if not self.outcomes.begin(write.id, until_ns, now_ns, answer):
+        if not self._reply_cache.begin(write.id, until_ns, now_ns, reply_to):
             return
         failed = False
         try:
-            reply = self._seal(run(message))
+            reply = self._pack(run(message))
         except Exception as error:
             reply, failed = self.error(error), True
-        self.outcomes.finish(write.id, reply, failed)
-        answer(reply, failed)
+        self._reply_cache.finish(write.id, reply, failed)
+        reply_to(reply, failed)
 
     def _run_commit(self, message: wire.Message) -> wire.Message:
         commit = wire.parse_commit(message)
@@ -211,13 +218,13 @@ class Service:
             read_versions=commit.read_versions,
         )
 
-    # --- the others
+    # --- batches, info and administration
 
-    def _batch(self, message: wire.Message, answer: Answer) -> None:
+    def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         operations = wire.parse_batch(message)
         self.limits.check("rows", len(operations))
         if any(kind == "commit" for kind, _ in operations):
-            self._write(message, answer, lambda _: self._run_batch(operations, None))
+            self._write(message, reply_to, lambda _: self._run_batch(operations, None))
             return
         waiting: dict[int, wire.Lookup] = {}
         reply = self._run_batch(operations, waiting)
@@ -225,18 +232,19 @@ class Service:
         def settle(found: list[Rows]) -> None:
             for (index, lookup), rows in zip(waiting.items(), found, strict=True):
                 reply["replies"][index] = wire.lookup_reply(lookup, *rows)
-            answer(self._seal(reply), False)
+            reply_to(self._pack(reply), False)
 
         if waiting:
-            self._wait(list(waiting.values()), settle, answer)
+            self._wait(list(waiting.values()), settle, reply_to)
         else:
-            answer(self._seal(reply), False)
+            reply_to(self._pack(reply), False)
 
     def _run_batch(
         self, operations: list[tuple[str, wire.Message]], waiting: dict[int, wire.Lookup] | None
     ) -> wire.Message:
-        """Run one after another. Lookups that wait go into `waiting`, by index; None: where
-        a batch writes they are refused, since its outcome is one."""
+        """Run the operations one after another. Lookups that wait are put into `waiting`, by index.
+        With `waiting` None they are refused: a batch that writes has a single reply to remember,
+        which cannot depend on later writes."""
         rows = 0
         replies: list[wire.Message] = []
         for kind, body in operations:
@@ -252,7 +260,9 @@ class Service:
                         replies.append({})
                     else:
                         raise InvalidArgumentException(
-                            "a lookup in a batch that writes cannot wait", field="timeout_ns"
+                            "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
+                            "send it in a batch of its own",
+                            field="timeout_ns",
                         )
                 elif kind == "commit":
                     commit = wire.parse_commit(body)
@@ -262,13 +272,16 @@ class Service:
                 else:
                     replies.append(self._run_info(body))
             except Exception as error:
-                replies.append({"error": wire.fault(self._typed(error))})
+                replies.append({"error": wire.encode_error(self._typed(error))})
         return {"replies": replies}
 
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
             return {"value": self._hello()}
-        return {"value": introspection.answer(self, message)}
+        return {"value": self._info.value(message)}
+
+    def _counters(self) -> dict[str, int]:
+        return {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
 
     def _hello(self) -> dict[str, Any]:
         return {
@@ -283,11 +296,14 @@ class Service:
         what = wire.text(message, "what")
         if what == "clear":
             self.tree.clear(wire.flag(message, "keep_static", True))
-            log.info("cleared")
+            log.info("cleared the tree")
+        elif what == "reset":
+            self.tree.reset()
+            log.info("reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
             self.tree.remove_frame(name, wire.flag(message, "subtree"))
             log.info("removed frame %r", name)
         else:
-            raise InvalidArgumentException(f"no admin operation {what!r}", field="what")
+            raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
         return {"value": None}

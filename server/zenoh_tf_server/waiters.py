@@ -1,10 +1,11 @@
-"""Lookups that wait for a transform hold no worker and no thread.
+"""Lookups that wait for a transform, without holding a worker or a thread.
 
-The native tree parks them on the frames that they wait for, and the commit that may help
-wakes them. One thread here asks again for whoever was woken and answers who is done;
-deadlines run on the asyncio loop. Waiting costs nothing until one of the two happens.
+The native tree parks a lookup on the frames that it waits for, and a commit to one of them wakes
+it. One thread retries the lookups that were woken and replies to those that are done. Deadlines
+are timers of the asyncio loop. A lookup costs nothing while it waits.
 
-Thread safety: all of it.
+Thread safety: all methods.
+Invariant: `_take` returns each waiting lookup to one caller only, which settles or fails it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _JOIN_TIMEOUT_S = 1.0
 
 
 class _Request:
-    """Lookups of one request, answered together: settled or failed once."""
+    """Lookups of one request, which share a reply: settled or failed exactly once."""
 
     def __init__(
         self,
@@ -82,8 +83,8 @@ class Waiters:
         self._queue = WaitQueue()
         self._tokens = itertools.count()
         self._lock = threading.Lock()
-        self._waiting: dict[int, _Waiting] = {}  # whoever takes one out settles it
-        self._rows = 0  # of all of them
+        self._waiting: dict[int, _Waiting] = {}  # by token
+        self._rows = 0  # of all waiting lookups
         self._stopping = False
         self._thread = threading.Thread(target=self._serve, name="waiters", daemon=True)
         self._thread.start()
@@ -94,9 +95,16 @@ class Waiters:
         settle: Callable[[list[Rows]], None],
         fail: Callable[[TransformException], None],
     ) -> None:
-        """Settle, from any thread, with what every lookup found: each as soon as all of its
-        rows have an answer or can have none, at its deadline at the latest. Each row is a
-        transaction of its own. Fails where the server stops first."""
+        """Start waiting. Calls `settle` with the results of all lookups, from any thread, or
+        `fail` if the server stops first.
+
+        A lookup is done when each of its rows has an answer or can never have one, at its
+        deadline at the latest. Each row is a transaction of its own.
+
+        Raises:
+            LimitExceeded: Too many lookups wait.
+            ServerUnavailable: The server is stopping.
+        """
         request = _Request(len(lookups), settle, fail)
         now_s = time.monotonic()
         started = {}
@@ -119,7 +127,7 @@ class Waiters:
                 self._loop.call_soon_threadsafe(self._start_timer, token, timeout_s)
 
     def close(self) -> None:
-        """Fail whoever still waits with ServerUnavailable; end the thread."""
+        """Fail all waiting lookups with ServerUnavailable, and end the thread."""
         with self._lock:
             self._stopping = True
             tokens = list(self._waiting)
@@ -132,7 +140,8 @@ class Waiters:
     def _rows_of(self, lookup: wire.Lookup, token: int) -> WaitingRows:
         if lookup.atomic or lookup.versions:
             raise InvalidArgumentException(
-                "a lookup in one snapshot cannot wait", field="timeout_ns"
+                "a lookup with `atomic` or `versions` cannot wait: leave out timeout_ns",
+                field="timeout_ns",
             )
         return waiting_rows(
             self._tree,
@@ -153,7 +162,7 @@ class Waiters:
                 self._finish(token)
 
     def _take(self, token: int) -> _Waiting | None:
-        """To exactly one caller, which then settles it."""
+        """Remove a waiting lookup. None: another caller has taken it."""
         with self._lock:
             waiting = self._waiting.pop(token, None)
             if waiting is None:
@@ -169,8 +178,8 @@ class Waiters:
             try:
                 rows = waiting.rows.result(time.monotonic() - waiting.since_s)
                 waiting.request.settle(waiting.index, rows)
-            except Exception:  # one lookup must never end the thread
-                log.exception("while answering a lookup that has waited")
+            except Exception:  # no lookup may end the thread
+                log.exception("internal error while replying to a lookup that has waited")
 
     def _start_timer(self, token: int, timeout_s: float) -> None:
         if waiting := self._waiting.get(token):

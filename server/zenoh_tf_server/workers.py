@@ -1,10 +1,10 @@
 """Queries: a bounded Zenoh channel and a pool of threads for each query family.
 
-A pool has one thread more than it may have busy. Whoever receives a query and finds all
-others busy does not serve it but puts it into the backlog, or refuses it where that is
-full. So the channel is always drained: a full one would block Zenoh's receive thread, and
-with it every client. (A callback that enqueues would do as well, but entering Python on
-Zenoh's thread costs a sequential client a sixth of its rate.)
+A pool has one thread more than may serve queries at once. A thread that receives a query while
+all others serve puts it into the backlog, or refuses it if the backlog is full. So some thread
+always drains the channel: a full channel would block Zenoh's receive thread, and with it every
+client. A callback on Zenoh's thread could fill the backlog as well, but costs a sequential client
+a sixth of its rate.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys
 
-from .outcomes import Answer
+from .reply_cache import ReplyCallback
 from .service import Service
 
 log = logging.getLogger("zenoh_tf.server")
 
 _CHANNEL = 256
-#: Families whose requests are short and rare: one at a time.
+#: Families whose requests are short and rare: one thread serves them.
 _SMALL = ("info", "admin")
 
 
-class QueryAnswer:
-    """Replies to one query and finishes it: a query that is never finished makes its
-    client wait for the whole time-out."""
+class QueryReply:
+    """The ReplyCallback of one query: sends the reply and finishes the query. The client of a
+    query that is never finished waits for its whole time-out."""
 
     __slots__ = ("_key", "_query")
 
@@ -46,8 +46,8 @@ class QueryAnswer:
                 query.reply_err(reply)
             else:
                 query.reply(self._key, reply)
-        except zenoh.ZError as error:  # the client is gone, or gave up
-            log.debug("no reply to %s: %s", query.key_expr, error)
+        except zenoh.ZError as error:  # the client has gone, or given up
+            log.debug("cannot reply to %s: %s", query.key_expr, error)
         finally:
             query.drop()
 
@@ -66,7 +66,7 @@ class Workers:
             pool.start(session, tree)
 
     def close(self) -> None:
-        """No more queries; those received are answered, then the workers end."""
+        """Receive no more queries, serve those received, and end the threads."""
         for pool in self._pools:
             pool.undeclare()
         for pool in self._pools:
@@ -79,8 +79,8 @@ class _Pool:
         self._operation = operation
         self._count = count
         self._lock = threading.Lock()
-        # Guarded by the lock. Invariant: a query waits in the backlog only while `count`
-        # threads are busy, each of which looks there before it stops being busy.
+        # Guarded by the lock. Invariant: the backlog holds queries only while `count` threads
+        # are busy, and each of them looks there before it stops being busy.
         self._busy = 0
         self._backlog: deque[zenoh.Query] = deque()
         self._queryable: zenoh.Queryable[Any] | None = None
@@ -91,7 +91,8 @@ class _Pool:
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
         self._key = zenoh.KeyExpr(key)
         self._queryable = session.declare_queryable(key, channel, complete=True)
-        # Receive on the handler: undeclaring a queryable that a thread waits on fails.
+        # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
+        # the queryable itself.
         handler: Any = self._queryable.handler
         for index in range(self._count + 1):
             thread = threading.Thread(
@@ -123,7 +124,8 @@ class _Pool:
                     self._serve(waiting)
 
     def _admit(self, query: zenoh.Query) -> bool:
-        """True: serve it, as one of the busy. False: it is in the backlog, or refused."""
+        """True: this thread is now busy and must serve the query. False: the query was put into
+        the backlog, or refused."""
         limits = self._service.limits
         with self._lock:
             if self._busy < self._count:
@@ -134,10 +136,11 @@ class _Pool:
                 self._backlog.append(query)
                 return False
         refusal = self._service.error(limits.exceeded("pending_queries", pending))
-        QueryAnswer(query, self._key)(refusal, True)
+        QueryReply(query, self._key)(refusal, True)
         return False
 
     def _next(self) -> zenoh.Query | None:
+        """The next query of the backlog. None: there is none, and this thread is not busy now."""
         with self._lock:
             if self._backlog:
                 return self._backlog.popleft()
@@ -145,11 +148,11 @@ class _Pool:
             return None
 
     def _serve(self, query: zenoh.Query) -> None:
-        answer: Answer = QueryAnswer(query, self._key)
+        reply_to: ReplyCallback = QueryReply(query, self._key)
         try:
             payload = query.payload
             data = payload.to_bytes() if payload is not None else b""
-            self._service.handle(self._operation, data, answer)
-        except Exception:  # one query must never end a worker
-            log.exception("while answering %s", self._key)
+            self._service.handle(self._operation, data, reply_to)
+        except Exception:  # no query may end a worker
+            log.exception("internal error while serving %s", self._key)
             query.drop()

@@ -257,11 +257,14 @@ def test_authorities(run: Run) -> None:
         "dropped": 0,
         "rewritten": 1,
         "conflicts": 1,
+        "refused": 0,
+        "last_refusal": None,
     }
     assert (by_name["wheels"]["frames"], by_name["wheels"]["commits"]) == (1, 2)
     header, *lines = succeeds(run("authorities")).splitlines()
-    assert header.split() == ["frames", "commits", "stored", "dropped", "rewritten", "conflicts"]
-    assert "a hand       1        1       1        0          1          1" in lines
+    counts = ["frames", "commits", "stored", "dropped", "rewritten", "conflicts", "refused"]
+    assert header.split() == counts
+    assert "a hand       1        1       1        0          1          1        0" in lines
 
 
 def test_authorities_of_an_empty_tree(run: Run) -> None:
@@ -354,7 +357,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
     reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
-    assert {*commands} == reading | {"set", "remove", "clear", "replay"}
+    assert {*commands} == reading | {"set", "remove", "clear", "reset", "replay"}
     for command in commands:
         assert "--connect" in succeeds(zenoh_tf(command, "--help"))
 

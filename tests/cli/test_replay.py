@@ -1,4 +1,4 @@
-"""``zenoh-tf replay``: recordings made here, replayed onto a real server."""
+"""``zenoh-tf replay`` with recordings made by the tests, against a real server."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -119,7 +120,7 @@ def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
 
 
 def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -> None:
-    """Static and moving links travel on two keys, which the server takes side by side."""
+    """Static and dynamic links have different keys, which the server ingests in parallel."""
     log: Log = [
         (float(i), "/tf_static" if i % 2 else "/tf", [("a", "b", 1.0 + i, float(i))])
         for i in range(20)
@@ -131,7 +132,7 @@ def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -
 
 
 def test_a_link_that_turns_around(run: Run, tmp_path: Path) -> None:
-    """First a holds b, then b holds a: a loop only if taken for one instant."""
+    """First a is the parent of b, then b of a: a cycle only if committed at one instant."""
     log: Log = [
         (1.0, "/tf", [("world", "a", 1.0, 1.0), ("a", "b", 1.0, 1.0)]),
         (2.0, "/tf", [("world", "b", 2.0, 3.0)]),
@@ -160,11 +161,11 @@ def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
     path = write(tmp_path / "log", log)
     done = run("replay", str(path), "--rate", "10")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "1 of them dropped" in done.stdout
+    assert "1 of them dropped on arrival" in done.stdout
 
 
 def test_other_publishers_do_not_end_it_early(client: TransformClient) -> None:
-    """The server counts everybody's messages; those of others must not pass for ours."""
+    """Transforms of other authorities do not count as those of the replay."""
     feed = Feed(client, "replay", patience_s=10)
     others = client.broadcaster("others")
     for stamp_ns in range(300):
@@ -215,8 +216,15 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
     assert process.returncode == -signal.SIGINT
 
 
+def test_an_authority_without_a_name(zenoh_tf: Run) -> None:
+    """The server does not count for it, so replay could not tell what became of its transforms."""
+    done = zenoh_tf("replay", "file", "--authority", "")
+    assert done.returncode == 2
+    assert "the name is empty" in done.stderr
+
+
 def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
-    """All of them are known before a server is asked for."""
+    """Bad files are reported without a connection to a server."""
     text = tmp_path / "notes.txt"
     text.write_text("no recording")
     broken = tmp_path / "broken.mcap"
@@ -252,8 +260,57 @@ def test_a_server_that_refuses(start_server: Any, zenoh_tf: Run, tmp_path: Path)
         tf.set_transform(StampedTransform("odom", "base", 1, Transform()), authority="wheels")
     path = write(tmp_path / "log")
     done = zenoh_tf("--connect", server.endpoint, "replay", str(path))
-    assert "refused 1 messages" in refusal(done)
-    assert "wheels" in server.log
+    line = refusal(done)
+    assert "the server refused 52 of the 53 transforms sent as 'replay'" in line
+    assert "InvalidArgumentException" in line
+    assert "published by 'wheels'" in line
+
+
+def test_refusals_of_others_do_not_fail_it(client: TransformClient) -> None:
+    """Each authority answers for its own transforms only."""
+    feed = Feed(client, "replay", patience_s=10)
+    with client.broadcaster("broken") as broken:
+        broken.send(StampedTransform("x", "x", 1, Transform()))
+        deadline = time.monotonic() + 10
+        while client.stats()["bad_puts"] == 0:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    feed.add((StampedTransform("a", "b", i, Transform()) for i in range(1200)), static=False)
+    feed.finish()
+    assert client.frame("b").newest_stamp_ns == 1199
+    assert (feed.transforms, feed.dropped_as_too_old, feed.no_longer_kept()) == (1200, 0, 0)
+
+
+def test_refusals_from_before_do_not_fail_it(client: TransformClient) -> None:
+    with client.broadcaster("replay") as earlier:
+        earlier.send(StampedTransform("x", "x", 1, Transform()))
+        deadline = time.monotonic() + 10
+        while client.stats()["bad_puts"] == 0:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    feed = Feed(client, "replay", patience_s=10)
+    feed.add([StampedTransform("a", "b", 1, Transform())], static=False)
+    feed.finish()
+
+
+def test_what_has_left_the_cache_is_told(start_server: Any, zenoh_tf: Run, tmp_path: Path) -> None:
+    """A minute of transforms at 1 Hz; the server keeps the last ten seconds."""
+    server = start_server("--cache-time", "10")
+    log: Log = [
+        (100.0, "/tf_static", [("b", "c", 0.0, 1.0)]),
+        *[(101.0 + i, "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(60)],
+    ]
+    path = write(tmp_path / "log", log)
+    done = zenoh_tf("--connect", server.endpoint, "replay", str(path), "--json")
+    summary = json.loads(done.stdout)
+    with server.connect() as tf:
+        kept = tf.frame("b").samples
+    assert summary["transforms"] == 61
+    assert summary["dropped_as_too_old"] == 0
+    assert summary["no_longer_kept"] == 60 - kept > 40
+    done = zenoh_tf("--connect", server.endpoint, "replay", str(path))
+    # By now all but the newest are too old on arrival, or rewrite what is there.
+    assert "of them dropped on arrival" in done.stdout
 
 
 @pytest.mark.parametrize("restarted", [False, True])

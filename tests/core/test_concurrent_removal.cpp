@@ -59,6 +59,45 @@ TEST(no_link_hangs_on_a_removed_frame) {
   });
 }
 
+// Two links of one commit are both there, or both gone: a reset is one instant.
+TEST(a_reset_is_one_instant) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    std::atomic<int> found{0}, gone{0};
+    ThreadGroup threads;
+    threads.background([&](const std::atomic<bool>& stop) {
+      for (Stamp stamp = 1; !stop; ++stamp)
+        CHECK(!w.commit({{"map", "base", stamp, at_x(1)}, {"base", "arm", stamp, at_x(1)}}));
+    });
+    for (int reader = 0; reader < 2; ++reader)
+      threads.background([&](const std::atomic<bool>& stop) {
+        while (!stop) {
+          const Answer a = w.ask(Op::latest_xact, "map", "arm");
+          if (a.failure.code == Code::ok) {
+            CHECK_EQ(a.pose.x, 2.0);
+            ++found;
+            continue;
+          }
+          // Not in one tree: then neither link may exist at the instant of the lookup.
+          CHECK(a.failure.code == Code::lookup || a.failure.code == Code::connectivity);
+          ++gone;
+        }
+      });
+    threads.foreground([&] {
+      for (int resets = 0; resets < 200 || found < 20 || gone < 20; ++resets) {
+        w.tree.reset();
+        std::this_thread::yield();
+      }
+    });
+    threads.join();
+    w.tree.reset();
+    for (const char* name : {"map", "base", "arm"}) CHECK_EQ(w.id(name), 0u);
+    CHECK(w.set("arm", "map", 1));
+    CHECK(w.code(Op::at, "arm", "map", 1) == Code::ok);
+    CHECK_EQ(w.id("base"), 0u);
+  });
+}
+
 // Every commit of the new time that was acknowledged after the jump is still there.
 TEST(a_jump_back_is_cleared_once) {
   for_each_concurrency([](Concurrency c) {

@@ -56,6 +56,10 @@ class Stored:
     def clear(self, keep_static: bool = True) -> None:
         self.links = {c: link for c, link in self.links.items() if keep_static and link.static}
 
+    def reset(self) -> None:
+        self.removed.update(self.names)
+        self.links = {}
+
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         self.known(name)
         children = [c for c, link in self.links.items() if link.samples[-1].parent == name]

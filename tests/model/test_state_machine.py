@@ -122,6 +122,13 @@ class TreeAndOracle(RuleBasedStateMachine):
     def clear(self, keep_static: bool) -> None:
         self.both("clear", keep_static)
 
+    @precondition(lambda self: len(self.oracle.links) > 3)
+    @rule()
+    def reset(self) -> None:
+        self.both("reset")
+        self.both("frames")
+        self.both("stats")
+
     @rule(into=asked, out_of=asked, stamp_ns=times)
     def look_up(self, into: str, out_of: str, stamp_ns: int | None) -> None:
         self.both("lookup_transform", into, out_of, stamp_ns)

@@ -32,7 +32,7 @@ def shim(
     shared_server: ServerProcess, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[TransformClient]:
     """The process's connection leads to `shared_server`, which holds nothing but names."""
-    monkeypatch.setenv("ZENOH_TF_ENDPOINT", shared_server.endpoint)
+    monkeypatch.setenv("ZENOH_TF_CONNECT", shared_server.endpoint)
     client = tf2.connect()
     client.clear(keep_static=False)
     yield client

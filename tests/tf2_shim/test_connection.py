@@ -1,4 +1,4 @@
-"""Which server a script talks to, and what happens where there is none."""
+"""Which server a script talks to, and what happens if there is none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_the_environment_names_the_server(
     start_server: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server = start_server(tree="robot 1")
-    monkeypatch.setenv("ZENOH_TF_ENDPOINT", server.endpoint)
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
     monkeypatch.setenv("ZENOH_TF_TREE", "robot 1")
     tf2.Buffer().set_transform(link("map", "base", 1), "")
     with server.connect() as tf:
@@ -33,7 +33,7 @@ def test_the_environment_names_the_server(
 
 def test_a_script_names_the_server(start_server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Which counts more than the environment."""
-    monkeypatch.setenv("ZENOH_TF_ENDPOINT", "tcp/127.0.0.1:1")
+    monkeypatch.setenv("ZENOH_TF_CONNECT", "tcp/127.0.0.1:1")
     monkeypatch.setenv("ZENOH_TF_TREE", "other")
     server = start_server(tree="mine")
     tf = tf2.connect(server.endpoint, "mine")
@@ -43,7 +43,7 @@ def test_a_script_names_the_server(start_server: Any, monkeypatch: pytest.Monkey
 
 def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.delenv("ZENOH_TF_ENDPOINT", raising=False)
+    monkeypatch.delenv("ZENOH_TF_CONNECT", raising=False)
     monkeypatch.delenv("ZENOH_TF_TREE", raising=False)
 
     class Recorder:
@@ -79,7 +79,7 @@ def test_without_a_server(start_server: Any, monkeypatch: pytest.MonkeyPatch) ->
     """A buffer can be made; a script that catches tf2's exceptions and tries again gets along."""
     server = start_server()
     server.stop()
-    monkeypatch.setenv("ZENOH_TF_ENDPOINT", server.endpoint)
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
     buffer = tf2.Buffer()
     tf2.TransformListener(buffer)
     with pytest.raises(tf2.TransformException) as caught:

@@ -128,7 +128,7 @@ TransformBroadcaster().sendTransform(sent)
 
 def run(server: Any, script: str, *folders: Path) -> list[str]:
     environment = os.environ | {
-        "ZENOH_TF_ENDPOINT": server.endpoint,
+        "ZENOH_TF_CONNECT": server.endpoint,
         "PYTHONPATH": os.pathsep.join(map(str, folders)),
     }
     done = subprocess.run(

@@ -198,6 +198,16 @@ void remove_frame(Tree& tree, nb::handle name, bool subtree) {
   }
 }
 
+constexpr const char* kResetDoc =
+    R"(reset() -> None
+
+Drop every frame at one instant: all samples, static links and names.
+
+The tree is then as new, apart from its counters and authorities. Readers see
+it before or after, never in part. A name that was ever used keeps counting
+against ``max_frames``; to keep the names use ``clear(keep_static=False)``.
+Works for any number of frames, in time proportional to it.)";
+
 std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most,
                        const char* field) {
   if (value < least || value > most)
@@ -266,6 +276,7 @@ void bind_tree(nb::module_& m) {
       .def("latest_common_time", &latest_common_time, nb::arg("a"), nb::arg("b"))
       .def("clear", &Tree::clear, nb::arg("keep_static") = true,
            nb::call_guard<nb::gil_scoped_release>())
+      .def("reset", &Tree::reset, nb::call_guard<nb::gil_scoped_release>(), kResetDoc)
       .def("remove_frame", &remove_frame, nb::arg("name"), nb::arg("subtree") = false);
   bind_read(m, tree);
   bind_commit(m, tree);

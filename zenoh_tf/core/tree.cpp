@@ -54,6 +54,30 @@ void Tree::clear(bool keep_static) {
   notify_waiters_of(dropped);
 }
 
+void Tree::reset() {
+  std::unique_lock giant(giant_, std::defer_lock);
+  if (options_.concurrency == Concurrency::giant) giant.lock();
+  FrameList all;
+  {
+    const std::lock_guard topology(topology_);  // no name is added meanwhile
+    list_frames(all);
+    WriteLocks locks(*this, all);
+    locks.begin_write();
+    drop_frames(all);
+    locks.release(all);
+  }
+  count_.add();
+  notify_waiters_of(all);
+}
+
+void Tree::drop_frames(const FrameList& frames) noexcept {
+  for (const FrameId frame : frames) {
+    clear_history(frames_[frame]);
+    frames_[frame].authority.store(0, std::memory_order_release);
+    names_.hide(frame);
+  }
+}
+
 void Tree::remove_frame(std::string_view name, bool subtree) {
   std::unique_lock giant(giant_, std::defer_lock);
   if (options_.concurrency == Concurrency::giant) giant.lock();
@@ -95,11 +119,7 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
     std::sort(gone.begin(), gone.end());
     WriteLocks locks(*this, gone);
     locks.begin_write();
-    for (const FrameId frame : gone) {
-      clear_history(frames_[frame]);
-      frames_[frame].authority.store(0, std::memory_order_release);
-      names_.hide(frame);
-    }
+    drop_frames(gone);
     locks.release(gone);
   }
   count_.add();

@@ -120,6 +120,10 @@ class Tree {
 
   // Drops samples, at one instant; names and, if asked for, static links stay.
   void clear(bool keep_static);
+  // Drops all frames with their links, histories and names, at one instant.
+  // Authorities and counters stay, and so do the ids of names: a name that comes
+  // back takes its id again, any other counts against the limit of frames.
+  void reset();
   // Drops a frame with its link, history and name, or with `subtree` all that
   // stand on it, at one instant. Throws Rejected: unknown, or a parent of others.
   void remove_frame(std::string_view name, bool subtree);
@@ -155,6 +159,9 @@ class Tree {
   void list_frames(FrameList& all) const;
   // For who holds all these frames; those that had samples are added to `dropped`, which has list.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
+  // Drops the frames with their names. Requires the topology mutex and, after
+  // begin_write(), the write locks of all of them.
+  void drop_frames(const FrameList& frames) noexcept;
   // Once the commit that changed them is counted.
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
     return waiters_[frame].load(std::memory_order_seq_cst) != 0;

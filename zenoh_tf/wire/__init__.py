@@ -1,7 +1,7 @@
-"""The wire protocol, version 1: msgpack maps with columns. No I/O; both sides use it.
+"""The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
-`fields` has bytes and typed fields, `faults` the errors, `lookup` reads, `commit` writes,
-`calls` batches and everything else. docs/protocol.md describes it for other languages.
+`fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
+and `calls` batches, info and admin requests. docs/protocol.md describes it for other languages.
 """
 
 from .calls import batch_body, call_body, parse_batch, parse_batch_reply, parse_value
@@ -14,7 +14,13 @@ from .commit import (
     parse_commit_reply,
     parse_write,
 )
-from .faults import as_transform_exception, error_reply, fault, parse_fault, raise_error
+from .error_codec import (
+    as_transform_exception,
+    decode_error,
+    encode_error,
+    error_reply,
+    raise_error,
+)
 from .fields import (
     F64,
     MAX_MESSAGE_BYTES,
@@ -75,8 +81,9 @@ __all__ = [
     "column",
     "commit_body",
     "commit_reply",
+    "decode_error",
+    "encode_error",
     "error_reply",
-    "fault",
     "flag",
     "integer",
     "lookup_body",
@@ -88,7 +95,6 @@ __all__ = [
     "parse_batch_reply",
     "parse_commit",
     "parse_commit_reply",
-    "parse_fault",
     "parse_lookup",
     "parse_lookup_reply",
     "parse_one_answer",

@@ -1,12 +1,12 @@
-"""Batches, introspection and administration (docs/protocol.md, "batch", "info", "admin")."""
+"""Messages of batches, info and admin requests (docs/protocol.md)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from .faults import raise_error
-from .fields import Message, items, wrong
+from .error_codec import raise_error
+from .fields import Message, items, malformed
 
 #: What an operation of a batch may be.
 KINDS: Final = ("lookup", "commit", "info")
@@ -15,7 +15,7 @@ KINDS: Final = ("lookup", "commit", "info")
 def batch_body(
     operations: Sequence[tuple[str, Message]], write: Mapping[str, object] | None = None
 ) -> Message:
-    """The body of an ordered list of operations, answered in one reply."""
+    """The body of a batch: an ordered list of operations with a common reply."""
     body: Message = {"v": 1, "operations": [list(operation) for operation in operations]}
     if write:
         body.update(write)
@@ -23,25 +23,25 @@ def batch_body(
 
 
 def parse_batch(body: Message) -> list[tuple[str, Message]]:
-    """The operations of a batch. Their bodies are parsed one by one when they run, so that
-    a malformed one is an error in its place."""
+    """The operations of a batch, as pairs of kind and body. The bodies are parsed when they run,
+    so that a malformed one fails alone."""
     operations: list[tuple[str, Message]] = []
     for index, entry in enumerate(items(body, "operations")):
         if type(entry) is not list or len(entry) != 2 or type(entry[1]) is not dict:
-            raise wrong(f"operations[{index}]", "a pair of a kind and a body")
+            raise malformed(f"operations[{index}]", "a pair of kind and body")
         kind, operation = entry
         if kind not in KINDS:
-            raise wrong(f"operations[{index}]", f"one of {', '.join(KINDS)}, not {kind!r}")
+            raise malformed(f"operations[{index}]", f"one of {', '.join(KINDS)}, not {kind!r}")
         operations.append((kind, operation))
     return operations
 
 
 def parse_batch_reply(reply: Message, count: int) -> list[Message]:
-    """The replies in order. Raises the error of a reply that is one."""
+    """The replies in the order of the operations. Raises the error that `reply` carries, if any."""
     raise_error(reply)
     replies = items(reply, "replies")
     if len(replies) != count or not all(type(entry) is dict for entry in replies):
-        raise wrong("replies", f"{count} maps")
+        raise malformed("replies", f"{count} maps")
     return replies
 
 
@@ -53,9 +53,11 @@ def call_body(what: str, **arguments: Any) -> Message:
 
 
 def parse_value(reply: Message, kind: type | tuple[type, ...]) -> Any:
-    """The value of an `info` or `admin` reply, checked to be of `kind`."""
+    """The value of an `info` or `admin` reply. Raises ProtocolError if it is not of `kind`."""
     raise_error(reply)
     value = reply.get("value")
     if not isinstance(value, kind):
-        raise wrong("value", f"of another type than {type(value).__name__}")
+        expected = kind if isinstance(kind, tuple) else (kind,)
+        names = " or ".join(each.__name__ for each in expected)
+        raise malformed("value", f"of type {names}, not {type(value).__name__}")
     return value

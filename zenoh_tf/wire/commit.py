@@ -1,6 +1,6 @@
 """Commit messages: one write transaction as columns (docs/protocol.md, "commit").
 
-A sensor's put carries the same body; there the key gives `authority` and `static`.
+A put of transforms carries the same body, but its key gives `authority` and `static`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .faults import raise_error
+from .error_codec import raise_error
 from .fields import (
     F64,
     I64,
@@ -24,10 +24,10 @@ from .fields import (
     flag,
     indexes,
     integer,
+    malformed,
     raw,
     text,
     texts,
-    wrong,
 )
 
 ID_BYTES: Final = 16
@@ -35,11 +35,11 @@ ID_BYTES: Final = 16
 
 @dataclass(slots=True)
 class Write:
-    """What makes a write safe to lose the answer of: who it is, and until when it may run."""
+    """Request id, expiry and target instance: with them a write runs at most once."""
 
-    id: bytes | None = None  # 16 bytes, the same in a repeat
-    expires_ns: int | None = None  # in the server's clock, see "hello"
-    instance: str | None = None  # refuse on any other server instance
+    id: bytes | None = None  # 16 bytes; a repeat has the same
+    expires_ns: int | None = None  # on the server's clock, see "hello"
+    instance: str | None = None  # any other server instance refuses the write
 
     def fields(self) -> Message:
         known = {"id": self.id, "expires_ns": self.expires_ns, "instance": self.instance}
@@ -51,7 +51,7 @@ def parse_write(message: Message) -> Write:
     if "id" in message:
         identity = message["id"]
         if type(identity) is not bytes or len(identity) != ID_BYTES:
-            raise wrong("id", f"{ID_BYTES} bytes")
+            raise malformed("id", f"{ID_BYTES} bytes")
         write.id = identity
     if "expires_ns" in message:
         write.expires_ns = integer(message, "expires_ns")
@@ -62,18 +62,18 @@ def parse_write(message: Message) -> Write:
 
 @dataclass(slots=True)
 class Commit:
-    """The rows of one write transaction: all or nothing."""
+    """One write transaction, with a row per transform: all rows are stored or none."""
 
     names: list[str]
-    parent: NDArray[np.uint32]  # (n,) rows of names
+    parent: NDArray[np.uint32]  # (n,) indexes into names
     child: NDArray[np.uint32]  # (n,)
     stamp: NDArray[np.int64]  # (n,) ns
     pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of child in parent
     authority: str = ""
     static: bool = False
-    drop_old: bool = False  # too old rows: dropped, else they refuse the whole
+    drop_old: bool = False  # drop rows that are too old; else they fail the commit
     read_names: list[str] = field(default_factory=list)
-    read_versions: NDArray[np.uint64] | None = None  # moved since: TransactionConflict
+    read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
 
     @property
     def rows(self) -> int:
@@ -81,7 +81,7 @@ class Commit:
 
 
 def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:
-    """The body of a commit. Fields at their default are left out."""
+    """The body of a commit. Fields with default values are left out."""
     body: Message = {
         "v": 1,
         "names": commit.names,
@@ -130,6 +130,6 @@ def commit_reply(stored: NDArray[np.uint8]) -> Message:
 
 
 def parse_commit_reply(reply: Message, rows: int) -> NDArray[np.uint8]:
-    """(n,): 1 stored, 0 dropped as too old. Raises the error of a reply that is one."""
+    """(n,): 1 stored, 0 dropped as too old. Raises the error that `reply` carries, if any."""
     raise_error(reply)
     return column(reply, "stored", U8, rows)

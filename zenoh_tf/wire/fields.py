@@ -1,7 +1,8 @@
 """Messages as bytes, and typed access to their fields. No I/O, no Zenoh.
 
-Every getter raises ProtocolError whose `field` names the field at fault. Columns are
-read with `numpy.frombuffer`: read-only views of the message, never copies.
+Thread safety: all functions.
+Every getter raises ProtocolError for a missing or malformed field, and its `field` names it.
+Columns are read with `numpy.frombuffer`: read-only views of the message, never copies.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
 
 VERSION: Final = 1
 
-#: A map of the protocol has a few keys; facts and statistics have a few dozen.
+#: Messages have a few keys, facts and statistics a few dozen.
 MAX_MAP_KEYS: Final = 256
-#: Longest list (names, errors, operations). A header alone can claim no more memory.
+#: Longest list (names, errors, operations). A forged header cannot claim more memory.
 MAX_LIST: Final = 1 << 20
-#: Default of the largest message; servers have a flag for theirs.
+#: Largest message by default; `--max-message-bytes` of the server changes it.
 MAX_MESSAGE_BYTES: Final = 16 << 20
 
 U8: Final = np.dtype("u1")
@@ -35,7 +36,7 @@ Message = dict[str, Any]
 
 
 class _Packers(threading.local):
-    """A packer per thread: making one per message costs more than packing a lookup."""
+    """One packer per thread: to make one costs more than to pack a lookup."""
 
     def __init__(self) -> None:
         self.packer = msgpack.Packer(buf_size=4096)
@@ -45,25 +46,34 @@ _packers = _Packers()
 
 
 def pack(message: Mapping[str, Any]) -> bytes:
-    """The bytes of a message. Raises InvalidArgumentException for text that is not UTF-8
-    or an integer beyond 64 bits, which only a caller's argument can contain."""
+    """The bytes of a message.
+
+    Raises:
+        InvalidArgumentException: A value of the caller's is text that is not UTF-8, an integer
+            beyond 64 bits, or of a type that has no msgpack form.
+    """
     packer = _packers.packer
     try:
         data: bytes = packer.pack(message)
         return data
     except (ValueError, OverflowError, TypeError) as error:
         packer.reset()
-        raise InvalidArgumentException(f"cannot be sent: {error}", field="message") from error
+        raise InvalidArgumentException(
+            f"the arguments cannot be sent: {error}", field="message"
+        ) from error
 
 
 def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
-    """The map of a message, of this protocol's version.
+    """The map of a message.
 
-    Raises LimitExceeded for a payload larger than `max_bytes`, else ProtocolError.
+    Raises:
+        LimitExceeded: The payload has more than `max_bytes`.
+        ProtocolError: It is not a message, or of another version of the protocol.
     """
     if len(payload) > max_bytes:
         raise LimitExceeded(
-            f"a message of {len(payload)} bytes, at most {max_bytes} are allowed",
+            f"the message has {len(payload)} bytes: the limit is {max_bytes} "
+            "(--max-message-bytes); send fewer rows at once",
             field="message_bytes",
             limit=max_bytes,
             value=len(payload),
@@ -71,15 +81,23 @@ def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
     try:
         message = _unpack(payload, "strict")
     except UnicodeDecodeError as error:
-        raise ProtocolError("text is not UTF-8", field=_field_not_utf8(payload)) from error
+        raise ProtocolError(
+            "the message has text that is not UTF-8", field=_field_not_utf8(payload)
+        ) from error
     except Exception as error:  # msgpack raises half a dozen unrelated classes
         reason = str(error) or type(error).__name__
-        raise ProtocolError(f"not a msgpack map: {reason}", field="message") from error
+        raise ProtocolError(
+            f"the message is not a msgpack map: {reason}", field="message"
+        ) from error
     if type(message) is not dict:
-        raise ProtocolError("a message is a map", field="message")
+        raise ProtocolError(
+            f"the message must be a map, not {type(message).__name__}", field="message"
+        )
     if message.get("v") != VERSION or type(message["v"]) is not int:
         raise ProtocolError(
-            f"protocol version {message.get('v')!r}, this side speaks {VERSION}", field="v"
+            f"protocol version {message.get('v')!r} is not supported: this side has version "
+            f"{VERSION}; update the older side",
+            field="v",
         )
     return message
 
@@ -98,10 +116,10 @@ def _unpack(payload: bytes, unicode_errors: str) -> Any:
 
 
 def _field_not_utf8(payload: bytes) -> str:
-    """The path to the first text that is not UTF-8, found by decoding once more."""
+    """The path to the first text that is not UTF-8. Decodes the payload once more."""
     try:
         message = _unpack(payload, "surrogateescape")
-    except Exception:  # broken in a second way behind the bad text
+    except Exception:  # the payload has another defect behind the bad text
         return "message"
     return _bad_text(message, "") or "message"
 
@@ -128,82 +146,83 @@ def _bad_text(value: Any, path: str) -> str | None:
     return None
 
 
-def wrong(field: str, expected: str) -> ProtocolError:
+def malformed(field: str, expected: str) -> ProtocolError:
+    """The error of a field that is not as expected."""
     return ProtocolError(f"field {field!r} must be {expected}", field=field)
 
 
 def texts(message: Message, field: str) -> list[str]:
     value = message.get(field)
     if type(value) is not list or not {str}.issuperset(map(type, value)):
-        raise wrong(field, "a list of texts")
+        raise malformed(field, "a list of texts")
     return value
 
 
 def text(message: Message, field: str, default: str | None = None) -> str:
     value = message.get(field, default)
     if type(value) is not str:
-        raise wrong(field, "text")
+        raise malformed(field, "text")
     return value
 
 
 def flag(message: Message, field: str, default: bool = False) -> bool:
     value = message.get(field, default)
     if type(value) is not bool:
-        raise wrong(field, "true or false")
+        raise malformed(field, "true or false")
     return value
 
 
 def integer(message: Message, field: str, default: int | None = None, low: int = -(1 << 63)) -> int:
     value = message.get(field, default)
     if type(value) is not int or not low <= value < 1 << 63:
-        raise wrong(field, f"an integer of 64 bits, at least {low}")
+        raise malformed(field, f"an integer of 64 bits, at least {low}")
     return value
 
 
 def mapping(message: Message, field: str) -> Message:
     value = message.get(field)
     if type(value) is not dict or not all(type(key) is str for key in value):
-        raise wrong(field, "a map with text keys")
+        raise malformed(field, "a map with text keys")
     return value
 
 
 def items(message: Message, field: str) -> list[Any]:
     value = message.get(field)
     if type(value) is not list:
-        raise wrong(field, "a list")
+        raise malformed(field, "a list")
     return value
 
 
 def column(
     message: Message, field: str, dtype: np.dtype[Any], rows: int | None = None, width: int = 1
 ) -> NDArray[Any]:
-    """A column of `rows` entries (any number where None) of `width` numbers each."""
+    """A column of `rows` entries (None: any number), each of `width` numbers."""
     value = message.get(field)
     if type(value) is not bytes:
-        raise wrong(field, "binary")
+        raise malformed(field, "binary")
     size = dtype.itemsize * width
     count, rest = divmod(len(value), size)
     if rest:
-        raise wrong(field, f"a multiple of {size} bytes, not {len(value)}")
+        raise malformed(field, f"a multiple of {size} bytes, not {len(value)}")
     if rows is not None and count != rows:
-        raise wrong(field, f"{rows} rows, not {count}")
+        raise malformed(field, f"{rows} rows, not {count}")
     return np.frombuffer(value, dtype) if count else np.empty(0, dtype)
 
 
 def indexes(message: Message, field: str, rows: int | None, names: int) -> NDArray[np.uint32]:
-    """A column of rows of `names`, each checked to be within it."""
+    """A column of indexes into a list of `names` names, each checked to be below `names`."""
     values = column(message, field, U32, rows)
-    if values.size == 1:  # a single lookup must not pay for numpy's reduction
+    if values.size == 1:  # numpy's reduction would dominate a single lookup
         highest = int(values[0])
     elif values.size:
         highest = int(values.max())
     else:
         return values
     if highest >= names:
-        raise wrong(field, f"rows of the {names} names, not {highest}")
+        raise malformed(field, f"indexes below {names}, the number of names, not {highest}")
     return values
 
 
 def raw(values: NDArray[Any], dtype: np.dtype[Any]) -> memoryview | bytes:
-    """A column as `pack` takes it, little-endian and contiguous, copied only if it is not."""
+    """A column for `pack`: little-endian and contiguous. Copies only what is not so already."""
     return np.ascontiguousarray(values, dtype).data if values.size else b""

@@ -1,4 +1,8 @@
-"""Lookup messages: any number of reads as columns (docs/protocol.md, "lookup")."""
+"""Lookup messages: any number of reads as columns (docs/protocol.md, "lookup").
+
+A single read has a fast path without numpy, which would be most of its cost: `one_read`,
+`parse_one_read`, `one_answer` and `parse_one_answer`. Its messages are the same.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BY_CODE, TransformException
-from .faults import fault, parse_fault, raise_error
+from .error_codec import decode_error, encode_error, raise_error
 from .fields import (
     F64,
     I64,
@@ -24,12 +28,12 @@ from .fields import (
     indexes,
     integer,
     items,
+    malformed,
     raw,
     texts,
-    wrong,
 )
 
-# What a row asks for; the native tree's numbers are the same (a test holds them together).
+# The operation of a row. The native tree has the same numbers; a test compares them.
 OP_AT: Final = 0
 OP_COMMON: Final = 1
 OP_LATEST: Final = 2
@@ -38,7 +42,7 @@ OP_COMMON_TIME: Final = 4
 OP_FULL: Final = 5
 OPS: Final = 6
 
-#: "No time given", in the columns of stamps.
+#: In columns of stamps: no time is given.
 NO_STAMP: Final = -(1 << 63)
 
 _FIRST: Final = struct.pack("<I", 0)
@@ -48,22 +52,22 @@ _ROW: Final = struct.Struct("<IIq")  # target, source, stamp
 _POSE: Final = struct.Struct("<7d")
 
 Pose = tuple[float, float, float, float, float, float, float]
-#: error, or None where there is an answer: its stamp, newest stamp (the stamp where the
-#: operation has none) and pose
+#: (error, stamp, newest stamp, pose). The error is None if the row has an answer. The newest
+#: stamp equals the stamp for operations without one.
 AnswerRow = tuple[TransformException | None, int, int, Pose]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
 
 
 @dataclass(slots=True)
 class Lookup:
-    """The reads of one request, as columns."""
+    """The reads of one request, as columns with a row per read."""
 
     names: list[str]
     op: NDArray[np.uint8]  # (n,) OP_...
-    target: NDArray[np.uint32]  # (n,) rows of names
+    target: NDArray[np.uint32]  # (n,) indexes into names
     source: NDArray[np.uint32]  # (n,)
     stamp: NDArray[np.int64]  # (n,) ns, or NO_STAMP
-    fixed: NDArray[np.uint32] | None = None  # (n,) OP_FULL only
+    fixed: NDArray[np.uint32] | None = None  # (n,) indexes into names, OP_FULL only
     source_stamp: NDArray[np.int64] | None = None  # (n,) ns, OP_FULL only
     atomic: bool = False
     versions: bool = False
@@ -76,7 +80,7 @@ class Lookup:
 
 
 def one_read(target: str, source: str, op: int, stamp_ns: int) -> Message:
-    """The body of a single read: what `lookup_body` makes, without touching numpy."""
+    """The body of a single read, the same as `lookup_body` makes."""
     return {
         "v": 1,
         "names": [target, source],
@@ -88,7 +92,7 @@ def one_read(target: str, source: str, op: int, stamp_ns: int) -> Message:
 
 
 def lookup_body(lookup: Lookup) -> Message:
-    """The body of any number of reads. Fields at their default are left out."""
+    """The body of any number of reads. Fields with default values are left out."""
     body: Message = {
         "v": 1,
         "names": lookup.names,
@@ -117,7 +121,7 @@ def parse_lookup(body: Message) -> Lookup:
     rows = op.size
     highest = int(op[0]) if rows == 1 else int(op.max()) if rows else 0
     if highest >= OPS:
-        raise wrong("op", f"an operation below {OPS}, not {highest}")
+        raise malformed("op", f"an operation below {OPS}, not {highest}")
     lookup = Lookup(
         names,
         op,
@@ -125,9 +129,9 @@ def parse_lookup(body: Message) -> Lookup:
         indexes(body, "source", rows, len(names)),
         column(body, "stamp", I64, rows),
     )
-    if len(body) == 6:  # the hot path: nothing optional
+    if len(body) == 6:  # the common case: no optional fields
         if highest == OP_FULL:
-            raise wrong("fixed", "given for a lookup through a fixed frame")
+            raise malformed("fixed", "given for a lookup through a fixed frame")
         return lookup
     if "fixed" in body or highest == OP_FULL:
         lookup.fixed = indexes(body, "fixed", rows, len(names))
@@ -140,8 +144,8 @@ def parse_lookup(body: Message) -> Lookup:
 
 
 def parse_one_read(body: Message) -> tuple[str, str, int, int] | None:
-    """(target, source, op, stamp) of a well-formed single read without options, else None:
-    `parse_lookup` then says what it is. For such a read numpy would be most of the cost."""
+    """(target, source, op, stamp) of a well-formed single read without options. For any other
+    message None: `parse_lookup` then parses it or says what is malformed."""
     op, target, source = body.get("op"), body.get("target"), body.get("source")
     names, stamp = body.get("names"), body.get("stamp")
     if (
@@ -160,7 +164,7 @@ def parse_one_read(body: Message) -> tuple[str, str, int, int] | None:
 
 
 def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose) -> Message:
-    """What `lookup_reply` makes for a single read that has an answer, without numpy."""
+    """The reply to a single read that has an answer, the same as `lookup_reply` makes."""
     reply: Message = {
         "status": b"\0",
         "stamp": _STAMP.pack(stamp_ns),
@@ -173,8 +177,8 @@ def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose) -> Message:
 
 
 def parse_one_answer(reply: Message) -> tuple[int, int, Pose] | None:
-    """(stamp, newest, pose) of a well-formed reply to a single read that has an answer, else
-    None: `parse_lookup_reply` then says what it is."""
+    """(stamp, newest, pose) of a well-formed reply to a single read that has an answer. For any
+    other reply None: `parse_lookup_reply` then parses it or says what is malformed."""
     stamp, pose = reply.get("stamp"), reply.get("pose")
     newest = reply.get("newest", stamp)
     if (
@@ -188,16 +192,16 @@ def parse_one_answer(reply: Message) -> tuple[int, int, Pose] | None:
 
 @dataclass(slots=True)
 class LookupReply:
-    """The answers, row by row as asked."""
+    """The answers, in the order of the reads."""
 
     status: NDArray[np.uint8]  # (n,) 0 or an error's code
-    stamp: NDArray[np.int64]  # (n,) ns; of the latest forms the oldest used
-    newest: NDArray[np.int64] | None  # (n,) ns, the latest forms only
+    stamp: NDArray[np.int64]  # (n,) ns; OP_LATEST and OP_LATEST_XACT: the oldest stamp used
+    newest: NDArray[np.int64] | None  # (n,) ns, the same two operations only
     pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of source in target
     errors: dict[int, TransformException] = field(default_factory=dict)
 
     def rows(self) -> Iterator[AnswerRow]:
-        """Row by row as Python's own types."""
+        """The rows as plain Python values."""
         stamps = self.stamp.tolist()
         newests = stamps if self.newest is None else self.newest.tolist()
         columns = zip(self.status.tolist(), stamps, newests, self.pose.tolist(), strict=True)
@@ -206,7 +210,7 @@ class LookupReply:
 
     def _error(self, row: int, code: int) -> TransformException:
         kind = BY_CODE.get(code, TransformException)
-        return self.errors.get(row) or kind("no answer for this row")
+        return self.errors.get(row) or kind("the server sent no details of this error")
 
 
 def lookup_reply(
@@ -223,7 +227,7 @@ def lookup_reply(
         "status": raw(status, U8),
         "stamp": raw(stamp, I64),
         "pose": raw(pose, F64),
-        "errors": [[row, fault(error)] for row, error in errors] if lookup.errors else [],
+        "errors": [[row, encode_error(error)] for row, error in errors] if lookup.errors else [],
     }
     op = lookup.op
     if op.size == 1:
@@ -239,7 +243,7 @@ def lookup_reply(
 
 
 def parse_lookup_reply(reply: Message, rows: int) -> LookupReply:
-    """The answers in a reply to `rows` reads. Raises the error of a reply that is one."""
+    """The answers in a reply to `rows` reads. Raises the error that `reply` carries, if any."""
     raise_error(reply)
     status = column(reply, "status", U8, rows)
     answer = LookupReply(
@@ -255,7 +259,7 @@ def parse_lookup_reply(reply: Message, rows: int) -> LookupReply:
 
 
 def parse_read_set(reply: Message) -> Iterator[tuple[str, int]]:
-    """What a lookup with `versions` read: frame names and their versions."""
+    """The read set of a lookup with `versions`: frame names and their versions."""
     names = texts(reply, "read_names")
     versions = column(reply, "read_versions", U64, len(names))
     return zip(names, versions.tolist(), strict=True)
@@ -263,8 +267,8 @@ def parse_read_set(reply: Message) -> Iterator[tuple[str, int]]:
 
 def _row_error(entry: Any, rows: int) -> tuple[int, TransformException]:
     if type(entry) is not list or len(entry) != 2 or type(entry[0]) is not int:
-        raise wrong("errors", "pairs of a row and an error")
+        raise malformed("errors", "pairs of a row and an error")
     row, error = entry
     if not 0 <= row < rows:
-        raise wrong("errors", f"rows below {rows}, not {row}")
-    return row, parse_fault(error, "errors")
+        raise malformed("errors", f"rows below {rows}, not {row}")
+    return row, decode_error(error, "errors")

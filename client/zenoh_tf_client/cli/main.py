@@ -23,6 +23,7 @@ from zenoh_tf import (
     TransformException,
 )
 from zenoh_tf.export import printable
+from zenoh_tf_client import environment
 from zenoh_tf_client.cli import query, replay, stamps, view, write
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
@@ -115,14 +116,16 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
     group.add_argument(
         "--connect",
         metavar="ENDPOINT",
-        default=default(DEFAULT_ENDPOINT),
-        help=f"where the service listens (default {DEFAULT_ENDPOINT})",
+        default=default(environment.endpoint()),
+        help="where the server listens (default: the environment's "
+        f"{environment.ENDPOINT_VARIABLE}, else {DEFAULT_ENDPOINT})",
     )
     group.add_argument(
         "--tree",
         metavar="NAME",
-        default=default(DEFAULT_TREE),
-        help=f"which tree (default {DEFAULT_TREE})",
+        default=default(environment.tree()),
+        help="the tree's name (default: the environment's "
+        f"{environment.TREE_VARIABLE}, else {DEFAULT_TREE})",
     )
     group.add_argument(
         "--timeout",

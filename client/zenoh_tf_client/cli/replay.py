@@ -1,4 +1,4 @@
-"""``zenoh-tf replay``: publish a recording onto the service."""
+"""``zenoh-tf replay``: publish the transforms of a recording."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "replay",
         parents=[common],
         help="publish a recording (MCAP, ROS 2 folder, ROS 1 bag)",
-        description="Publish the transforms of a recording, with the stamps that they were "
-        "recorded with, in the order of the log. Needs the rosbags library.",
+        description="Publish the transforms of a recording with their recorded stamps, in the "
+        "order of the log, and wait until the server has ingested them. Fails if the server "
+        "refuses one of them. Needs the rosbags library.",
     )
     replay.add_argument("file", metavar="FILE", type=Path)
     replay.add_argument(
@@ -29,17 +30,21 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         metavar="N",
         type=_rate,
         default=0.0,
-        help="times real speed; 0, the default: as fast as the service takes it",
+        help="times real speed; 0, the default: as fast as the server ingests it",
     )
     replay.add_argument(
-        "--authority", metavar="NAME", default="replay", help="who says so (default replay)"
+        "--authority",
+        metavar="NAME",
+        type=_authority,
+        default="replay",
+        help="publish as this authority (default replay), which nobody else should use meanwhile",
     )
     replay.set_defaults(run=_replay)
 
 
 def _replay(args: argparse.Namespace) -> int:
     start = time.monotonic()
-    # The recording first: a wrong file is known before anything is asked of the network.
+    # The recording is opened first: a wrong file is reported without a connection.
     with open_recording(args.file) as recording, connect(args) as tf:
         number = 0
         feed = Feed(tf, args.authority, patience_s=args.timeout)
@@ -52,6 +57,7 @@ def _replay(args: argparse.Namespace) -> int:
                     feed.flush()
                 progress.to(number, note=f"{feed.transforms:,} transforms")
             feed.finish()
+        no_longer_kept = feed.no_longer_kept()
     spent_s = time.monotonic() - start
     summary = {
         "file": str(args.file),
@@ -60,6 +66,7 @@ def _replay(args: argparse.Namespace) -> int:
         "transforms": feed.transforms,
         "skipped": recording.skipped,
         "dropped_as_too_old": feed.dropped_as_too_old,
+        "no_longer_kept": no_longer_kept,
         "seconds": round(spent_s, 3),
     }
     if args.json:
@@ -70,17 +77,22 @@ def _replay(args: argparse.Namespace) -> int:
             f"({', '.join(recording.topics)})"
         )
         if recording.skipped:
-            print(f"{recording.skipped:,} skipped: no valid transform")
+            print(f"{recording.skipped:,} skipped: not valid transforms")
         if feed.dropped_as_too_old:
             print(
-                f"{feed.dropped_as_too_old:,} of them dropped by the server: older than its cache "
-                "keeps"
+                f"{feed.dropped_as_too_old:,} of them dropped on arrival: older than the server's "
+                "cache time"
+            )
+        if no_longer_kept:
+            print(
+                f"{no_longer_kept:,} of them no longer kept: newer ones of the same frames have "
+                "pushed them out of the server's cache (--cache-time, --max-samples-per-frame)"
             )
     return 0
 
 
 def _paced(messages: Iterator[Message], rate: float) -> Iterator[Message]:
-    """The messages, each held back until its time has come."""
+    """The messages, each delayed until its time at `rate` times real speed."""
     first_ns: int | None = None
     start = time.monotonic()
     for message in messages:
@@ -90,11 +102,17 @@ def _paced(messages: Iterator[Message], rate: float) -> Iterator[Message]:
         yield message
 
 
+def _authority(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty; the server counts by authority")
+    return text
+
+
 def _rate(text: str) -> float:
     try:
         rate = float(text)
     except ValueError:
         rate = -1.0
     if not 0.0 <= rate < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 on")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of at least 0 and below 1e6")
     return rate

@@ -42,10 +42,11 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     authorities = commands.add_parser(
         "authorities",
         parents=[common],
-        help="who publishes, and how that goes",
-        description="Print what each authority has done: the frames whose newest writer it is, its "
-        "commits, transforms stored, dropped as too old and rewritten at an equal stamp, and the "
-        "times that it took over another's frame (conflicts).",
+        help="list the publishers, and what became of their transforms",
+        description="Print for each authority: the frames that it wrote last, its commits, its "
+        "transforms that were stored, dropped as too old, or rewritten at an equal stamp, how "
+        "often it took over a frame of another authority (conflicts), and its published "
+        "transforms that the server refused, with the reason of the last refusal.",
     )
     authorities.set_defaults(run=_authorities)
 
@@ -132,12 +133,19 @@ def _authorities(args: argparse.Namespace) -> int:
     if not authorities:
         print("no authorities")
         return 0
-    columns = [field.name for field in fields(AuthorityInfo)][1:]
+    columns = [field.name for field in fields(AuthorityInfo)][1:-1]
     width = max(len(export.printable(authority.name)) for authority in authorities)
     print(output.paint("header", "  ".join([" " * width, *columns])))
     for authority in authorities:
         counts = "".join(f"  {getattr(authority, name):>{len(name)},}" for name in columns)
         print(export.printable(authority.name).ljust(width) + counts)
+    for authority in authorities:
+        if authority.last_refusal is not None:
+            name, reason = (
+                export.printable(authority.name),
+                export.printable(authority.last_refusal),
+            )
+            print(f"last refusal of {name}: {reason}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""``zenoh-tf set``, ``remove`` and ``clear``: change the tree."""
+"""``zenoh-tf set``, ``remove``, ``clear`` and ``reset``: change the tree."""
 
 from __future__ import annotations
 
@@ -64,6 +64,16 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     clear.set_defaults(run=_clear)
 
+    reset = commands.add_parser(
+        "reset",
+        parents=[common],
+        help="forget everything, frame names included; needs --yes",
+        description="Forget every frame at one instant: all samples, static links and names. "
+        "Nothing is asked; without --yes nothing is done.",
+    )
+    reset.add_argument("--yes", action="store_true", help="confirm that everything is to go")
+    reset.set_defaults(run=_reset, usage_error=reset.error)
+
 
 def _set(args: argparse.Namespace) -> int:
     if len(args.pose) not in (3, 7):
@@ -115,4 +125,16 @@ def _clear(args: argparse.Namespace) -> int:
     else:
         rest = "; static links stay" if args.keep_static else ""
         print(f"tree {args.tree!r} cleared{rest}")
+    return 0
+
+
+def _reset(args: argparse.Namespace) -> int:
+    if not args.yes:
+        args.usage_error(f"reset forgets every frame of tree {args.tree!r}; confirm with --yes")
+    with connect(args) as tf:
+        tf.reset()
+    if args.json:
+        output.print_json({"reset": True})
+    else:
+        print(f"tree {args.tree!r} reset: all samples, static links and names are gone")
     return 0

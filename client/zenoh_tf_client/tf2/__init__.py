@@ -5,7 +5,7 @@
 
 No ROS is needed and none is imported: a message is anything that has a message's attributes,
 a time is anything with `.nanoseconds` (rclpy) or `.sec`/`.nanosec` (builtin_interfaces).
-Results are the plain classes of `messages`. The server is the one that ZENOH_TF_ENDPOINT
+Results are the plain classes of `messages`. The server is the one that ZENOH_TF_CONNECT
 and ZENOH_TF_TREE name; see `connect`. What differs from tf2 is in docs/from-tf2.md.
 """
 

@@ -6,15 +6,12 @@ the environment says which, unless `connect` does. Thread safety: all functions.
 
 from __future__ import annotations
 
-import os
 import threading
 
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
-from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TREE, TransformClient
-
-#: Environment variables for a server other than the SDK's default.
-ENDPOINT_VARIABLE = "ZENOH_TF_ENDPOINT"
-TREE_VARIABLE = "ZENOH_TF_TREE"
+from zenoh_tf.zenoh_config import address
+from zenoh_tf_client import environment
+from zenoh_tf_client.client import TransformClient
 
 _lock = threading.Lock()
 _client: TransformClient | None = None
@@ -24,7 +21,7 @@ _ended = False
 
 def connect(endpoint: str | None = None, tree: str | None = None) -> TransformClient:
     """The process's connection, opened if it is not: to `endpoint` and `tree`, else to what
-    ZENOH_TF_ENDPOINT and ZENOH_TF_TREE say, else to the SDK's defaults.
+    ZENOH_TF_CONNECT and ZENOH_TF_TREE say, else to the SDK's defaults.
 
     Buffers call it without arguments whenever they need the server, so a script only calls
     it to name another one, before anything else. Raises ServerUnavailable where no server
@@ -40,16 +37,16 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
             _closer.start()
         if _client is None:
             _client = TransformClient.connect(
-                endpoint or os.environ.get(ENDPOINT_VARIABLE, DEFAULT_ENDPOINT),
-                tree or os.environ.get(TREE_VARIABLE, DEFAULT_TREE),
+                endpoint or environment.endpoint(),
+                tree or environment.tree(),
             )
         elif (endpoint or _client.endpoint, tree or _client.tree) != (
             _client.endpoint,
             _client.tree,
         ):
             raise InvalidArgumentException(
-                f"this process is connected to tree {_client.tree!r} at {_client.endpoint}; "
-                "close() that connection first",
+                f"this process is connected to tree {_client.tree!r} at "
+                f"{address(_client.endpoint)}; close() that connection first",
                 field="endpoint",
             )
         return _client

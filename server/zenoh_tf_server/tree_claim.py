@@ -1,0 +1,68 @@
+"""One server per tree: a server claims its tree with a liveliness token.
+
+Two servers of one tree would reply to each other's clients from different data. Each server looks
+for other tokens, declares its own, and looks again. If two servers start at once:
+
+- Tokens and queries pass the network in order, so at least one of the two sees the other.
+- The server with the higher instance id yields as soon as it sees the other.
+- The server with the lower id waits for the other to yield. If the other stays, it has not seen
+  this one and is already serving, so this one yields.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+import zenoh
+
+from zenoh_tf import keys
+
+_QUERY_TIMEOUT_S: Final = 2.0
+_YIELD_TIMEOUT_S: Final = 1.5
+_POLL_PERIOD_S: Final = 0.1
+
+
+class TreeTaken(Exception):
+    """Another server serves the tree."""
+
+    def __init__(self, tree: str, other: str) -> None:
+        super().__init__(
+            f"tree {tree!r} is already served on this network by server instance {other}; "
+            "stop that server, or choose another tree with --tree"
+        )
+        self.tree = tree
+        self.other = other
+
+
+def refuse_if_taken(session: zenoh.Session, tree: str) -> None:
+    """Check for other servers of the tree. Call it before anything is declared.
+
+    Raises:
+        TreeTaken: Another server has a token.
+    """
+    for other in _other_instances(session, tree, ""):
+        raise TreeTaken(tree, other)
+
+
+def claim(session: zenoh.Session, tree: str, instance: str) -> zenoh.LivelinessToken:
+    """Declare this server's token. Call it when everything is served: clients take the token as
+    the sign that puts and queries arrive.
+
+    Raises:
+        TreeTaken: Another server claimed the tree at the same time, and this one yields.
+    """
+    token = session.liveliness().declare_token(keys.server(tree, instance))
+    deadline_s = time.monotonic() + _YIELD_TIMEOUT_S
+    while others := _other_instances(session, tree, instance):
+        if min(others) < instance or time.monotonic() > deadline_s:
+            token.undeclare()
+            raise TreeTaken(tree, min(others))
+        time.sleep(_POLL_PERIOD_S)
+    return token
+
+
+def _other_instances(session: zenoh.Session, tree: str, instance: str) -> set[str]:
+    replies = session.liveliness().get(keys.servers(tree), timeout=_QUERY_TIMEOUT_S)
+    found = {keys.last_name(str(reply.ok.key_expr)) for reply in replies if reply.ok}
+    return found - {instance}

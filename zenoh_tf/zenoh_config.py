@@ -1,0 +1,120 @@
+"""Zenoh configurations: every client, server, test and benchmark gets its own from here.
+
+Discovery and shared memory are off in all of them. Shared memory can drop a reply when the
+receiver stalls for 100 ms.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import zenoh
+
+from .errors import InvalidArgumentException
+
+#: The protocols that Zenoh's Python package can connect and listen with.
+PROTOCOLS: Final = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
+#: Protocols whose address is a path, not HOST:PORT.
+_PATH_PROTOCOLS: Final = ("unixsock-stream",)
+_MAX_PORT: Final = 65535
+
+#: Zenoh's `connect/retry`: first pause, longest pause, and their growth.
+Retry = Mapping[str, int]
+
+_COMMON: Final[dict[str, Any]] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/shared_memory/enabled": False,
+}
+
+
+def address(endpoint: str) -> str:
+    """``PROTOCOL/ADDRESS`` of an endpoint, for messages and logs.
+
+    Leaves out metadata and options (``?...``, ``#...``): with TLS they hold the private key's
+    path, or the key itself.
+    """
+    return endpoint.partition("#")[0].partition("?")[0]
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Check that Zenoh can understand an endpoint.
+
+    Zenoh itself tries an unknown protocol again and again, and names lines of its sources.
+
+    Raises:
+        InvalidArgumentException: ``field`` is "endpoint".
+    """
+    shown = address(endpoint)
+    protocol, _, where = shown.partition("/")
+    if not where:
+        _reject(endpoint, "has no protocol; write it as PROTOCOL/ADDRESS, e.g. tcp/HOST:PORT")
+    if protocol not in PROTOCOLS:
+        _reject(
+            endpoint, f"has the unknown protocol {protocol!r}; use one of {', '.join(PROTOCOLS)}"
+        )
+    if protocol in _PATH_PROTOCOLS:
+        return
+    host, _, port = where.rpartition(":")
+    if not host or host.startswith("[") != host.endswith("]"):
+        _reject(endpoint, f"must be like {protocol}/HOST:PORT (IPv6: {protocol}/[ADDRESS]:PORT)")
+    if not (port.isascii() and port.isdigit() and int(port) <= _MAX_PORT):
+        _reject(endpoint, f"has the port {port!r}; use a number from 0 to {_MAX_PORT}")
+
+
+def _reject(endpoint: str, reason: str) -> None:
+    raise InvalidArgumentException(f"endpoint {address(endpoint)!r} {reason}", field="endpoint")
+
+
+def client(
+    endpoints: Sequence[str],
+    timeout_s: float,
+    *,
+    retry: Retry | None = None,
+    max_message_bytes: int | None = None,
+) -> zenoh.Config:
+    """A session that joins the network at one of `endpoints`, trying for `timeout_s` seconds.
+
+    Raises:
+        zenoh.ZError: Zenoh does not accept an endpoint.
+    """
+    settings: dict[str, Any] = {
+        "mode": "client",
+        "connect/endpoints": list(endpoints),
+        "connect/timeout_ms": int(timeout_s * 1000),
+    }
+    if retry is not None:
+        settings["connect/retry"] = dict(retry)
+    return _config(settings, max_message_bytes)
+
+
+def router(
+    endpoints: Sequence[str],
+    *,
+    max_sessions: int | None = None,
+    max_message_bytes: int | None = None,
+) -> zenoh.Config:
+    """A router that listens on all of `endpoints`, or fails to open.
+
+    Raises:
+        zenoh.ZError: Zenoh does not accept an endpoint.
+    """
+    settings: dict[str, Any] = {
+        "mode": "router",
+        "listen/endpoints": list(endpoints),
+        "listen/exit_on_failure": True,
+    }
+    if max_sessions is not None:
+        settings["transport/unicast/max_sessions"] = max_sessions
+    return _config(settings, max_message_bytes)
+
+
+def _config(settings: dict[str, Any], max_message_bytes: int | None) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in (_COMMON | settings).items():
+        config.insert_json5(key, json.dumps(value))
+    if max_message_bytes is not None:
+        config.insert_json5("transport/link/rx/max_message_size", json.dumps(max_message_bytes))
+    return config
