@@ -43,7 +43,7 @@ def test_an_unknown_frame_is_unknown_at_the_instant_of_the_other_answers() -> No
             names = [f"new_{stamp_ns}", *["map"] * MANY, "known"]
             ask.wait()
             for _ in range(4):
-                status, stamps_ns, *_ = tree.read_rows(
+                status, stamps_ns, *_ = tree._read_rows(
                     names,
                     pair,
                     target=np.array([1, 1], np.uint32),

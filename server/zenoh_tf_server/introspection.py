@@ -18,9 +18,9 @@ def answer(service: Service, message: wire.Message) -> Any:
     if what == "frames":
         return tree.frames()
     if what == "frame":
-        return tree.frame_record(wire.text(message, "frame"))
+        return tree._frame_record(wire.text(message, "frame"))
     if what == "authorities":
-        return tree.authority_records()
+        return tree._authority_records()
     if what == "parent":
         return tree.parent(wire.text(message, "frame"), _stamp(message))
     if what == "chain":
@@ -38,7 +38,7 @@ def answer(service: Service, message: wire.Message) -> Any:
 
 
 def _velocity(service: Service, message: wire.Message) -> dict[str, Any]:
-    return service.tree.velocity_record(
+    return service.tree._velocity_record(
         wire.text(message, "tracking_frame"),
         wire.text(message, "observation_frame"),
         _stamp(message),

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf._core import WaitingRows, WaitQueue, waiting_rows
+from zenoh_tf._core import ParkedLookups, WakeQueue, park_lookups
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 
 from .limits import Limits
@@ -64,7 +64,7 @@ class _Request:
 
 @dataclass(slots=True, eq=False)
 class _Waiting:
-    rows: WaitingRows
+    rows: ParkedLookups
     lookup: wire.Lookup
     index: int  # in its request
     request: _Request
@@ -79,7 +79,7 @@ class Waiters:
         self._tree = tree
         self._limits = limits
         self._loop = loop
-        self._queue = WaitQueue()
+        self._queue = WakeQueue()
         self._tokens = itertools.count()
         self._lock = threading.Lock()
         self._waiting: dict[int, _Waiting] = {}  # whoever takes one out settles it
@@ -129,12 +129,12 @@ class Waiters:
                 waiting.request.fail(ServerUnavailable("the server is stopping"))
         self._thread.join(_JOIN_TIMEOUT_S)
 
-    def _rows_of(self, lookup: wire.Lookup, token: int) -> WaitingRows:
+    def _rows_of(self, lookup: wire.Lookup, token: int) -> ParkedLookups:
         if lookup.atomic or lookup.versions:
             raise InvalidArgumentException(
                 "a lookup in one snapshot cannot wait", field="timeout_ns"
             )
-        return waiting_rows(
+        return park_lookups(
             self._tree,
             self._queue,
             token,
