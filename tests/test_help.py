@@ -40,16 +40,16 @@ RAISE_NOTHING = {
     "TransformArray": {"inverse"},
     "TransformClient": {"batch", "close", "transaction"},
     "Broadcaster": {"close"},
-    "Batch": set(),
+    # Only recorded: the handle raises.
+    "Batch": {
+        *("authorities", "chain", "frame", "frames", "latest_common_time", "parent", "stats"),
+        *("lookup_latest_transform", "lookup_latest_transform_xact"),
+        *("lookup_latest_transforms_xact", "set_transform", "set_transforms_xact"),
+    },
 }
 #: What parameters and results of these names are measured in.
-UNITS = {r"\w+_ns": "nanosecond", r"\w+_s": "second", r"stampeds?": "metre", r"points": "metre"}
-RESULTS = {
-    "StampedTransform": "metre",
-    "LatestTransform": "metre",
-    "TransformArray": "metre",
-    "Velocity": "m/s",
-}
+UNITS = {r"\w+_ns": "nanosecond", r"\w+_s": "second", r"stamped|translation|points": "metre"}
+RESULTS = {"StampedTransform": "metre", "Velocity": "m/s"}
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,8 @@ def members(kind: type) -> Iterator[Member]:
     for base in kind.__mro__[:-1]:
         nodes = functions(base)
         for name, value in vars(base).items():
-            if (
-                name.startswith("_")
-                or name in seen
-                or inspect.isdatadescriptor(value)
-                and not (isinstance(value, property))
-            ):
+            is_field = inspect.isdatadescriptor(value) and not isinstance(value, property)
+            if name.startswith("_") or name in seen or is_field:
                 continue
             seen.add(name)
             function = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
@@ -145,8 +141,7 @@ def test_all_methods_are_looked_at() -> None:
 @pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
 def test_classes_are_documented(kind: type) -> None:
     assert kind.__doc__
-    assert kind.__doc__ != kind.__base__.__doc__  # type: ignore[union-attr]
-    assert kind.__doc__.strip() in inspect.cleandoc(pydoc.render_doc(kind)) or kind.__doc__
+    assert all(kind.__doc__ != base.__doc__ for base in kind.__mro__[1:])
 
 
 @pytest.mark.parametrize("member", ALL, ids=ids)
@@ -185,11 +180,10 @@ def test_units_are_named(member: Member) -> None:
     for name in [*member.parameters, member.name]:
         for pattern, unit in UNITS.items():
             if re.fullmatch(pattern, name):
-                text = member.doc.replace(" ns", " nanoseconds").replace("(ns", "(nanoseconds")
-                assert unit in text.lower(), f"{name}: no {unit}s"
+                assert unit in member.doc.lower(), f"{name}: no {unit}s"
     for kind, unit in RESULTS.items():
-        if member.returns == kind or member.returns == f"list[{kind}]":
-            assert unit in member.doc, f"a {kind} without {unit}"
+        if kind in re.findall(r"\w+", member.returns):
+            assert unit in member.doc.lower(), f"a {kind} without {unit}"
 
 
 def test_help_shows_native_methods() -> None:

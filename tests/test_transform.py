@@ -121,10 +121,11 @@ def test_reprs_evaluate_to_the_same_value() -> None:
     ],
 )
 def test_from_rpy_is_tf2s_set_rpy(angles: Any, rotation: Any) -> None:
-    a = Transform.from_rpy(*angles, translation=(1, 2, 3))
+    roll, pitch, yaw = angles
+    a = Transform.from_rpy(roll, pitch, yaw, translation=(1, 2, 3))
     np.testing.assert_allclose(a.rotation, rotation, atol=1e-15)
     np.testing.assert_array_equal(a.translation, [1, 2, 3])
-    assert a == Transform.from_rpy(*angles, (1, 2, 3))
+    assert a == Transform.from_rpy(roll, pitch, yaw, (1, 2, 3))
 
 
 def test_from_rpy_rotates_about_fixed_axes_x_then_y_then_z() -> None:

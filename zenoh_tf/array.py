@@ -53,7 +53,7 @@ class TransformArray:
     @property
     def ok(self) -> NDArray[np.bool_]:
         """Which rows have an answer: a new (n,) bool array."""
-        return self.status == 0
+        return np.equal(self.status, 0)
 
     def raise_for_status(self) -> TransformArray:
         """Return this array if every row has an answer, so that calls can be chained.
