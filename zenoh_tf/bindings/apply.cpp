@@ -30,10 +30,10 @@ nb::object map_items(nb::handle values, const char* field, Item item) {
   const double* from = in.data();
   double* to = out.data();
   const std::size_t size = in.size();
-  std::optional<nb::gil_scoped_release> release;
-  if (size >= kReleaseFrom) release.emplace();
+  std::optional<GilReleased> released;
+  if (size >= kReleaseFrom) released.emplace();
   for (std::size_t i = 0; i < size; i += step) item(from + i, to + i);
-  release.reset();
+  released.reset();
   return result;
 }
 

@@ -162,7 +162,7 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle target_names, nb::handle s
                             make_array<Stamp>({n}, [&](Stamp* d) { stamp = d; }),
                             make_array<double>({n, 7}, [&](double* d) { pose = d; })};
   {
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     look_up(tree, targets, sources, stamps, n, status, stamp, pose);
   }
   return nb::make_tuple(out[0], out[1], out[2]);

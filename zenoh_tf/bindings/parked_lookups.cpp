@@ -210,7 +210,7 @@ void bind_parked_lookups(nb::module_& m) {
 
   nb::class_<ParkedLookups>(m, "ParkedLookups", docs::ParkedLookups.text)
       .def("start", &ParkedLookups::start, ZTF_DOC(ParkedLookups_start),
-           nb::call_guard<nb::gil_scoped_release>())
+           nb::call_guard<GilReleased>())
       .def("cancel", &ParkedLookups::cancel)
       .def("result", &ParkedLookups::result, ZTF_DOC(ParkedLookups_result), nb::arg("waited_s"));
   m.def(

@@ -62,7 +62,7 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
     }
   };
   if (n >= kReleaseFrom) {
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     run();
   } else {
     run();

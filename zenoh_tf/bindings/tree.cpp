@@ -193,7 +193,7 @@ void remove_frame(Tree& tree, nb::handle name, bool subtree) {
   (void)frame_of(tree, name, "name");  // raises for an invalid name
   const std::string_view text = text_of(name, "name");
   try {
-    nb::gil_scoped_release release;
+    const GilReleased released;
     tree.remove_frame(text, subtree);
   } catch (const Rejected& rejected) {
     raise(make_error(rejected));
@@ -259,7 +259,7 @@ void bind_writes(nb::class_<Tree>& tree) {
       .def("set_transforms_xact", &set_all, ZTF_DOC(Tree_set_transforms_xact), nb::arg("stampeds"),
            nb::arg("authority") = "", nb::arg("static") = false)
       .def("clear", &Tree::clear, ZTF_DOC(Tree_clear), nb::arg("keep_static") = true,
-           nb::call_guard<nb::gil_scoped_release>())
+           nb::call_guard<GilReleased>())
       .def("remove_frame", &remove_frame, ZTF_DOC(Tree_remove_frame), nb::arg("name"),
            nb::arg("subtree") = false);
 }
@@ -287,7 +287,7 @@ void bind_lookups(nb::class_<Tree>& tree) {
 void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
             bool release_gil) {
   try {
-    std::optional<nb::gil_scoped_release> released;
+    std::optional<GilReleased> released;
     if (release_gil) released.emplace();
     tree.commit(request, stored);
   } catch (const Rejected& rejected) {
