@@ -1,4 +1,4 @@
-"""The way to SciPy and back, and SciPy as a second opinion on what transforms do."""
+"""Conversions to SciPy and back, and SciPy as an independent check of Transform."""
 
 from __future__ import annotations
 

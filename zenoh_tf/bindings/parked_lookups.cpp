@@ -73,8 +73,9 @@ class WakeQueue {
 // Lookups of one request; complete once every row has an answer or can have none.
 class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
  public:
-  ParkedLookups(const Tree& tree, WakeQueue& queue, ReadRows rows, std::uint64_t token)
-      : tree_(tree),
+  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t token)
+      : tree_object_(std::move(tree)),
+        tree_(nb::cast<const Tree&>(tree_object_)),
         queue_(queue),
         rows_(std::move(rows)),
         token_(token),
@@ -124,6 +125,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
     tree_.lookup(query, answer);
   }
 
+  const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive
   const Tree& tree_;
   WakeQueue& queue_;
   ReadRows rows_;
@@ -215,19 +217,19 @@ void bind_parked_lookups(nb::module_& m) {
       .def("result", &ParkedLookups::result, ZTF_DOC(ParkedLookups_result), nb::arg("waited_s"));
   m.def(
       "park_lookups",
-      [](const Tree& tree, WakeQueue& queue, std::uint64_t token, nb::handle names,
+      [](nb::object tree, WakeQueue& queue, std::uint64_t token, nb::handle names,
          const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
          const std::optional<Column<Stamp>>& source_stamp) {
-        return std::make_shared<ParkedLookups>(
-            tree, queue, ReadRows(tree, names, op, target, source, stamp, fixed, source_stamp),
-            token);
+        ReadRows rows(nb::cast<const Tree&>(tree), names, op, target, source, stamp, fixed,
+                      source_stamp);
+        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token);
       },
       nb::arg("tree"), nb::arg("queue"), nb::arg("token"), nb::arg("names"), nb::arg("op"),
       nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
       nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
-      nb::keep_alive<0, 1>(), nb::keep_alive<0, 2>());
+      nb::keep_alive<0, 2>());
 }
 
 }  // namespace ztf
