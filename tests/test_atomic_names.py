@@ -1,4 +1,4 @@
-"""Lookups in one transaction: a frame that is unknown was so at the instant of all the answers."""
+"""A frame that a transaction found unknown was unknown at the instant of its other answers."""
 
 import contextlib
 import threading
@@ -9,7 +9,7 @@ from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import OP_LATEST_XACT
 
 ROUNDS = 60
-#: So many names between the new frame's and the other's that a commit mostly falls among them.
+#: Names between the new frame's and the other's: so many that a commit mostly falls among them.
 MANY = 20_000
 
 
@@ -22,7 +22,7 @@ def test_an_unknown_frame_is_unknown_at_the_instant_of_the_other_answers() -> No
     def write() -> None:
         for stamp_ns in range(2, ROUNDS + 2):
             ask.wait()
-            # Without the interpreter lock, so beside the reader, which keeps it.
+            # Releases the GIL, so it runs beside the reader, which keeps it.
             tree.set_transforms_xact(
                 [
                     StampedTransform("map", f"new_{stamp_ns}", stamp_ns, Transform()),
@@ -31,11 +31,11 @@ def test_an_unknown_frame_is_unknown_at_the_instant_of_the_other_answers() -> No
             )
             commit.wait()
 
-    def write_unless_over() -> None:
+    def write_until_aborted() -> None:
         with contextlib.suppress(threading.BrokenBarrierError):
             write()
 
-    writer = threading.Thread(target=write_unless_over)
+    writer = threading.Thread(target=write_until_aborted)
     writer.start()
     before = 0
     try:
@@ -43,7 +43,7 @@ def test_an_unknown_frame_is_unknown_at_the_instant_of_the_other_answers() -> No
             names = [f"new_{stamp_ns}", *["map"] * MANY, "known"]
             ask.wait()
             for _ in range(4):
-                status, stamps_ns, *_ = tree.read_rows(
+                status, stamps_ns, *_ = tree._read_rows(
                     names,
                     pair,
                     target=np.array([1, 1], np.uint32),
@@ -60,4 +60,4 @@ def test_an_unknown_frame_is_unknown_at_the_instant_of_the_other_answers() -> No
         ask.abort()
         commit.abort()
         writer.join()
-    assert before > 0  # else no reading met a commit
+    assert before > 0  # else no read ran beside a commit

@@ -49,7 +49,7 @@ HOSTILE = [
 
 
 def grown(*rows: tuple[str, str, int, str], static: bool = False) -> list[FrameInfo]:
-    """What a tree says of itself after sets of (parent, child, stamp, authority)."""
+    """The frames of a tree after sets of (parent, child, stamp, authority)."""
     return infos(grow(TransformTree(), *rows, static=static))
 
 
@@ -68,7 +68,7 @@ def infos(tree: TransformTree) -> list[FrameInfo]:
 
 @pytest.fixture
 def robot() -> list[FrameInfo]:
-    """A link that fell behind, one that two write, one that got too old a sample, a static one."""
+    """A link that is late, one of two authorities, one that got a late sample, a static one."""
     tree = TransformTree(cache_time_s=10.0)
     grow(tree, *[("map", "base", NOW_NS - i * S // 10, "wheels") for i in range(20, 0, -1)])
     grow(tree, *[("base", "arm", NOW_NS - i * S, "arm") for i in (9, 8, 7)])
@@ -92,7 +92,7 @@ map
     "COUNTED", "rewritten 1, dropped 1, conflicts 1"
 )
 
-#: The robot's links as they stand in the labels of a graph.
+#: The labels of the robot's links in a graph.
 LINKS = {
     ("map", "base"): [
         "wheels",
@@ -136,7 +136,7 @@ Links = dict[tuple[str, str], list[str]]
 
 
 def links_of_dot(graph: str) -> Links:
-    """The lines in the labels of the edges, by the labels of their ends."""
+    """Lines of the edges' labels, by the labels of the edges' ends."""
 
     def lines(label: str) -> list[str]:
         # A line ends at a backslash and n, unless the backslash is itself escaped.
@@ -177,14 +177,14 @@ def links_of(
     return {(nodes[m["parent"]], nodes[m["child"]]): lines(m["label"]) for m in edges if m}
 
 
-def test_names_from_strangers() -> None:
+def test_untrusted_names() -> None:
     frames = grown(*[("map", name, NOW_NS, f"by {name}") for name in HOSTILE])
     expected = {("map", export.printable(name)) for name in HOSTILE}
     for links in (
         links_of_dot(export.dot(frames, NOW_NS)),
         links_of_mermaid(export.mermaid(frames, NOW_NS)),
     ):
-        # A leading slash is tf2's old spelling, which the tree takes off.
+        # The tree strips a leading slash, which is tf2's old spelling.
         assert {("map", name.lstrip("/")) for _, name in expected} == links.keys()
         assert all(lines[0].startswith("by ") and len(lines) == 5 for lines in links.values())
         for (_, name), (authority, *_rest) in links.items():
@@ -211,10 +211,10 @@ def test_graphviz_shows_the_names() -> None:
     assert {export.printable(f"by {name}") for name in HOSTILE} <= shown
 
 
-def test_columns_stand_below_each_other_in_every_script() -> None:
+def test_columns_are_aligned_in_every_script() -> None:
     frames = grown(*[("map", name, NOW_NS, "me") for name in ("arm", "机器人", "e\u0301toile")])
     _, _, arm, toile, robot = export.text(frames, NOW_NS).splitlines()
-    # What a terminal draws twice as wide, and what it draws above another.
+    # Wide characters, and combining ones.
     assert robot.index("1700000000") == arm.index("1700000000") - 3
     assert toile.index("1700000000") == arm.index("1700000000") + 1
 
@@ -278,7 +278,7 @@ def test_a_chain_of_a_thousand_links() -> None:
     assert len(links_of_mermaid(export.mermaid(frames, NOW_NS))) == 1000
 
 
-def test_painted_parts_hold_all_of_the_text(robot: list[FrameInfo]) -> None:
+def test_painted_parts_make_up_the_text(robot: list[FrameInfo]) -> None:
     painted = export.text(robot, NOW_NS, paint=lambda part, text: f"<{part}>{text}</>")
     assert re.sub(r"</?\w*>", "", painted) == export.text(robot, NOW_NS)
     (arm,) = [line for line in painted.splitlines() if "<frame>arm</>" in line]

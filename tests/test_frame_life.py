@@ -120,13 +120,13 @@ def test_a_former_parent_can_be_removed(tf: Tf) -> None:
     put(tf, "new", "base", 2)
     tf.remove_frame("old")
     assert not tf.can_transform("old", "base", SECOND)
-    # A sample in the past may name it as the parent again, which brings it back.
+    # A link in the past that names it creates it again.
     put(tf, "old", "base", 0.5)
     assert "old" in tf.frames()
     assert tf.can_transform("old", "base", SECOND // 2)
 
 
-def test_names_that_no_frame_has_cannot_be_removed(tf: Tf) -> None:
+def test_invalid_names_cannot_be_removed(tf: Tf) -> None:
     for name in ("", "/map"):
         with pytest.raises(InvalidArgumentException) as caught:
             tf.remove_frame(name)
@@ -171,7 +171,7 @@ def test_a_late_transform_is_dropped(make_tf: MakeTf) -> None:
     assert tf.stats()["time_jumps"] == 0
 
 
-def test_time_that_is_set_back_clears_what_was(make_tf: MakeTf) -> None:
+def test_a_time_jump_clears_all_samples(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="clear")
     put(tf, "map", "base", 100)
     put(tf, "base", "arm", 100)
@@ -189,7 +189,7 @@ def test_time_that_is_set_back_clears_what_was(make_tf: MakeTf) -> None:
     assert tf.frame("base").oldest_stamp_ns == -50 * SECOND
 
 
-def test_a_refused_write_that_jumps_back_clears_nothing(make_tf: MakeTf) -> None:
+def test_a_rejected_write_that_jumps_back_clears_nothing(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="clear")
     put(tf, "map", "base", 100)
     back = [StampedTransform(*pair, 1, Transform()) for pair in [("map", "base"), ("base", "map")]]
@@ -198,7 +198,7 @@ def test_a_refused_write_that_jumps_back_clears_nothing(make_tf: MakeTf) -> None
     assert tf.can_transform("map", "base")
 
 
-def test_backward_extrapolation_names_the_link_as_it_was(tf: Tf) -> None:
+def test_backward_extrapolation_names_the_link_at_that_time(tf: Tf) -> None:
     put(tf, "dock", "base", 1)
     put(tf, "map", "base", 2)
     put(tf, "map", "base", 3)
@@ -212,7 +212,7 @@ def test_backward_extrapolation_names_the_link_as_it_was(tf: Tf) -> None:
         assert fact in str(error)
 
 
-def test_last_change_names_the_authority_and_the_link_before(tf: Tf) -> None:
+def test_the_last_change_of_a_link(tf: Tf) -> None:
     put(tf, "map", "base", 1, authority="odometry")
     assert tf.frame("base").last_change is None
     put(tf, "map", "base", 2, authority="lidar")
@@ -228,7 +228,7 @@ def test_last_change_names_the_authority_and_the_link_before(tf: Tf) -> None:
     assert (info.authority_changes, info.reparented, info.switched) == (2, 1, 1)
 
 
-def test_what_each_authority_has_done(tf: Tf) -> None:
+def test_counters_of_each_authority(tf: Tf) -> None:
     put(tf, "map", "base", 1)  # without an authority
     put(tf, "map", "base", 100, authority="a")
     put(tf, "map", "base", 100, authority="a")

@@ -1,4 +1,4 @@
-"""One pair of frames at many times: the same rows as one lookup after the other."""
+"""`sample` and `lookup_transforms`: the same rows as single lookups."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def one_by_one(
     tree: TransformTree, target: str, source: str, stamps: NDArray[np.int64]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     status = np.zeros(len(stamps), np.uint8)
-    poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(stamps), 1))
+    poses = np.full((len(stamps), 7), np.nan)
     for row, stamp in enumerate(stamps.tolist()):
         try:
             poses[row] = tree.lookup_transform(target, source, stamp).transform.pose()
@@ -67,8 +67,8 @@ def check(sampled: TransformArray, tree: TransformTree, *question: Any) -> None:
     np.testing.assert_array_equal(sampled.status, status)
     np.testing.assert_allclose(
         sampled.poses, poses, rtol=0, atol=1e-12
-    )  # the order of products differs
-    found = sampled.status == 0
+    )  # the order of products differs; NaN equals NaN here
+    found = sampled.ok
     np.testing.assert_array_equal(sampled.stamps_ns[found], question[2][found])
 
 
@@ -140,11 +140,20 @@ def test_stamps_of_any_integers(tree: TransformTree, kind: Callable[[Any], Any])
     check(tree.sample("map", "camera", kind(stamps)), tree, "map", "camera", stamps)
 
 
-@pytest.mark.parametrize("stamps", [[0.5], np.zeros((2, 3), np.int64), ["now"]])
-def test_what_are_no_stamps(tree: TransformTree, stamps: Any) -> None:
+@pytest.mark.parametrize("stamps", [[0.5], np.zeros((2, 3), np.int64), ["now"], [[1], [2, 3]]])
+def test_invalid_stamps(tree: TransformTree, stamps: Any) -> None:
     with pytest.raises(InvalidArgumentException) as caught:
         tree.sample("map", "camera", stamps)
     assert caught.value.field == "stamps_ns"
+
+
+def test_rows_that_failed_are_nan(tree: TransformTree) -> None:
+    """They were the identity, a plausible pose."""
+    sampled = tree.sample("map", "camera", STAMPS["sorted"])
+    assert not sampled.ok.all()
+    assert sampled.ok.any()
+    assert np.isnan(sampled.poses[~sampled.ok]).all()
+    assert np.isfinite(sampled.poses[sampled.ok]).all()
 
 
 def test_remote(any_server: ServerProcess) -> None:

@@ -1,4 +1,4 @@
-"""The way to SciPy and back, and SciPy as a second opinion on what transforms do."""
+"""Conversions to SciPy and back, and SciPy as an independent check of Transform."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from zenoh_tf import (
+    BackwardExtrapolationException,
     InvalidArgumentException,
     StampedTransform,
     Transform,
@@ -70,6 +71,25 @@ def test_stacks_of_rotations() -> None:
         np.testing.assert_allclose(rotation.as_matrix(), a.matrix()[:3, :3], atol=1e-14)
     none = TransformArray(np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros((0, 7)))
     assert len(to_rotation(none)) == 0
+
+
+def test_rows_that_failed_raise() -> None:
+    status = np.array([0, 8], np.uint8)
+    poses = np.array([SOME[1].pose(), [np.nan] * 7])
+    array = TransformArray(status, np.zeros(2, np.int64), poses)
+    for convert in (to_rotation, to_rigid_transform):
+        with pytest.raises(BackwardExtrapolationException, match="row 1 of 2"):
+            convert(array)
+    stack = to_rotation(array[array.ok]).as_matrix()
+    np.testing.assert_allclose(stack, [SOME[1].matrix()[:3, :3]], atol=1e-15)
+
+
+def test_roll_pitch_yaw_are_scipys_euler_angles_about_fixed_axes() -> None:
+    for angles in RNG.uniform(-1, 1, (50, 3)) * (np.pi, np.pi / 2, np.pi):
+        rotation = spatial.Rotation.from_euler("xyz", angles)  # small letters: fixed axes
+        a = Transform.from_rpy(*angles)
+        np.testing.assert_allclose((rotation.inv() * to_rotation(a)).magnitude(), 0, atol=1e-14)
+        np.testing.assert_allclose(a.rpy(), rotation.as_euler("xyz"), atol=1e-12)
 
 
 def test_one_transform_is_not_a_stack() -> None:

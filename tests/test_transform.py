@@ -1,11 +1,15 @@
 """Transform and the values around it. Its laws are in test_transform_laws.py."""
 
+import importlib.metadata
 import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 
+import zenoh_tf
+import zenoh_tf_client
+import zenoh_tf_server
 from zenoh_tf import (
     InvalidArgumentException,
     LatestTransform,
@@ -84,10 +88,91 @@ def test_stamps_are_whole_nanoseconds_of_64_bits() -> None:
     assert StampedTransform("a", "b", np.int64(5), Transform()).stamp_ns == 5  # type: ignore[arg-type]
 
 
-def test_transform_array() -> None:
+def test_columns_of_a_transform_array() -> None:
     poses = np.array([[1, 2, 3, 0, 0, 0, 1.0], [4, 5, 6, 1, 0, 0, 0]])
     array = TransformArray(np.zeros(2, np.uint8), np.array([7, 8]), poses)
     assert len(array) == 2
     np.testing.assert_array_equal(array.translations, poses[:, :3])
     np.testing.assert_array_equal(array.rotations, poses[:, 3:])
     assert array[1] == Transform((4, 5, 6), (1, 0, 0, 0))
+
+
+def test_reprs_evaluate_to_the_same_value() -> None:
+    a = Transform((0.1, -1e-300, 1 / 3), (0, 0, 0.6, 0.8))
+    s = StampedTransform("map", "it's", -5, a)
+    for value in (a, s, LatestTransform("map", "base", 5, a, 9)):
+        assert eval(repr(value)) == value
+    assert repr(Transform()) == (
+        "Transform(translation=(0.0, 0.0, 0.0), rotation=(0.0, 0.0, 0.0, 1.0))"
+    )
+
+
+@pytest.mark.parametrize(
+    ("angles", "rotation"),
+    [
+        # tf2::Quaternion::setRPY: x, y, z, w
+        ((0, 0, 0), (0, 0, 0, 1)),
+        ((0.2, 0, 0), (np.sin(0.1), 0, 0, np.cos(0.1))),
+        ((0, 0.2, 0), (0, np.sin(0.1), 0, np.cos(0.1))),
+        ((0, 0, 0.2), (0, 0, np.sin(0.1), np.cos(0.1))),
+        ((np.pi / 2, np.pi / 2, 0), (0.5, 0.5, -0.5, 0.5)),
+        ((np.pi / 2, 0, np.pi / 2), (0.5, 0.5, 0.5, 0.5)),
+        ((0, np.pi / 2, np.pi / 2), (-0.5, 0.5, 0.5, 0.5)),
+    ],
+)
+def test_from_rpy_is_tf2s_set_rpy(angles: Any, rotation: Any) -> None:
+    roll, pitch, yaw = angles
+    a = Transform.from_rpy(roll, pitch, yaw, translation=(1, 2, 3))
+    np.testing.assert_allclose(a.rotation, rotation, atol=1e-15)
+    np.testing.assert_array_equal(a.translation, [1, 2, 3])
+    assert a == Transform.from_rpy(roll, pitch, yaw, (1, 2, 3))
+
+
+def test_from_rpy_rotates_about_fixed_axes_x_then_y_then_z() -> None:
+    def about(axis: int, angle: float) -> Transform:
+        rotation = [0.0, 0.0, 0.0, np.cos(angle / 2)]
+        rotation[axis] = np.sin(angle / 2)
+        return Transform(rotation=rotation)
+
+    roll, pitch, yaw = 0.4, -0.7, 2.1
+    expected = about(2, yaw) @ about(1, pitch) @ about(0, roll)
+    np.testing.assert_allclose(
+        Transform.from_rpy(roll, pitch, yaw).rotation, expected.rotation, atol=1e-15
+    )
+
+
+def test_rpy_is_the_inverse_of_from_rpy() -> None:
+    random = np.random.default_rng(5)
+    for angles in random.uniform(-1, 1, (200, 3)) * (np.pi, np.pi / 2, np.pi):
+        for sign in (1, -1):
+            a = Transform.from_rpy(*angles)
+            np.testing.assert_allclose(
+                Transform((0, 0, 0), sign * a.rotation).rpy(), angles, atol=1e-12
+            )
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-9, 1e-6])
+def test_rpy_in_gimbal_lock(pitch: float, off: float) -> None:
+    """Near a pitch of +-90 degrees the angles still give the rotation, to its last digits."""
+    a = Transform.from_rpy(0.3, pitch - np.sign(pitch) * off, -0.8)
+    angles = a.rpy()
+    if off == 0.0:
+        assert angles[0] == 0.0
+    assert angles[1] == pytest.approx(pitch - np.sign(pitch) * off, abs=1e-15)
+    again = Transform.from_rpy(*angles)
+    np.testing.assert_allclose(again.matrix(), a.matrix(), atol=1e-14)
+
+
+def test_rpy_needs_numbers() -> None:
+    with pytest.raises(TypeError):
+        Transform.from_rpy("a", 0, 0)  # type: ignore[arg-type]
+    with pytest.raises(InvalidArgumentException) as caught:
+        Transform.from_rpy(0, 0, 0, (1, 2))
+    assert caught.value.field == "translation"
+
+
+def test_every_package_tells_its_version() -> None:
+    installed = importlib.metadata.version("zenoh-tf")
+    for package in (zenoh_tf, zenoh_tf_client, zenoh_tf_server):
+        assert package.__version__ == installed

@@ -1,4 +1,4 @@
-"""Velocities of one frame in another: motions whose twist is known by heart."""
+"""Velocities of one frame in another, for motions whose twist is known."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_moving_reference_and_observation_frames(tree: TransformTree) -> None:
     move(tree, "map", "train", lambda t: turned("z", 0.5 * t, (20 * t, 0.0, 0.0)))
     move(tree, "train", "cart", lambda t: Transform((0.0, 1.5 * t, 0.0)))
     move(tree, "map", "eye", lambda t: turned("y", 4 * t))
-    # seen from the train, whatever that does; in the axes of others as they are at that time
+    # seen from the train, however it moves; in the axes that other frames have at that time
     check(tree.lookup_velocity("cart", "train", S // 2), (0, 1.5, 0), (0, 0, 0))
     in_map = tree.lookup_velocity("cart", "train", S // 2, reference_frame="map")
     check(in_map, (-1.5 * np.sin(0.25), 1.5 * np.cos(0.25), 0), (0, 0, 0))
@@ -139,7 +139,7 @@ def test_the_window(tree: TransformTree) -> None:
     assert window() == pytest.approx((1.0, 0.9, 1.0, 1.9))
     # cut off at time zero
     assert window(S // 100) == pytest.approx((0.01, 0.0, 0.06, 0.06))
-    # and where the time itself has no pose, there is no velocity either
+    # without a pose at the time itself there is no velocity
     with pytest.raises(ForwardExtrapolationException) as forward:
         window(S + 1)
     assert forward.value.stamp_ns == S + 1
@@ -192,7 +192,7 @@ ANSWERS: dict[str, Ask] = {
         "wheel", "map", S // 2, reference_point=np.arange(3), reference_point_frame="car"
     ),
 }
-#: Who is at fault: target, source and field of the error.
+#: Target, source and field of the error.
 ERRORS: dict[str, tuple[type[TransformException], tuple[str | None, ...], Ask]] = {
     "unknown": (
         LookupException,

@@ -1,8 +1,10 @@
-"""zenoh-tf: a transform tree with a lock per frame, embedded or served over Zenoh.
+"""zenoh-tf: a transactional transform tree, embedded or served over Zenoh.
 
-This package is the embedded tree and what both sides of the network share.
-``zenoh_tf_client`` has the same interface on a connection.
+This package has the embedded tree, and the types that client and server share.
+``zenoh_tf_client`` has the same interface on a connection to a server.
 """
+
+from importlib.metadata import version as _version
 
 from zenoh_tf import errors
 from zenoh_tf._core import LatestTransform, StampedTransform, Transform
@@ -28,6 +30,8 @@ from zenoh_tf.errors import (
 from zenoh_tf.frame_info import AuthorityInfo, FrameChange, FrameInfo
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
+
+__version__ = _version("zenoh-tf")
 
 __all__ = [
     "AuthorityInfo",
@@ -55,5 +59,6 @@ __all__ = [
     "TransformException",
     "TransformTree",
     "Velocity",
+    "__version__",
     "errors",
 ]

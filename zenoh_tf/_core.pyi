@@ -1,73 +1,22 @@
-"""The native tree. Shapes: poses are (x, y, z, qx, qy, qz, qw) rows of float64."""
+"""The native module `_core`: the tree, and what the server needs of it.
+
+The two stubs, this one and `_transform.pyi`, are the one source of signatures and docstrings. The
+build compiles them into the module (bindings/stub_docs.py), so help() shows what editors show.
+`X_target_source` is the pose of source in target, in metres. A pose row is
+(x, y, z, qx, qy, qz, qw).
+"""
 
 from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-class Transform:
-    def __init__(
-        self,
-        translation: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
-        rotation: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0, 1.0),
-    ) -> None: ...
-    @staticmethod
-    def identity() -> Transform: ...
-    @staticmethod
-    def from_pose(pose: Sequence[float] | NDArray[np.float64]) -> Transform: ...
-    @staticmethod
-    def from_matrix(matrix: ArrayLike) -> Transform: ...
-    @property
-    def translation(self) -> NDArray[np.float64]: ...
-    @property
-    def rotation(self) -> NDArray[np.float64]: ...
-    def pose(self) -> tuple[float, float, float, float, float, float, float]: ...
-    def matrix(self) -> NDArray[np.float64]: ...
-    def inverse(self) -> Transform: ...
-    # What is given in child, expressed in parent. Any leading shape; the input is not modified.
-    def apply(self, points: ArrayLike) -> NDArray[np.float64]: ...  # (..., 3): R p + t
-    def apply_vectors(self, vectors: ArrayLike) -> NDArray[np.float64]: ...  # (..., 3): R v
-    # (..., 7) rows x, y, z, qx, qy, qz, qw: self @ each
-    def apply_poses(self, poses: ArrayLike) -> NDArray[np.float64]: ...
-    # (..., 6, 6), order x, y, z, rx, ry, rz: diag(R, R) C diag(R, R)^T, no lever arm
-    def apply_covariance(self, covariance: ArrayLike) -> NDArray[np.float64]: ...
-    # (..., 6) rows force, torque: R force, R torque + t x (R force)
-    def apply_wrench(self, wrench: ArrayLike) -> NDArray[np.float64]: ...
-    # (..., 6) rows linear, angular: R v + t x (R w), R w
-    def apply_twist(self, twist: ArrayLike) -> NDArray[np.float64]: ...
-    def __matmul__(self, other: Transform) -> Transform: ...
-    def __eq__(self, other: object) -> bool: ...
-    def __hash__(self) -> int: ...
+from zenoh_tf._transform import LatestTransform as LatestTransform
+from zenoh_tf._transform import StampedTransform as StampedTransform
+from zenoh_tf._transform import Transform as Transform
 
-class StampedTransform:
-    def __init__(
-        self, parent_frame: str, child_frame: str, stamp_ns: int, transform: Transform
-    ) -> None: ...
-    @property
-    def parent_frame(self) -> str: ...
-    @property
-    def child_frame(self) -> str: ...
-    @property
-    def stamp_ns(self) -> int: ...
-    @property
-    def transform(self) -> Transform: ...
-    def __eq__(self, other: object) -> bool: ...
-    def __hash__(self) -> int: ...
-
-class LatestTransform(StampedTransform):
-    def __init__(
-        self,
-        parent_frame: str,
-        child_frame: str,
-        stamp_ns: int,
-        transform: Transform,
-        newest_stamp_ns: int,
-    ) -> None: ...
-    @property
-    def newest_stamp_ns(self) -> int: ...
-
-# What a row of `Tree.read_rows` asks for.
+# What a row of `Tree._read_rows` asks for.
 OP_AT: int  # source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time
 OP_LATEST: int  # newest of every link, links may be of different commits
@@ -76,13 +25,13 @@ OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
 OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
 NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 
-#: The answers of `Tree.read_rows`.
+#: The answers of `Tree._read_rows`.
 Rows = tuple[
     NDArray[np.uint8],  # status: 0 or errors.BY_CODE
     # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
     NDArray[np.int64],
     NDArray[np.int64],  # newest_stamp_ns (latest forms only)
-    NDArray[np.float64],  # (n, 7) poses; identity where status != 0
+    NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
     list[tuple[int, Any]],  # (row, TransformException), for every row with a status
     tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
 ]
@@ -99,6 +48,8 @@ def columns_of(
 ]: ...
 
 class Tree:
+    """The native tree; see `zenoh_tf.TransformTree`."""
+
     def __init__(
         self,
         cache_time_s: float = 10.0,
@@ -113,13 +64,64 @@ class Tree:
     ) -> None: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
-    ) -> bool: ...
+    ) -> bool:
+        """Store the pose of a child frame in its parent, creating frames that do not exist.
+
+        At an equal stamp the last write wins. A write under another parent reparents the child
+        from its stamp on.
+
+        Args:
+            stamped: `X_parent_child` in metres, at its stamp in nanoseconds.
+            authority: Name of the publisher, for introspection.
+            static: The link holds at all times.
+
+        Returns:
+            True if stored, False if dropped: older than the link's newest by more than the cache
+            time.
+
+        Raises:
+            InvalidArgumentException: A name, number or rotation is invalid, the link would close
+                a cycle, or another authority publishes it (`one_authority_per_frame`).
+            LimitExceeded: A limit of the tree is reached; `field` names it.
+        """
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
-    ) -> None: ...
+    ) -> None:
+        """Store several transforms at one instant: all of them or none.
+
+        Args:
+            stampeds: `X_parent_child` in metres each, at their stamps in nanoseconds.
+            authority: Name of the publisher, for introspection.
+            static: The links hold at all times.
+
+        Raises:
+            InvalidArgumentException: One of them is invalid, too old for its link's cache, or
+                would close a cycle.
+            LimitExceeded: A limit of the tree is reached; `field` names it.
+        """
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> StampedTransform: ...
+    ) -> StampedTransform:
+        """Return the pose of source in target at one time.
+
+        Example: `tree.lookup_transform("map", "camera").transform.apply(points)` maps points from
+        camera to map.
+
+        Args:
+            target: Frame to express coordinates in.
+            source: Frame whose coordinates are given.
+            stamp_ns: Time in nanoseconds; None means the latest common time of all links.
+            timeout_s: Seconds to wait for a write that makes the answer possible.
+
+        Returns:
+            `X_target_source` in metres, with parent_frame target and child_frame source.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            ExtrapolationException: A link has no data for that time; its subclasses say why.
+            InvalidArgumentException: A name, the stamp or the time-out is invalid.
+        """
     def lookup_transform_full(
         self,
         target: str,
@@ -128,17 +130,172 @@ class Tree:
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
-    ) -> StampedTransform: ...
+    ) -> StampedTransform:
+        """Return the pose of source at one time in target at another.
+
+        The result is `X_target_fixed(target_stamp_ns) @ X_fixed_source(source_stamp_ns)`.
+
+        Args:
+            target: Frame to express coordinates in.
+            target_stamp_ns: Time of target in nanoseconds; None means the latest common time of
+                target and the fixed frame.
+            source: Frame whose coordinates are given.
+            source_stamp_ns: Time of source in nanoseconds; None as above, for source.
+            fixed_frame: Frame that does not move between the two times.
+            timeout_s: Seconds to wait for a write that makes the answer possible.
+
+        Returns:
+            `X_target_source` in metres, stamped with target's time.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects a frame with the fixed one.
+            ExtrapolationException: A link has no data for its time.
+            InvalidArgumentException: A name, a stamp or the time-out is invalid.
+        """
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> bool: ...
-    def lookup_latest_transform(self, target: str, source: str) -> LatestTransform: ...
-    def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform: ...
+    ) -> bool:
+        """Return whether `lookup_transform` would answer; a missing transform is no error.
+
+        Args:
+            target: Frame to express coordinates in.
+            source: Frame whose coordinates are given.
+            stamp_ns: Time in nanoseconds; None means the latest common time.
+            timeout_s: Seconds to wait until it becomes possible.
+
+        Raises:
+            InvalidArgumentException: A name is not text, or the stamp or the time-out is invalid.
+        """
+    def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
+        """Return the pose of source in target from the newest sample of every link.
+
+        Fresher than the latest common time, and not interpolated. Links may be of different
+        commits; `lookup_latest_transform_xact` reads all at one instant.
+
+        Args:
+            target: Frame to express coordinates in.
+            source: Frame whose coordinates are given.
+
+        Returns:
+            `X_target_source` in metres; `stamp_ns` is the oldest stamp used, in nanoseconds.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            InvalidArgumentException: A name is invalid.
+        """
+    def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
+        """Return what `lookup_latest_transform` returns, with all links read at one instant.
+
+        Args:
+            target: Frame to express coordinates in.
+            source: Frame whose coordinates are given.
+
+        Returns:
+            `X_target_source` in metres; `stamp_ns` is the oldest stamp used, in nanoseconds.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            InvalidArgumentException: A name is invalid.
+        """
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
-    ) -> list[LatestTransform]: ...
-    def latest_common_time(self, a: str, b: str) -> int | None: ...
-    def velocity_record(
+    ) -> list[LatestTransform]:
+        """Return several latest transforms, all read at the same instant.
+
+        Args:
+            pairs: (target, source) frames of each.
+
+        Returns:
+            `X_target_source` of each pair, in metres and in order; stamps in nanoseconds.
+
+        Raises:
+            LookupException: A frame does not exist, or a path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames of a pair.
+            InvalidArgumentException: A name is invalid, or `pairs` does not hold pairs.
+        """
+    def latest_common_time(self, a: str, b: str) -> int | None:
+        """Return the newest time, in nanoseconds, that all links between two frames can serve.
+
+        Args:
+            a: One frame.
+            b: The other frame.
+
+        Returns:
+            The time in nanoseconds; None if all links between them are static.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            InvalidArgumentException: A name is invalid.
+        """
+    def frames(self) -> list[str]:
+        """Return the names of all frames, in the order of their creation."""
+    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
+        """Return a frame's parent.
+
+        Args:
+            frame: Name of the frame.
+            stamp_ns: Time in nanoseconds; None means now, the newest link.
+
+        Returns:
+            The parent's name; None if the frame has none at that time.
+
+        Raises:
+            LookupException: The frame does not exist.
+            InvalidArgumentException: The name or the stamp is invalid.
+        """
+    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
+        """Return the frames on the path from target to source, both included.
+
+        Args:
+            target: First frame.
+            source: Last frame.
+            stamp_ns: Time in nanoseconds; None means now, the newest links.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            ExtrapolationException: A link has no data for that time.
+            InvalidArgumentException: A name or the stamp is invalid.
+        """
+    def clear(self, keep_static: bool = True) -> None:
+        """Drop all samples at one instant. Frames keep their names.
+
+        Args:
+            keep_static: Static links stay.
+        """
+    def reset(self) -> None:
+        """Drop every frame at one instant: all samples, static links and names.
+
+        The tree is then as new, apart from its counters and authorities. A name that was ever
+        used keeps counting against `max_frames`. To keep the names, use `clear(False)`.
+        """
+    def remove_frame(self, name: str, subtree: bool = False) -> None:
+        """Remove a frame at one instant: its link, its history and its name.
+
+        Args:
+            name: The frame.
+            subtree: Also remove all frames below it.
+
+        Raises:
+            LookupException: The frame does not exist.
+            InvalidArgumentException: The name is invalid, or the frame is the parent of another
+                and `subtree` is False.
+        """
+    def stats(self) -> dict[str, int]:
+        """Return counters of the whole tree, by name.
+
+        `frames`, `static_links`, `samples` and `waiters` (lookups that wait now) count what there
+        is; `commits`, `rewritten`, `dropped`, `evicted` (samples) and `time_jumps` what was.
+        """
+    def __repr__(self) -> str: ...
+
+    # --- internals of zenoh_tf and of the server
+
+    def _velocity_record(
         self,
         tracking_frame: str,
         observation_frame: str,
@@ -147,8 +304,8 @@ class Tree:
         reference_frame: str | None,  # None: the observation frame
         reference_point: Sequence[float] | NDArray[np.float64],
         reference_point_frame: str | None,  # None: the tracking frame
-    ) -> dict[str, Any]: ...
-    def read_rows(
+    ) -> dict[str, Any]: ...  # Velocity's fields
+    def _read_rows(
         self,
         names: Sequence[str],
         op: NDArray[np.uint8],
@@ -161,7 +318,7 @@ class Tree:
         atomic: bool = False,  # every row in one snapshot; OP_LATEST is then as OP_LATEST_XACT
         versions: bool = False,  # also return what was read, for a transaction
     ) -> Rows: ...
-    def commit_rows(
+    def _commit_rows(
         self,
         names: Sequence[str],
         parent: NDArray[np.uint32],
@@ -175,53 +332,36 @@ class Tree:
         read_names: Sequence[str] = (),
         read_versions: NDArray[np.uint64] | None = None,  # moved: TransactionConflict
     ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old
-    def lookup_columns(
+    def _lookup_columns(
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.int64] | None,
+        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
-    def frames(self) -> list[str]: ...
-    def frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
-    def authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
-    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None: ...
-    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]: ...
-    def clear(self, keep_static: bool = True) -> None: ...
-    def reset(self) -> None:
-        """Drop every frame at one instant: all samples, static links and names.
+    def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
+    def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
-        The tree is then as new, apart from its counters and authorities. A name that was ever
-        used keeps counting against `max_frames`. To keep the names, use `clear(False)`.
-
-        Example:
-            >>> tree.reset()
-            >>> tree.frames()
-            []
-        """
-    def remove_frame(self, name: str, subtree: bool = False) -> None: ...
-    def stats(self) -> dict[str, int]: ...
-
-class WaitQueue:
-    """Where woken rows of `WaitingRows` come together, to be served by one thread."""
+class WakeQueue:
+    """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""
 
     def take(self) -> list[int] | None:
-        """Sleeps until rows are woken and asks them again. The tokens of those `WaitingRows`
-        that are over now, each once; None after `close`."""
+        """Blocks until rows are woken, and looks them up again. Returns the tokens of the
+        `ParkedLookups` that are complete now, each once; None after `close`."""
     def close(self) -> None: ...
 
-class WaitingRows:
-    """Lookups that wait, each row for itself, without a thread."""
+class ParkedLookups:
+    """Lookups that wait without a thread, each row by itself. Made by `park_lookups`."""
 
     def start(self) -> bool:
-        """Asks for the first time. True: all are over already; no token will come."""
+        """Looks up every row once. True: all are complete, and no token will come."""
     def cancel(self) -> None: ...
     def result(self, waited_s: float) -> Rows:
-        """As `Tree.read_rows`; rows that still wait get what they would get now."""
+        """As `Tree._read_rows`; rows that still wait get what they would get now."""
 
-def waiting_rows(
+def park_lookups(
     tree: Tree,
-    queue: WaitQueue,
-    token: int,
+    queue: WakeQueue,
+    token: int,  # what `take` returns once all rows are complete
     names: Sequence[str],
     op: NDArray[np.uint8],
     target: NDArray[np.uint32],
@@ -229,4 +369,4 @@ def waiting_rows(
     stamp_ns: NDArray[np.int64],
     fixed: NDArray[np.uint32] | None = None,
     source_stamp_ns: NDArray[np.int64] | None = None,
-) -> WaitingRows: ...
+) -> ParkedLookups: ...

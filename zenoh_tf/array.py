@@ -1,46 +1,211 @@
-"""Many transforms in columns."""
+"""Many transforms as columns."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
 
 from zenoh_tf._core import Transform
+from zenoh_tf.errors import BY_CODE, InvalidArgumentException, TransformException
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class TransformArray:
-    """The answers to many lookups, one row each.
+    """Transforms as columns, one per row: the answers to many lookups.
+
+    Row i is `X_target_source` of lookup i. A row that failed has an error's code in `status` and
+    NaN in `poses`, and every result made of it is NaN or a failed row again.
+
+    Example:
+        >>> path = tree.sample("map", "lidar", stamps_ns)
+        >>> path[path.ok].apply(points[path.ok])
 
     Attributes:
-        status: (n,) uint8, 0 or the ``code`` of the error in place of an exception
-            (``zenoh_tf.errors.BY_CODE``).
-        stamps_ns: (n,) int64, the time of each answer.
-        poses: (n, 7) float64 rows of x, y, z, qx, qy, qz, qw; the identity where ``status`` is
-            not 0. Row i is ``X_target_source`` of lookup i.
+        status: (n,) uint8, 0 or the code of an error (`zenoh_tf.errors.BY_CODE`).
+        stamps_ns: (n,) int64, the time of each answer in nanoseconds.
+        poses: (n, 7) float64 rows x, y, z (metres), qx, qy, qz, qw; NaN in rows that failed.
     """
 
     status: NDArray[np.uint8]
     stamps_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
 
+    # Without this NumPy would take `ndarray @ self` for a product of object arrays.
+    __array_ufunc__ = None
+
     @property
     def translations(self) -> NDArray[np.float64]:
-        """(n, 3), metres; a view."""
+        """The translations: a view (n, 3) of `poses`, metres."""
         return self.poses[:, :3]
 
     @property
     def rotations(self) -> NDArray[np.float64]:
-        """(n, 4), quaternions (x, y, z, w); a view."""
+        """The rotations: a view (n, 4) of `poses`, quaternions (x, y, z, w)."""
         return self.poses[:, 3:]
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Which rows have an answer: a new (n,) bool array."""
+        return np.equal(self.status, 0)
+
+    def raise_for_status(self) -> TransformArray:
+        """Return this array if every row has an answer, so that calls can be chained.
+
+        Example: `tree.sample("map", "base", stamps_ns).raise_for_status().translations`
+
+        Raises:
+            TransformException: A row failed; the class is that of the first failed row's error,
+                and the message names the row.
+        """
+        if self.status.any():
+            raise self._error(int(self.status.nonzero()[0][0]))
+        return self
+
+    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points that are given in source, expressed in target: row i's R p + t.
+
+        Args:
+            points: Metres, real numbers. (3,): the same point for every row. (n, 3): point i for
+                row i. (n, m, 3): m points for each row. A first axis of 1 stands for every row.
+
+        Returns:
+            (n, 3), or (n, m, 3) for m points per row; NaN in rows that failed.
+
+        Raises:
+            InvalidArgumentException: `points` has another shape or is not of real numbers.
+        """
+        values = _real_numbers(points)
+        if not 1 <= values.ndim <= 3 or values.shape[-1] != 3:
+            raise _wrong_shape(values, len(self))
+        if values.ndim > 1 and values.shape[0] not in (1, len(self)):
+            raise _wrong_shape(values, len(self))
+        clouds = values if values.ndim == 3 else values.reshape(-1, 1, 3)
+        poses = self.poses[:, np.newaxis, :]
+        result = _rotate(poses[..., 3:], clouds) + poses[..., :3]
+        return result if values.ndim == 3 else result[:, 0]
+
+    def inverse(self) -> TransformArray:
+        """Return `X_source_target` of every row, with the same stamps and status, in metres.
+
+        Rotations must be of unit length.
+        """
+        poses = np.empty_like(self.poses)
+        poses[:, 3:6] = -self.poses[:, 3:6]
+        poses[:, 6] = self.poses[:, 6]
+        poses[:, :3] = _rotate(poses[:, 3:], -self.poses[:, :3])
+        return TransformArray(self.status, self.stamps_ns, poses)
+
+    def __matmul__(self, other: TransformArray | Transform) -> TransformArray:
+        """Return `X_ac = X_ab @ X_bc`, row by row; a Transform stands for every row.
+
+        Stamps are those of the left array. A row fails if either fails, with the left's code first.
+        """
+        if isinstance(other, Transform):
+            poses = _compose(self.poses, np.array([other.pose()]))
+            return TransformArray(self.status, self.stamps_ns, poses)
+        if not isinstance(other, TransformArray):
+            return NotImplemented
+        if len(self) != len(other):
+            raise InvalidArgumentException(
+                f"cannot compose {len(self)} rows with {len(other)}: @ goes row by row",
+                field="other",
+            )
+        status = np.where(self.status != 0, self.status, other.status)
+        return TransformArray(status, self.stamps_ns, _compose(self.poses, other.poses))
+
+    def __rmatmul__(self, other: Transform) -> TransformArray:
+        """Return `X_ac = X_ab @ X_bc`, where the Transform `X_ab` stands for every row."""
+        if not isinstance(other, Transform):
+            return NotImplemented
+        return TransformArray(self.status, self.stamps_ns, other.apply_poses(self.poses))
 
     def __len__(self) -> int:
         return len(self.status)
 
-    def __getitem__(self, row: int) -> Transform:
-        """One row as a ``Transform``, whatever its status."""
-        return Transform.from_pose(self.poses[row])
+    @overload
+    def __getitem__(self, rows: int | np.integer[Any]) -> Transform: ...
+    @overload
+    def __getitem__(
+        self, rows: slice | list[int] | NDArray[np.bool_] | NDArray[np.integer[Any]]
+    ) -> TransformArray: ...
+    def __getitem__(
+        self,
+        rows: int
+        | np.integer[Any]
+        | slice
+        | list[int]
+        | NDArray[np.bool_]
+        | NDArray[np.integer[Any]],
+    ) -> Transform | TransformArray:
+        """Return one row as a `Transform`, or the rows of a slice, mask or array of indexes.
+
+        Raises:
+            TransformException: The one row failed; the class is that of its error.
+            IndexError: There is no such row.
+        """
+        if isinstance(rows, (int, np.integer)):
+            if self.status[rows]:
+                raise self._error(int(rows) % len(self))
+            return Transform.from_pose(self.poses[rows])
+        return TransformArray(self.status[rows], self.stamps_ns[rows], self.poses[rows])
+
+    def __iter__(self) -> Iterator[Transform]:
+        """Iterate over the rows as `Transform`; raises the error of a row that failed."""
+        return (self[row] for row in range(len(self)))
+
+    def __repr__(self) -> str:
+        failed = int(np.count_nonzero(self.status))
+        return f"TransformArray({len(self)} rows{f', {failed} failed' if failed else ''})"
+
+    def _error(self, row: int) -> TransformException:
+        kind = BY_CODE.get(int(self.status[row]), TransformException)
+        failed = int(np.count_nonzero(self.status))
+        return kind(
+            f"row {row} of {len(self)} failed with {kind.__name__} ({failed} failed in all); "
+            "a single lookup of that row tells why",
+            field="status",
+            value=row,
+        )
+
+
+def _real_numbers(points: ArrayLike) -> NDArray[np.float64]:
+    try:
+        values = np.asarray(points)
+    except ValueError:
+        values = np.empty((), object)
+    if not np.can_cast(values.dtype, np.float64, "same_kind"):
+        raise InvalidArgumentException("points must be an array of real numbers", field="points")
+    return values.astype(np.float64, copy=False)
+
+
+def _wrong_shape(values: NDArray[np.float64], rows: int) -> InvalidArgumentException:
+    return InvalidArgumentException(
+        f"points must have the shape (3,), ({rows}, 3) or ({rows}, m, 3), not {values.shape}",
+        field="points",
+    )
+
+
+def _rotate(quaternions: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotate (..., 3) by (..., 4): v + w u + q x u with u = 2 q x v, as the native code does."""
+    axis = quaternions[..., :3]
+    u = 2 * np.cross(axis, vectors)
+    result: NDArray[np.float64] = vectors + quaternions[..., 3:] * u + np.cross(axis, u)
+    return result
+
+
+def _compose(ab: NDArray[np.float64], bc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose rows of X_ab @ X_bc."""
+    ac = np.empty(np.broadcast_shapes(ab.shape, bc.shape))
+    ac[:, :3] = ab[:, :3] + _rotate(ab[:, 3:], bc[:, :3])
+    p, w = ab[:, 3:6], ab[:, 6:]
+    q, v = bc[:, 3:6], bc[:, 6:]
+    ac[:, 3:6] = w * q + v * p + np.cross(p, q)
+    ac[:, 6:] = w * v - np.sum(p * q, axis=1, keepdims=True)
+    return ac

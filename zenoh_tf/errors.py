@@ -1,24 +1,24 @@
 """Every error of zenoh-tf, embedded and remote.
 
     TransformException
-    ├── LookupException                     a frame is unknown, or the way up runs in a loop
-    ├── ConnectivityException               both frames are known, no path joins them
-    ├── InvalidArgumentException            the call itself is wrong
+    ├── LookupException                     a frame is unknown, or the path is too long or a loop
+    ├── ConnectivityException               both frames are known, but no path connects them
+    ├── InvalidArgumentException            an argument is invalid
     ├── TimeoutException                    no answer in time
-    ├── ExtrapolationException              a link has no data for the time asked for
+    ├── ExtrapolationException              a link has no data for the requested time
     │   ├── NoDataForExtrapolationException     it holds a single sample, at another time
     │   ├── BackwardExtrapolationException      the time is older than its oldest sample
     │   └── ForwardExtrapolationException       the time is newer than its newest sample
-    ├── TransactionConflict                 what a transaction read has changed since
-    ├── LimitExceeded                       a documented limit was hit
-    └── ServiceException                    the service, not the tree
+    ├── TransactionConflict                 a frame that a transaction read has changed since
+    ├── LimitExceeded                       a documented limit is reached
+    └── ServiceException                    the service failed, not the tree
         ├── ServerUnavailable               no server answered
-        ├── OutcomeUnknown                  a write was sent, its answer never came
-        ├── ServerRestarted                 the server that was read from is gone
+        ├── OutcomeUnknown                  a write was sent, but no reply came
+        ├── ServerRestarted                 the server instance of the earlier reads is gone
         └── ProtocolError                   a message is malformed
 
-Facts travel as fields (``FACTS``); a field that does not apply is ``None``.
-The class hierarchy up to the extrapolation errors is tf2's.
+Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
+apply is ``None``. The classes up to the extrapolation errors are tf2's.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ FACTS = {
     "source_frame": "the lookup's source",
     "frame": "the offending frame, or the child frame of the offending link",
     "parent_frame": "the parent frame of the offending link",
-    "target_root": "no path: where the way up from the target ends",
-    "source_root": "no path: where the way up from the source ends",
-    "stamp_ns": "the time asked for",
-    "oldest_stamp_ns": "the oldest time that the link can serve",
-    "newest_stamp_ns": "the newest time that the link can serve",
+    "target_root": "not connected: the root of the target's tree",
+    "source_root": "not connected: the root of the source's tree",
+    "stamp_ns": "the requested time, nanoseconds",
+    "oldest_stamp_ns": "the oldest time that the link can serve, nanoseconds",
+    "newest_stamp_ns": "the newest time that the link can serve, nanoseconds",
     "field": "the argument or message field at fault",
-    "limit": "the limit that was hit",
-    "value": "the value that hit it",
+    "limit": "the limit that is reached",
+    "value": "the value at fault",
 }
 
 
@@ -82,62 +82,93 @@ def _rebuild(
 
 
 class LookupException(TransformException):
+    """A frame does not exist, or the path is longer than ``max_depth`` or a loop."""
+
     code = 2
 
 
 class ConnectivityException(TransformException):
+    """Both frames exist, but no path connects them; ``target_root`` and ``source_root``
+    name their roots."""
+
     code = 3
 
 
 class InvalidArgumentException(TransformException):
+    """An argument is invalid; ``field`` names it."""
+
     code = 4
 
 
 class TimeoutException(TransformException):
+    """There was no answer in time."""
+
     code = 5
 
 
 class ExtrapolationException(TransformException):
+    """A link has no data for the requested time; ``frame`` is its child."""
+
     code = 6
 
 
 class NoDataForExtrapolationException(ExtrapolationException):
+    """The link holds a single sample, at another time."""
+
     code = 7
 
 
 class BackwardExtrapolationException(ExtrapolationException):
+    """The requested time is older than the link's oldest sample."""
+
     code = 8
 
 
 class ForwardExtrapolationException(ExtrapolationException):
+    """The requested time is newer than the link's newest sample."""
+
     code = 9
 
 
 class TransactionConflict(TransformException):
+    """A frame that the transaction read has changed since; run the transaction again."""
+
     code = 10
 
 
 class LimitExceeded(TransformException):
+    """A limit is reached; ``field``, ``limit`` and ``value`` say which."""
+
     code = 11
 
 
 class ServiceException(TransformException):
+    """The service failed, not the tree."""
+
     code = 12
 
 
 class ServerUnavailable(ServiceException):
+    """No server answered within the time-out."""
+
     code = 13
 
 
 class OutcomeUnknown(ServiceException):
+    """A write was sent, but no reply came: it may have been applied."""
+
     code = 14
 
 
 class ServerRestarted(ServiceException):
+    """Another server instance has taken over since the earlier reads."""
+
     code = 15
 
 
 class ProtocolError(ServiceException):
+    """A message is malformed; ``field`` names the part at fault."""
+
     code = 16
 
 

@@ -1,19 +1,18 @@
-"""The whole tree for reading: text, Graphviz DOT and Mermaid, from a list of ``FrameInfo``.
+"""The whole tree as text, Graphviz DOT or Mermaid, from a list of ``FrameInfo``.
 
     print(export.text([tree.frame(name) for name in tree.frames()]))
 
-All three say the same of every link: its authority; the rate; the newest stamp and its delay; the
-buffer, which is the time from the oldest to the newest sample; the number of samples; and what
-was counted, where it is not zero (``FrameInfo`` says what each counter means; times that another
-authority took the link over are ``conflicts`` here). A static link holds at all times, so it is
-said to be static and has neither rate nor times.
+All three formats show the same for every link: authority, rate, newest stamp and its delay,
+buffer (the time from the oldest to the newest sample), number of samples, and the counters that
+are not zero. ``FrameInfo`` explains the counters; ``conflicts`` is its ``authority_changes``. A
+static link holds at all times, so it is marked static and has neither rate nor times.
 
 The delay is ``now_ns`` (default: this machine's clock) minus the newest stamp, negative if that
-lies ahead. Where the two are more than a day apart, the stamps are of another clock, a
-simulator's or a recording's, and no delay is given.
+lies ahead. If the two are more than a day apart, the stamps are of another clock, such as a
+simulator's or a recording's, and there is no delay.
 
-Control characters in names are shown as escapes such as ``\\n``. A parent that is not in the list
-is drawn without figures; an empty list says that there are no frames.
+Control characters in names are escaped, such as ``\\n``. A parent that is not in the list is
+drawn without figures. An empty list gives "no frames".
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from zenoh_tf.frame_info import FrameInfo
 
-#: A stamp farther than this from the clock is of another clock.
+#: A stamp farther than this from the clock counts as of another clock.
 CLOCK_RANGE_S = 24 * 3600
 
-#: A delay from here on is drawn in the colour of warnings.
+#: From this delay on, a link is painted as late.
 _LATE_S = 2.0
 
 _EMPTY = "no frames"
 
-#: Counters of a link, as they are called here.
+#: Field of FrameInfo -> name in the output.
 _COUNTERS = {
     "rewritten": "rewritten",
     "dropped": "dropped",
@@ -45,8 +44,8 @@ _COUNTERS = {
 
 _COLUMNS = ("rate [Hz]", "delay [s]", "newest [s]", "buffer [s]", "samples", "authority", "counted")
 
-# Mermaid reads quotes, comments, Markdown, icons, formulae and its own entities inside a label. So
-# only words stand there as they are, and what joins them.
+# Mermaid interprets quotes, comments, Markdown, icons, formulae and entities inside a label. So
+# only words and the separators between their letters stay unescaped.
 _NOT_PLAIN = re.compile(r"(?<!\w)[ _./-]|[ _./-](?!\w)|[^\w ./-]")
 
 
@@ -56,12 +55,14 @@ def text(
     *,
     paint: Callable[[str, str], str] = lambda part, text: text,
 ) -> str:
-    """A line for each frame, children under their parent, and columns for the figures.
+    """Return one line per frame, children below their parent, with the figures in columns.
 
     Args:
-        paint: Called with the name of a part (``header``, ``branch``, ``frame``, ``static``,
-            ``fresh`` or ``late`` figures, ``authority``, ``counted``) and its text; returns what
-            stands in its place, as wide on the screen.
+        frames: The frames to show.
+        now_ns: The time to compare stamps with, nanoseconds; None means this machine's clock.
+        paint: Called with the kind of a part (``header``, ``branch``, ``frame``, ``static``,
+            ``fresh`` or ``late`` figures, ``authority``, ``counted``) and its text. Returns the
+            text to print instead, which must be as wide on the screen.
     """
     now_ns = _now_ns(now_ns)
     walk = [*_walk(frames)]
@@ -72,7 +73,7 @@ def text(
     margin = max(_width(branch + printable(link.name)) for branch, link in walk)
 
     def figures(cells: Sequence[str]) -> tuple[str, str, str]:
-        """The numbers, to the right, then the authority and what was counted, to the left."""
+        """Pad the cells: numbers to the right, the authority and the counters to the left."""
         pads = [" " * (width - _width(cell)) for width, cell in zip(widths, cells, strict=True)]
         *numbers, authority, counted = cells
         return (
@@ -94,7 +95,12 @@ def text(
 
 
 def dot(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
-    """A Graphviz digraph; an edge points from parent to child, a static one is dashed."""
+    """Return a Graphviz digraph; edges point from parent to child, static ones are dashed.
+
+    Args:
+        frames: The frames to show.
+        now_ns: The time to compare stamps with, nanoseconds; None means this machine's clock.
+    """
     lines = [
         "digraph frames {",
         '    node [shape=box, style=rounded, fontname="Helvetica"];',
@@ -114,10 +120,14 @@ def dot(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
 
 
 def mermaid(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
-    """A Mermaid flowchart; an edge points from parent to child, a static one is dotted.
+    """Return a Mermaid flowchart; edges point from parent to child, static ones are dotted.
 
-    Mermaid's defaults refuse charts of more than 500 edges or 50,000 characters, which is a tree of
-    some 300 frames; Graphviz takes more.
+    Mermaid's defaults reject charts of more than 500 edges or 50,000 characters, which is a tree of
+    some 300 frames. Use Graphviz for larger ones.
+
+    Args:
+        frames: The frames to show.
+        now_ns: The time to compare stamps with, nanoseconds; None means this machine's clock.
     """
     lines = ["flowchart TD"]
     nodes, edges = _graph(frames)
@@ -134,23 +144,28 @@ def mermaid(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
 
 
 def printable(text: str) -> str:
-    """``text`` with control characters escaped: frames are named by strangers, and a terminal
-    obeys what it is sent."""
+    """Return ``text`` with control characters escaped.
+
+    Anyone may name a frame, and a terminal executes control sequences.
+
+    Args:
+        text: A frame's or an authority's name.
+    """
     return "".join(
         char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
     )
 
 
 def _walk(frames: Iterable[FrameInfo]) -> Iterator[tuple[str, FrameInfo]]:
-    """Every frame once, parents first, names in order, with the branches drawn before it."""
+    """Yield every frame once, parents first, sorted by name, with the branch drawn before it."""
     by_name = {link.name: link for link in sorted(frames, key=lambda link: link.name)}
     children: dict[str | None, list[FrameInfo]] = {}
     for link in by_name.values():
         children.setdefault(link.parent, []).append(link)
     roots = [link for link in by_name.values() if link.parent not in by_name]
-    # What no root leads to is a loop: the list was gathered while the tree changed.
+    # Frames that no root leads to form a loop, if the list was gathered while the tree changed.
     for start in [*roots, *by_name.values()]:
-        # Not recursive: a chain of a thousand links is a legal tree.
+        # A chain may have a thousand links, so this must not recurse.
         todo = [("", "", start)]
         while todo:
             prefix, branch, link = todo.pop()
@@ -165,7 +180,7 @@ def _walk(frames: Iterable[FrameInfo]) -> Iterator[tuple[str, FrameInfo]]:
 
 
 def _graph(frames: Iterable[FrameInfo]) -> tuple[list[str], list[tuple[int, int, FrameInfo]]]:
-    """The names, and the links as (row of the parent's name, row of the child's name, link)."""
+    """Return the names, and the links as (index of parent's name, of child's name, link)."""
     links = [link for _, link in _walk(frames)]
     rows: dict[str, int] = {}
     for link in links:
@@ -179,7 +194,7 @@ def _graph(frames: Iterable[FrameInfo]) -> tuple[list[str], list[tuple[int, int,
 
 
 def _cells(link: FrameInfo, now_ns: int) -> tuple[str, ...]:
-    """What stands in the columns of a link; nothing for a root."""
+    """Return the cells of a link's columns, empty for a root."""
     if link.parent is None:
         return ("",) * len(_COLUMNS)
     tail = (str(link.samples), printable(link.authority), ", ".join(_counted(link)))
@@ -196,7 +211,7 @@ def _cells(link: FrameInfo, now_ns: int) -> tuple[str, ...]:
 
 
 def _sentences(link: FrameInfo, now_ns: int) -> list[str]:
-    """The same as lines of a label."""
+    """Return the same as the lines of a label."""
     rate, delay, newest, buffer, samples, authority, _ = _cells(link, now_ns)
     if link.static:
         figures = ["static"]
@@ -229,7 +244,7 @@ def _delay_s(link: FrameInfo, now_ns: int) -> float | None:
 
 
 def _seconds(time_ns: int) -> str:
-    # Cut to milliseconds before the division: a double has no room for nanoseconds since 1970.
+    # Truncate to milliseconds first: a double cannot represent nanoseconds since 1970.
     return f"{time_ns // 10**6 / 1e3:.3f}"
 
 
@@ -238,7 +253,7 @@ def _now_ns(now_ns: int | None) -> int:
 
 
 def _width(text: str) -> int:
-    """Columns that a terminal needs."""
+    """Return the columns that a terminal needs."""
     return sum(
         0 if unicodedata.combining(char) else 1 + (unicodedata.east_asian_width(char) in "WF")
         for char in text
@@ -246,13 +261,13 @@ def _width(text: str) -> int:
 
 
 def _dot_label(lines: Iterable[str]) -> str:
-    # Graphviz also reads HTML's entities in a label.
+    # Graphviz also interprets HTML entities in a label.
     escapes = str.maketrans({"\\": "\\\\", '"': '\\"', "&": "&amp;"})
     return '"' + "\\n".join(printable(line).translate(escapes) for line in lines) + '"'
 
 
 def _mermaid_label(lines: Iterable[str]) -> str:
-    # Mermaid's own entities are numbers in base ten, without the ampersand of HTML's.
+    # Mermaid's entities are decimal, without HTML's ampersand.
     return '"' + "<br/>".join(_NOT_PLAIN.sub(_entity, printable(line)) for line in lines) + '"'
 
 

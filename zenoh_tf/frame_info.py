@@ -1,4 +1,4 @@
-"""What the tree knows about its frames, and about who writes them."""
+"""Introspection: frames, their links, and the authorities that write them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from typing import Any, Literal, Self
 
 @dataclass(frozen=True, slots=True)
 class FrameChange:
-    """The last time that a frame's link became another: its newest parent changed
-    (``reparented``), it went from static to dynamic or back (``switched``), or only another
-    authority took it over (``authority``). tf2 does all three silently.
+    """The last change of a frame's link. tf2 makes such changes silently.
 
-    ``authority`` did it, with a transform stamped ``stamp_ns``; ``parent_before`` and
-    ``static_before`` tell what the link was.
+    Attributes:
+        kind: ``reparented``: the newest parent changed. ``switched``: the link went from static to
+            dynamic or back. ``authority``: only the authority that writes it changed.
+        stamp_ns: Stamp in nanoseconds of the transform that changed the link.
+        authority: Authority that wrote it.
+        parent_before: Parent before the change.
+        static_before: Whether the link was static before the change.
     """
 
     kind: Literal["reparented", "switched", "authority"]
@@ -28,12 +31,22 @@ class FrameChange:
 class FrameInfo:
     """A frame and the link to its parent, as of one instant.
 
-    ``parent`` is ``None`` for a root, and the stamps are ``None`` where there is no data.
-    A static link has one sample, good for all times. The counters: samples ``rewritten`` at an
-    equal stamp, ``dropped`` as too old, ``evicted`` before their time because the frame was
-    full; times the newest link was ``reparented``, ``switched`` between static and dynamic,
-    taken over by another authority (``authority_changes``); ``last_change`` is the latest of
-    these three.
+    Attributes:
+        name: The frame.
+        parent: Its parent; ``None`` for a root.
+        authority: Authority that wrote the link last; empty if it gave no name.
+        static: Whether the link holds at all times.
+        samples: Samples in the history; 1 for a static link, 0 without data.
+        oldest_stamp_ns: Oldest stamp in nanoseconds; ``None`` without data.
+        newest_stamp_ns: Newest stamp in nanoseconds; ``None`` without data.
+        version: Number that grows with every change of the frame.
+        rewritten: Samples replaced at an equal stamp.
+        dropped: Transforms dropped as too old.
+        evicted: Samples evicted before the cache time because the link was full.
+        reparented: Changes of the newest parent.
+        switched: Changes between static and dynamic.
+        authority_changes: Changes of the authority.
+        last_change: The latest of these three kinds of change; ``None`` if there was none.
     """
 
     name: str
@@ -54,21 +67,31 @@ class FrameInfo:
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:
-        """From the map of the fields, as it travels."""
+        """Return the instance of a map of the fields, as it is sent over the network.
+
+        Args:
+            record: Values by field name.
+        """
         change = record["last_change"]
         return cls(**{**record, "last_change": None if change is None else FrameChange(**change)})
 
     @property
     def rate_hz(self) -> float | None:
-        """Samples over the time between oldest and newest, as tf2 counts; ``None``: no rate."""
+        """Samples per second between oldest and newest, as tf2 counts; ``None`` without a rate."""
         if self.static or self.oldest_stamp_ns is None or self.newest_stamp_ns is None:
             return None
         span_ns = self.newest_stamp_ns - self.oldest_stamp_ns
         return self.samples * 1e9 / span_ns if span_ns > 0 else None
 
     def delay_s(self, now_ns: int | None = None) -> float | None:
-        """How far the newest sample is behind ``now_ns`` (default: this machine's clock), in
-        seconds; ``None`` for a static link or no data. tf2's transform delay."""
+        """Return how many seconds the newest sample lies behind now: tf2's transform delay.
+
+        Args:
+            now_ns: The time to compare with, nanoseconds; None means this machine's clock.
+
+        Returns:
+            Seconds, negative if the stamp lies ahead; ``None`` for a static link or no data.
+        """
         if self.static or self.newest_stamp_ns is None:
             return None
         return ((time.time_ns() if now_ns is None else now_ns) - self.newest_stamp_ns) * 1e-9
@@ -76,7 +99,7 @@ class FrameInfo:
 
 @dataclass(frozen=True, slots=True)
 class AuthorityInfo:
-    """What an authority has done since the tree exists. Commits without one are not counted.
+    """What an authority has done in the tree's lifetime. Commits without a name do not count.
 
     Attributes:
         name: The authority.

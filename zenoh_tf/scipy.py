@@ -1,7 +1,7 @@
-"""In and out of ``scipy.spatial.transform``; needs SciPy (``pip install 'zenoh-tf[scipy]'``).
+"""Conversions to and from ``scipy.spatial.transform`` (``pip install 'zenoh-tf[scipy]'``).
 
-Both sides mean the same by the same numbers: quaternions are (x, y, z, w), ``X_parent_child``
-takes coordinates in child to coordinates in parent, and SciPy's ``A * B`` is ``A @ B`` here.
+The conventions are the same: quaternions are (x, y, z, w), ``X_parent_child`` maps coordinates
+in child to coordinates in parent, and SciPy's ``A * B`` is ``A @ B`` here.
 """
 
 from __future__ import annotations
@@ -30,15 +30,19 @@ __all__ = ["from_rigid_transform", "from_rotation", "to_rigid_transform", "to_ro
 
 
 def to_rotation(transforms: Transform | TransformArray) -> Rotation:
-    """The rotation of a transform, or a stack of those of n transforms.
+    """Return the rotation of a transform, or the stack of rotations of an array.
 
-    ``to_rotation(X_parent_child).apply(v)`` takes directions (3,) or (n, 3) in child's axes to
-    parent's. Quaternions keep their signs, and are normalised.
+    ``to_rotation(X_parent_child).apply(v)`` maps directions (3,) or (n, 3) in child's axes to
+    parent's. Quaternions keep their signs and are normalised.
 
-    Rows of an array that are errors (``status`` is not 0) are the identity, as in ``poses``.
+    Args:
+        transforms: One transform, or an array; `array[array.ok]` leaves out rows that failed.
+
+    Raises:
+        TransformException: A row of the array failed; the class is that of its error.
     """
     if isinstance(transforms, TransformArray):
-        return Rotation.from_quat(transforms.rotations)
+        return Rotation.from_quat(transforms.raise_for_status().rotations)
     return Rotation.from_quat(transforms.rotation)
 
 
@@ -46,7 +50,11 @@ def from_rotation(
     rotation: Rotation,
     translation: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
 ) -> Transform:
-    """``X_parent_child`` from its rotation, and where child's origin lies in parent, in metres.
+    """Return ``X_parent_child`` of a rotation and a translation.
+
+    Args:
+        rotation: One rotation, child's axes in parent.
+        translation: (3,) child's origin in parent, metres.
 
     Raises:
         InvalidArgumentException: ``rotation`` is a stack, or ``translation`` is not (3,).
@@ -55,11 +63,13 @@ def from_rotation(
 
 
 def to_rigid_transform(transforms: Transform | TransformArray) -> RigidTransform:
-    """The same transform, or a stack of n transforms, as SciPy's class for both parts.
+    """Return a transform, or the stack of an array, as SciPy's ``RigidTransform``.
 
-    Rows of an array that are errors (``status`` is not 0) are the identity, as in ``poses``.
+    Args:
+        transforms: One transform, or an array; `array[array.ok]` leaves out rows that failed.
 
     Raises:
+        TransformException: A row of the array failed; the class is that of its error.
         ImportError: SciPy is older than 1.16, and has no ``RigidTransform``.
     """
     try:
@@ -74,9 +84,10 @@ def to_rigid_transform(transforms: Transform | TransformArray) -> RigidTransform
 
 
 def from_rigid_transform(transform: RigidTransform) -> Transform:
-    """``X_parent_child`` from SciPy's transform of the same meaning.
+    """Return ``X_parent_child`` of a ``RigidTransform``; the quaternion's sign is SciPy's.
 
-    Of the quaternion's two signs it has the one that SciPy gives.
+    Args:
+        transform: One transform, metres.
 
     Raises:
         InvalidArgumentException: ``transform`` is a stack.

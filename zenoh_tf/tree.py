@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import _core
 from zenoh_tf.array import TransformArray
@@ -17,65 +17,80 @@ if TYPE_CHECKING:
 
 
 class TransformTree(_core.Tree):
-    """A tree of frames with the history of every link.
+    """A tree of frames with the history of every link. Any thread may call any method.
 
-    ``X_target_source`` below is the pose of source in target: it maps coordinates in source to
-    coordinates in target. Stamps are integer nanoseconds. Any thread may call anything.
+    `X_target_source` is the pose of source in target: it maps coordinates in source to coordinates
+    in target. Stamps are integer nanoseconds of any one clock, lengths are metres.
+
+    Example:
+        >>> tree = TransformTree()
+        >>> tree.set_transform(StampedTransform("map", "base", 0, Transform((1, 0, 0))))
+        True
+        >>> tree.lookup_transform("map", "base").transform.apply((0, 0, 0))
+        array([1., 0., 0.])
 
     Args:
-        cache_time_s: How long samples are kept, counted back from the newest of their link.
-        concurrency: ``"optimistic"`` (readers validate and share nothing), ``"2pl"`` (two-phase
-            locking) or ``"giant"`` (one mutex around the tree, as tf2).
-        max_frames, max_samples_per_frame, max_name_bytes, max_depth: Limits; ``LimitExceeded``
-            names the one that was hit. A link that is full drops its oldest sample and counts it.
-            ``max_depth`` is the number of links that a lookup climbs from either frame.
-        one_authority_per_frame: Refuse a write to a link that another authority has written.
+        cache_time_s: Seconds to keep samples, counted back from the newest of their link.
+        concurrency: `"optimistic"` (readers validate and write nothing shared), `"2pl"` (two-phase
+            locking) or `"giant"` (one mutex around the tree, as in tf2).
+        max_frames: Most frames; more raise `LimitExceeded`.
+        max_samples_per_frame: Most samples of one link; a full link evicts its oldest sample and
+            counts it.
+        max_name_bytes: Most bytes of a frame's name in UTF-8; longer ones raise `LimitExceeded`.
+        max_depth: Most links that a lookup follows upwards from either frame.
+        one_authority_per_frame: Reject a write to a link that another authority has written.
         time_jump: What a transform means that is older than its link's newest by more than the
-            cache time. ``"reject"``: it is late, and dropped or refused. ``"clear"``: time was set
-            back, as simulators do; everything but static links is dropped, and it is stored.
-            A jump back by less than the cache time cannot be told from a late transform.
+            cache time. `"reject"`: it is late, so it is dropped or rejected. `"clear"`: time was
+            set back, as simulators do, so all samples but static links are dropped and it is
+            stored. A jump back by less than the cache time looks like a late transform.
 
-    Writing (``InvalidArgumentException`` says what is wrong, for which frames):
-        ``set_transform(stamped, authority="", static=False)``: True stored, False dropped because
-        older than newest - cache time. ``set_transforms_xact(stampeds, ...)``: all or nothing, at
-        one instant; one that is too old refuses the whole. At an equal stamp the last one wins. A
-        set that would close a cycle is refused.
-
-    Reading:
-        ``lookup_transform(target, source, stamp_ns=None, timeout_s=0.0)``: at that time, or at
-        the latest common time of all links between the two. ``lookup_transform_full(target,
-        target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s=0.0)``: source at one
-        time in target at another, through a frame that is fixed in between.
-        ``can_transform(...)`` never raises for a missing transform.
-        ``lookup_latest_transform(target, source)``: the newest of every link, each by itself;
-        ``lookup_latest_transform_xact``: the same at one instant;
-        ``lookup_latest_transforms_xact(pairs)``: several at one instant.
-        ``timeout_s``: how long to wait for a write that makes the answer possible.
-
-    Errors: ``LookupException``, ``ConnectivityException``, ``ExtrapolationException``,
-    ``InvalidArgumentException``, ``LimitExceeded`` with their facts (``zenoh_tf.errors``).
+    Raises:
+        InvalidArgumentException: An option is out of its range.
     """
 
     def lookup_transforms(
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.int64] | None,
+        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> TransformArray:
-        """Many lookups in one call, each a transaction of its own.
+        """Look up many transforms in one call, without the GIL; each row is its own transaction.
 
-        A single name or stamp stands for every row, ``None`` for the latest common time. The
-        interpreter lock is released meanwhile. Errors are in ``status``, in place.
+        A row that fails does not raise: its `status` is the error's code and its pose is NaN.
+        Example: `tree.lookup_transforms("map", ["a", "b"], None).raise_for_status().translations`
+
+        Args:
+            targets: Frames to express coordinates in; one name stands for every row.
+            sources: Frames whose coordinates are given; one name stands for every row.
+            stamps_ns: Times in nanoseconds; one int stands for every row, and None for the latest
+                common time of every row.
+
+        Returns:
+            `X_target_source` of every row, in metres.
+
+        Raises:
+            InvalidArgumentException: A name or a stamp is invalid, or the numbers of rows differ.
         """
-        return TransformArray(*self.lookup_columns(targets, sources, stamps_ns))
+        return TransformArray(*self._lookup_columns(targets, sources, stamps_ns))
 
     def sample(
-        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.int64]
+        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
     ) -> TransformArray:
-        """One pair of frames at many times; see ``lookup_transforms``, which gives the same.
+        """Look up one pair of frames at many times; see `lookup_transforms`.
 
-        Fastest where the times are sorted: every link's samples are then walked along, not
-        searched again for each time.
+        Sorted times are fastest: each link's samples are then scanned, not searched for each row.
+        Example: `tree.sample("map", "lidar", stamps_ns).raise_for_status().apply(points)`
+
+        Args:
+            target: Frame to express coordinates in.
+            source: Frame whose coordinates are given.
+            stamps_ns: (n,) times in nanoseconds.
+
+        Returns:
+            `X_target_source` at every time, in metres; NaN in rows that failed.
+
+        Raises:
+            InvalidArgumentException: A name or a stamp is invalid.
         """
         return self.lookup_transforms(target, source, stamps_ns)
 
@@ -90,24 +105,30 @@ class TransformTree(_core.Tree):
         reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Velocity:
-        """How the tracking frame moves in the observation frame; ``Velocity`` says what that is.
-
-        Everything is read at one instant. The errors are those of the lookups that it takes, each
-        naming its two frames: of the tracking frame at both ends of the window and at the time
-        itself, and of the two reference frames at the time.
+        """Return how the tracking frame moves in the observation frame, read at one instant.
 
         Args:
-            tracking_frame: The frame whose motion is asked for.
-            observation_frame: The frame that counts as standing still.
-            stamp_ns: The middle of the window; ``None``: the latest common time of the two.
-            averaging_interval_s: The length of the window, from 1e-9 to 1e9 seconds.
-            reference_frame: In whose axes the answer is; ``None``: the observation frame's.
-            reference_point: (3,) metres; the body's point there has the linear velocity.
-            reference_point_frame: Where the reference point is given; ``None``: in the tracking
-                frame, so that the default is the velocity of its origin.
+            tracking_frame: Frame whose motion is measured.
+            observation_frame: Frame that counts as standing still.
+            stamp_ns: Middle of the averaging window in nanoseconds; None means the latest common
+                time of the two frames.
+            averaging_interval_s: Length of the window, from 1e-9 to 1e9 seconds.
+            reference_frame: Frame in whose axes the answer is; None means the observation frame.
+            reference_point: (3,) metres; the linear velocity is of the body's point there.
+            reference_point_frame: Frame of the reference point; None means the tracking frame, so
+                that the default is the velocity of its origin.
+
+        Returns:
+            The mean twist over the window, in m/s and rad/s; see `Velocity`.
+
+        Raises:
+            LookupException: A frame does not exist, or a path is longer than `max_depth`.
+            ConnectivityException: No path connects two of the frames.
+            ExtrapolationException: A link has no data for a time of the window.
+            InvalidArgumentException: A name, the stamp, the interval or the point is invalid.
         """
         return Velocity.from_record(
-            self.velocity_record(
+            self._velocity_record(
                 tracking_frame,
                 observation_frame,
                 stamp_ns,
@@ -119,9 +140,17 @@ class TransformTree(_core.Tree):
         )
 
     def frame(self, name: str) -> FrameInfo:
-        """What is known about a frame and its link; ``LookupException`` if it does not exist."""
-        return FrameInfo.from_record(self.frame_record(name))
+        """Return what is known about a frame and the link to its parent.
+
+        Args:
+            name: The frame.
+
+        Raises:
+            LookupException: The frame does not exist.
+            InvalidArgumentException: The name is invalid.
+        """
+        return FrameInfo.from_record(self._frame_record(name))
 
     def authorities(self) -> list[AuthorityInfo]:
-        """What each authority has done, in the order of their first commits."""
-        return [AuthorityInfo(**record) for record in self.authority_records()]
+        """Return what each authority has done, in the order of their first commits."""
+        return [AuthorityInfo(**record) for record in self._authority_records()]

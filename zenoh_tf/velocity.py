@@ -16,26 +16,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Velocity:
-    """The twist of the tracking frame as seen from the observation frame, which counts as
-    standing still; expressed in the axes of the reference frame.
+    """The twist of the tracking frame relative to the observation frame, in the axes of the
+    reference frame.
 
-    It is the mean over ``[start_ns, end_ns]``, from the two poses at the ends: the displacement
-    of the tracking frame's origin and the rotation vector from the one orientation to the other,
-    each by the time between. A body that turns by half a turn or more in that time cannot be
-    measured: shorten the averaging interval. Where links are interpolated, so is the velocity.
+    It is the mean over the window, from the poses at its two ends: the displacement of the
+    tracking frame's origin and the rotation vector between the two orientations, each divided by
+    the window's length. A body must turn by less than half a turn in that time; otherwise shorten
+    the averaging interval. Where links are interpolated, so is the velocity.
 
     Attributes:
         linear: (3,) float64, m/s: the velocity of the tracking body's point that is at the
             reference point at ``stamp_ns``. With ``p`` that point and ``o`` the tracking frame's
             origin it is the mean velocity of ``o`` plus ``angular x (p - o)``.
         angular: (3,) float64, rad/s: the same at every point of the body.
-        stamp_ns: The time asked for, or the latest common time of tracking and observation
-            frame; 0 where all links between them are static.
-        start_ns, end_ns: The window: the averaging interval around ``stamp_ns``, moved back
-            where it would end after the latest common time, cut off where it would begin
-            before time zero. As in tf2; the linear part of
-            tf2's result is another where a body turns.
-        tracking_frame, observation_frame, reference_frame: As asked for.
+        stamp_ns: The requested time in nanoseconds, or the latest common time of tracking and
+            observation frame; 0 if all links between them are static.
+        start_ns: Start of the window in nanoseconds. The window is the averaging interval around
+            ``stamp_ns``, moved back so that it ends by the latest common time and cut off at time
+            zero. The window is tf2's; the linear part differs from tf2's for a body that turns.
+        end_ns: End of the window in nanoseconds.
+        tracking_frame: Frame whose motion this is.
+        observation_frame: Frame that counts as standing still.
+        reference_frame: Frame in whose axes the vectors are.
     """
 
     linear: NDArray[np.float64]
@@ -49,7 +51,11 @@ class Velocity:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Velocity:
-        """From the native tree's record or a server's, whose vectors are lists."""
+        """Return the instance of a map of the fields, whose vectors are lists.
+
+        Args:
+            record: Values by field name, from the native tree or a server.
+        """
         values = {name: record[name] for name in cls.__slots__}
         for name in ("linear", "angular"):
             values[name] = np.array(values[name], np.float64).reshape(3)
@@ -58,7 +64,14 @@ class Velocity:
 
 
 def interval_ns(averaging_interval_s: float) -> int:
-    """An averaging interval in nanoseconds; ``InvalidArgumentException`` for one that is none."""
+    """Return an averaging interval in nanoseconds.
+
+    Args:
+        averaging_interval_s: Seconds, from 1e-9 to 1e9.
+
+    Raises:
+        InvalidArgumentException: The interval is out of that range.
+    """
     if not 1e-9 <= averaging_interval_s <= 1e9:
         raise InvalidArgumentException(
             f"averaging_interval_s must be from 1e-9 to 1e9 seconds, not {averaging_interval_s!r}",

@@ -1,8 +1,10 @@
 """The SDK of zenoh-tf: `TransformClient.connect` and what it returns."""
 
+from zenoh_tf import __version__
+
 from .batch import Batch, Handle
 from .broadcaster import Broadcaster
 from .client import TransformClient
 from .transaction import Transaction
 
-__all__ = ["Batch", "Broadcaster", "Handle", "Transaction", "TransformClient"]
+__all__ = ["Batch", "Broadcaster", "Handle", "Transaction", "TransformClient", "__version__"]

@@ -29,9 +29,9 @@ class InfoRequests:
         if what == "frames":
             return tree.frames()
         if what == "frame":
-            return tree.frame_record(wire.text(message, "frame"))
+            return tree._frame_record(wire.text(message, "frame"))
         if what == "authorities":
-            return self._refusals.add_to(tree.authority_records())
+            return self._refusals.add_to(tree._authority_records())
         if what == "parent":
             return tree.parent(wire.text(message, "frame"), _stamp(message))
         if what == "chain":
@@ -44,7 +44,7 @@ class InfoRequests:
         raise InvalidArgumentException(f"unknown info request {what!r}", field="what")
 
     def _velocity(self, message: wire.Message) -> dict[str, Any]:
-        return self._tree.velocity_record(
+        return self._tree._velocity_record(
             wire.text(message, "tracking_frame"),
             wire.text(message, "observation_frame"),
             _stamp(message),

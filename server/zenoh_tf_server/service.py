@@ -138,7 +138,7 @@ class Service:
 
     def _read(self, lookup: wire.Lookup) -> wire.Message:
         """The reply's fields."""
-        rows = self.tree.read_rows(
+        rows = self.tree._read_rows(
             lookup.names,
             lookup.op,
             lookup.target,
@@ -205,7 +205,7 @@ class Service:
 
     def commit(self, commit: wire.Commit) -> Any:
         """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
-        return self.tree.commit_rows(
+        return self.tree._commit_rows(
             commit.names,
             commit.parent,
             commit.child,

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf._core import WaitingRows, WaitQueue, waiting_rows
+from zenoh_tf._core import ParkedLookups, WakeQueue, park_lookups
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 
 from .limits import Limits
@@ -65,7 +65,7 @@ class _Request:
 
 @dataclass(slots=True, eq=False)
 class _Waiting:
-    rows: WaitingRows
+    rows: ParkedLookups
     lookup: wire.Lookup
     index: int  # in its request
     request: _Request
@@ -80,7 +80,7 @@ class Waiters:
         self._tree = tree
         self._limits = limits
         self._loop = loop
-        self._queue = WaitQueue()
+        self._queue = WakeQueue()
         self._tokens = itertools.count()
         self._lock = threading.Lock()
         self._waiting: dict[int, _Waiting] = {}  # by token
@@ -137,13 +137,13 @@ class Waiters:
                 waiting.request.fail(ServerUnavailable("the server is stopping"))
         self._thread.join(_JOIN_TIMEOUT_S)
 
-    def _rows_of(self, lookup: wire.Lookup, token: int) -> WaitingRows:
+    def _rows_of(self, lookup: wire.Lookup, token: int) -> ParkedLookups:
         if lookup.atomic or lookup.versions:
             raise InvalidArgumentException(
                 "a lookup with `atomic` or `versions` cannot wait: leave out timeout_ns",
                 field="timeout_ns",
             )
-        return waiting_rows(
+        return park_lookups(
             self._tree,
             self._queue,
             token,

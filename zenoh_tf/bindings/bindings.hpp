@@ -1,6 +1,6 @@
-// What the binding files share: Python values in and out, and errors.
+// What the binding files share: Python values in and out, errors, the GIL.
 //
-// Thread safety: everything here needs the interpreter lock.
+// Thread safety: everything here requires the GIL.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -14,14 +14,20 @@
 #include <string_view>
 #include <utility>
 
+#include "docs.hpp"
 #include "tree.hpp"
+
+// A method's signature and docstring, from the stubs.
+#define ZTF_DOC(name) nb::sig(docs::name.signature), docs::name.text
+#define ZTF_PROPERTY_DOC(name) nb::for_getter(nb::sig(docs::name.signature)), docs::name.text
 
 namespace ztf {
 
 namespace nb = nanobind;
 
-// The Python-visible values. Poses are not normalised or checked before they
-// are set in a tree, which can name the frames concerned.
+// --- values
+
+// Poses are not validated here but where they are set in a tree, whose error names the frames.
 struct StampedTransform {
   nb::object parent_frame, child_frame;  // str
   Stamp stamp;
@@ -31,42 +37,56 @@ struct LatestTransform : StampedTransform {
   Stamp newest;
 };
 
+// --- errors
+
 // errors.BY_CODE[code](message, **facts)
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
-nb::object make_error(const Rejected& refused);
+nb::object make_error(const Rejected& rejected);
+// The error of a lookup of `source` in `target`; `note` is appended to its message.
 nb::object make_error(const Tree& tree, const Failure& failure, nb::handle target,
                       nb::handle source, const std::string& note = "");
-// What is added to the message of a lookup that has waited in vain.
+// The note of a lookup that timed out.
 std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
 
+// --- the GIL
+
 bool is_main_thread();  // Python's
-// Without the interpreter lock, for as long as it takes: also where the process
-// ends meanwhile.
-class Unlocked {
+// Releases the GIL in its scope. Unlike nanobind's guard it is safe in daemon threads while the
+// interpreter shuts down: such a thread then never returns.
+class GilReleased {
  public:
-  Unlocked();
-  ~Unlocked();
-  Unlocked(const Unlocked&) = delete;
-  Unlocked& operator=(const Unlocked&) = delete;
+  GilReleased();
+  ~GilReleased();
+  GilReleased(const GilReleased&) = delete;
+  GilReleased& operator=(const GilReleased&) = delete;
 
  private:
   PyThreadState* const state_;
 };
 
-// A str's UTF-8, which lives as long as the str.
+// --- arguments; `field` names the argument in InvalidArgumentException
+
+// "'name'"
+std::string quoted(std::string_view name);
+// A str's UTF-8; valid as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
-// A frame's id, 0 where there is none; names that no frame can have are errors.
+// A frame's id, 0 if there is none. Raises for names that no frame can have.
 FrameId frame_of(const Tree& tree, nb::handle name, const char* field);
 Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
-Stamp stamp_of(nb::handle stamp, const char* field);  // kNoStamp for None
-// Exactly n numbers from a sequence.
+// An int as a stamp; kNoStamp for None.
+Stamp stamp_of(nb::handle stamp, const char* field);
+// Exactly n numbers of a sequence.
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field);
 Pose pose_of(nb::handle translation, nb::handle rotation);
-// A numpy array of float64, C-contiguous, from any array of real numbers or nested sequences; a
-// copy only where it has to be.
+// A C-contiguous float64 array, from an array of real numbers or nested sequences. Copies only
+// where it must.
 nb::object doubles_of(nb::handle values, const char* field);
+// PySequence_Tuple, which keeps the items alive and unchanged.
+nb::tuple tuple_of(nb::handle sequence);
+
+// --- arrays
 
 template <class T>
 using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -83,16 +103,20 @@ nb::object make_array(const std::size_t (&shape)[N], Fill&& fill) {
   return nb::cast(nb::ndarray<nb::numpy, T>(data, N, shape, owner));
 }
 
-// tree.commit(), with its refusal as a Python error.
-void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
-            bool release_interpreter);
+// --- the tree
 
-void bind_values(nb::module_& m);
+// Tree::commit, with Rejected raised as its Python error.
+void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
+            bool release_gil);
+
+void bind_transform(nb::module_& m);
 void bind_apply(nb::class_<Pose>& transform);
+void bind_stamped(nb::module_& m);
 void bind_tree(nb::module_& m);
-void bind_read(nb::module_& m, nb::class_<Tree>& tree);
+void bind_lookup_columns(nb::class_<Tree>& tree);
+void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree);
 void bind_commit(nb::module_& m, nb::class_<Tree>& tree);
-void bind_waiting(nb::module_& m);
+void bind_parked_lookups(nb::module_& m);
 void bind_introspection(nb::class_<Tree>& tree);
 void bind_velocity(nb::class_<Tree>& tree);
 

@@ -1,24 +1,23 @@
-// Many transforms at once, in columns: numpy arrays in and out.
+// Tree._commit_rows: a transaction as columns, for the server; columns_of makes such columns.
 //
-// Interpreter lock: commits release it.
+// GIL: commits release it.
 #include <algorithm>
 #include <unordered_map>
 
-#include "rows.hpp"
+#include "read_rows.hpp"
 
 namespace ztf {
 
 namespace {
 
-// Transforms as the columns of a commit; each name once, in order of appearance.
+// (names, parent, child, stamp, pose): the columns of a commit. Each name appears once.
 nb::tuple columns_of(nb::handle stampeds) {
-  const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(stampeds.ptr()));
-  if (!items.is_valid()) throw nb::python_error();
+  const nb::tuple items = tuple_of(stampeds);
   std::vector<const StampedTransform*> rows;
   rows.reserve(items.size());
   for (const nb::handle item : items) {
     if (!nb::isinstance<StampedTransform>(item))
-      raise_invalid("stampeds must hold StampedTransform", "stampeds");
+      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
     rows.push_back(&nb::cast<const StampedTransform&>(item));
   }
   const std::size_t n = rows.size();
@@ -57,14 +56,14 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
                        bool drop_old, nb::handle read_names,
                        std::optional<Column<Version>> read_versions) {
   std::vector<std::string_view> texts, read_texts;
-  const std::vector<nb::object> held = names_of(names, texts, "names");
-  const std::vector<nb::object> read_held = names_of(read_names, read_texts, "read_names");
+  const std::vector<nb::object> objects = names_of(names, texts, "names");
+  const std::vector<nb::object> read_objects = names_of(read_names, read_texts, "read_names");
   const std::size_t n = parent.shape(0);
   fit(child, n, "child");
   fit(stamp, n, "stamp_ns");
-  if (pose.shape(0) != n) raise_invalid("pose has not as many rows as parent", "pose");
+  if (pose.shape(0) != n) raise_invalid("pose must have as many rows as parent", "pose");
   if ((read_versions ? read_versions->shape(0) : 0) != read_texts.size())
-    raise_invalid("read_versions has not as many rows as read_names", "read_versions");
+    raise_invalid("read_versions must have as many rows as read_names", "read_versions");
   std::vector<Row> rows(n);
   for (std::size_t i = 0; i < n; ++i) {
     rows[i] = {
@@ -90,7 +89,7 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
 
 void bind_commit(nb::module_& m, nb::class_<Tree>& tree) {
   m.def("columns_of", &columns_of, nb::arg("stampeds"));
-  tree.def("commit_rows", &commit_rows, nb::arg("names"), nb::arg("parent"), nb::arg("child"),
+  tree.def("_commit_rows", &commit_rows, nb::arg("names"), nb::arg("parent"), nb::arg("child"),
            nb::arg("stamp_ns"), nb::arg("pose"), nb::kw_only(), nb::arg("authority") = "",
            nb::arg("static") = false, nb::arg("drop_old") = false,
            nb::arg("read_names") = nb::make_tuple(), nb::arg("read_versions").none() = nb::none());

@@ -1,17 +1,18 @@
-// What the tree says about itself.
+// Introspection: frames, links, authorities and counters.
 #include "bindings.hpp"
 
 namespace ztf {
 
 namespace {
 
+// The id of a frame that must exist.
 FrameId known(const Tree& tree, nb::handle name) {
   const FrameId id = frame_of(tree, name, "frame");
   if (id == 0) {
     nb::dict facts;
     facts["frame"] = name;
-    raise(make_error(Code::lookup,
-                     "frame '" + std::string(text_of(name, "frame")) + "' does not exist", facts));
+    raise(make_error(Code::lookup, "frame " + quoted(text_of(name, "frame")) + " does not exist",
+                     facts));
   }
   return id;
 }
@@ -50,6 +51,7 @@ T load(const std::atomic<T>& counter) {
   return counter.load(std::memory_order_relaxed);
 }
 
+// The fields of zenoh_tf.FrameInfo.
 nb::dict frame_record(const Tree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
   const FrameInfo info = tree.info(id);
@@ -77,6 +79,7 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   return out;
 }
 
+// The fields of zenoh_tf.AuthorityInfo, in the order of first commits.
 nb::list authority_records(const Tree& tree) {
   const AuthorityId n = tree.authorities();
   std::vector<std::uint32_t> frames(n + 1);
@@ -98,6 +101,10 @@ nb::list authority_records(const Tree& tree) {
     out.append(record);
   }
   return out;
+}
+
+nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
+  return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));
 }
 
 nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
@@ -141,18 +148,14 @@ nb::dict stats(const Tree& tree) {
 }  // namespace
 
 void bind_introspection(nb::class_<Tree>& tree) {
-  tree.def("frames", &frames)
-      .def("frame_record", &frame_record, nb::arg("name"))
-      .def("authority_records", &authority_records)
-      .def(
-          "parent",
-          [](const Tree& tree, nb::handle frame, nb::handle stamp) {
-            return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));
-          },
-          nb::arg("frame"), nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", &chain, nb::arg("target"), nb::arg("source"),
+  tree.def("frames", &frames, ZTF_DOC(Tree_frames))
+      .def("parent", &parent, ZTF_DOC(Tree_parent), nb::arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("stats", &stats);
+      .def("chain", &chain, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
+           nb::arg("stamp_ns").none() = nb::none())
+      .def("stats", &stats, ZTF_DOC(Tree_stats))
+      .def("_frame_record", &frame_record, nb::arg("name"))
+      .def("_authority_records", &authority_records);
 }
 
 }  // namespace ztf

@@ -1,9 +1,8 @@
-// The tree, as zenoh_tf.TransformTree builds on it.
+// Tree: the base class of zenoh_tf.TransformTree.
 //
-// Interpreter lock: a single lookup or set keeps it, since giving it away and
-// taking it back would cost more than the work; whatever waits, and commits of
-// several transforms, release it. No lock of the core is ever held while
-// waiting for the interpreter lock, so the two cannot block each other.
+// GIL: a single lookup or set keeps it, since releasing it would cost more than the work. Waits,
+// and commits of several transforms, release it. No thread waits for the GIL while it holds a
+// lock of the core, so there is no deadlock between the two.
 #include <chrono>
 #include <cmath>
 
@@ -13,41 +12,47 @@ namespace ztf {
 
 namespace {
 
-// Sleeps until there is an answer, none can come, or the time is over. Returns
-// what the message of a failure then adds.
+constexpr std::pair<std::string_view, Concurrency> kConcurrency[] = {
+    {"optimistic", Concurrency::optimistic},
+    {"2pl", Concurrency::two_phase},
+    {"giant", Concurrency::giant},
+};
+
+// Blocks until there is an answer, none can come, or the deadline has passed. Returns the note
+// to append to a failure's message.
 [[gnu::noinline]] std::string wait(const Tree& tree, const Query& query, nb::handle target,
                                    nb::handle source, nb::handle fixed, double timeout_s,
                                    Answer& answer) {
-  if (!(timeout_s >= 0)) raise_invalid("timeout_s must not be negative", "timeout_s");
+  if (!(timeout_s >= 0)) raise_invalid("timeout_s must be 0 or more seconds", "timeout_s");
   using Clock = BlockingWaiter::Clock;
   const auto time = std::chrono::duration<double>(std::min(timeout_s, 1e9));
   const Clock::time_point deadline =
       Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
-  // Signals are heard by Python's main thread only, and only while it holds the
-  // interpreter lock: that thread wakes up to look.
+  // Python handles signals in its main thread, while that holds the GIL; so the main thread wakes
+  // up regularly to check.
   const auto slice =
       is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
   BlockingWaiter waiter(tree.wait_list(), query, text_of(target, "target_frame"),
                         text_of(source, "source_frame"),
                         fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
-    bool over;
+    bool done;
     {
-      const Unlocked unlocked;
-      over = waiter.wait(deadline - now < slice ? deadline : now + slice);
+      const GilReleased released;
+      done = waiter.wait(deadline - now < slice ? deadline : now + slice);
     }
     if (PyErr_CheckSignals() != 0) throw nb::python_error();
-    if (over) {
+    if (done) {
       answer = waiter.answer();
       return {};
     }
     if (Clock::now() >= deadline) break;
   }
-  tree.lookup(waiter.query(), answer);  // as of the deadline
+  tree.lookup(waiter.query(), answer);  // the failure as of the deadline
   return waited(timeout_s);
 }
 
-// What an answer is made of, or raised as: what was asked, by name.
+// The answer as a value; raises its failure.
 StampedTransform stamped_answer(const Tree& tree, const Answer& a, nb::handle target,
                                 nb::handle source, const std::string& note = {}) {
   if (a.failure.code != Code::ok) [[unlikely]]
@@ -93,7 +98,7 @@ StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle tar
   else
     note = wait(tree, query, target, source, fixed, timeout_s, a);
   if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
-  // The leg that failed: source in fixed, or fixed in target.
+  // The lookup failed in one of its halves: source in fixed, or fixed in target.
   const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
   return stamped_answer(tree, a, first ? fixed : target, first ? source : fixed, note);
 }
@@ -121,8 +126,7 @@ LatestTransform latest(const Tree& tree, nb::handle target, nb::handle source) {
 }
 
 nb::list latest_all(const Tree& tree, nb::handle pairs) {
-  const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(pairs.ptr()));
-  if (!items.is_valid()) throw nb::python_error();
+  const nb::tuple items = tuple_of(pairs);
   std::vector<Query> queries;
   std::vector<std::pair<nb::object, nb::object>> names;
   for (const nb::handle item : items) {
@@ -166,16 +170,14 @@ bool set(Tree& tree, const StampedTransform& s, std::string_view authority, bool
 }
 
 void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool is_static) {
-  // A tuple of our own: nobody can change it, so the names' texts stay.
-  const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(stampeds.ptr()));
-  if (!items.is_valid()) throw nb::python_error();
+  const nb::tuple items = tuple_of(stampeds);  // keeps the names' texts alive
   std::vector<std::string_view> names;
   std::vector<Row> rows;
   names.reserve(items.size() * 2);
   rows.reserve(items.size());
   for (const nb::handle item : items) {
     if (!nb::isinstance<StampedTransform>(item))
-      raise_invalid("stampeds must hold StampedTransform", "stampeds");
+      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
     const auto& s = nb::cast<const StampedTransform&>(item);
     const auto at = static_cast<std::uint32_t>(names.size());
     names.push_back(text_of(s.parent_frame, "parent_frame"));
@@ -188,33 +190,30 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
 }
 
 void remove_frame(Tree& tree, nb::handle name, bool subtree) {
-  (void)frame_of(tree, name, "name");  // refuses what can be no frame's name
+  (void)frame_of(tree, name, "name");  // raises for an invalid name
   const std::string_view text = text_of(name, "name");
   try {
-    nb::gil_scoped_release release;
+    const GilReleased released;
     tree.remove_frame(text, subtree);
-  } catch (const Rejected& refused) {
-    raise(make_error(refused));
+  } catch (const Rejected& rejected) {
+    raise(make_error(rejected));
   }
 }
-
-constexpr const char* kResetDoc =
-    R"(reset() -> None
-
-Drop every frame at one instant: all samples, static links and names.
-
-The tree is then as new, apart from its counters and authorities. Readers see
-it before or after, never in part. A name that was ever used keeps counting
-against ``max_frames``; to keep the names use ``clear(keep_static=False)``.
-Works for any number of frames, in time proportional to it.)";
 
 std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most,
                        const char* field) {
   if (value < least || value > most)
     raise_invalid(std::string(field) + " must be from " + std::to_string(least) + " to " +
-                      std::to_string(most),
+                      std::to_string(most) + ", not " + std::to_string(value),
                   field);
   return static_cast<std::uint32_t>(value);
+}
+
+Concurrency concurrency_of(std::string_view name) {
+  for (const auto& [known, value] : kConcurrency)
+    if (name == known) return value;
+  raise_invalid("concurrency must be 'optimistic', '2pl' or 'giant', not " + quoted(name),
+                "concurrency");
 }
 
 void construct(Tree* self, double cache_time_s, std::string_view concurrency,
@@ -225,14 +224,7 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency,
   if (!(cache_time_s > 0 && cache_time_s <= 1e9))
     raise_invalid("cache_time_s must be above 0 and at most 1e9 seconds", "cache_time_s");
   options.cache_ns = static_cast<std::uint64_t>(std::llround(cache_time_s * 1e9));
-  if (concurrency == "optimistic")
-    options.concurrency = Concurrency::optimistic;
-  else if (concurrency == "2pl")
-    options.concurrency = Concurrency::two_phase;
-  else if (concurrency == "giant")
-    options.concurrency = Concurrency::giant;
-  else
-    raise_invalid("concurrency must be 'optimistic', '2pl' or 'giant'", "concurrency");
+  options.concurrency = concurrency_of(concurrency);
   options.max_frames = limit_of(max_frames, 2, std::int64_t{1} << 30, "max_frames");
   options.max_samples_per_frame =
       limit_of(max_samples_per_frame, 2, std::int64_t{1} << 30, "max_samples_per_frame");
@@ -240,16 +232,73 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency,
   options.max_depth = limit_of(max_depth, 1, std::int64_t{1} << 20, "max_depth");
   options.one_authority_per_frame = one_authority_per_frame;
   if (time_jump != "reject" && time_jump != "clear")
-    raise_invalid("time_jump must be 'reject' or 'clear'", "time_jump");
+    raise_invalid("time_jump must be 'reject' or 'clear', not " + quoted(time_jump), "time_jump");
   options.clear_on_time_jump = time_jump == "clear";
   new (self) Tree(options);
 }
 
+// "TransformTree(3 frames, cache_time_s=10.0, concurrency='optimistic')"
+std::string repr_of_tree(nb::handle self) {
+  const Tree& tree = nb::cast<const Tree&>(self);
+  const Options& options = tree.options();
+  std::size_t frames = 0;
+  for (FrameId id = 1, n = tree.size(); id <= n; ++id) frames += !tree.removed(id);
+  std::string_view concurrency;
+  for (const auto& [name, value] : kConcurrency)
+    if (value == options.concurrency) concurrency = name;
+  const nb::float_ cache_time_s(static_cast<double>(options.cache_ns) / 1e9);
+  return nb::cast<std::string>(self.type().attr("__name__")) + "(" + std::to_string(frames) +
+         (frames == 1 ? " frame" : " frames") +
+         ", cache_time_s=" + nb::cast<std::string>(nb::repr(cache_time_s)) +
+         ", concurrency=" + quoted(concurrency) + ")";
+}
+
+void bind_writes(nb::class_<Tree>& tree) {
+  tree.def("set_transform", &set, ZTF_DOC(Tree_set_transform), nb::arg("stamped"),
+           nb::arg("authority") = "", nb::arg("static") = false)
+      .def("set_transforms_xact", &set_all, ZTF_DOC(Tree_set_transforms_xact), nb::arg("stampeds"),
+           nb::arg("authority") = "", nb::arg("static") = false)
+      .def("clear", &Tree::clear, ZTF_DOC(Tree_clear), nb::arg("keep_static") = true,
+           nb::call_guard<GilReleased>())
+      .def("reset", &Tree::reset, ZTF_DOC(Tree_reset), nb::call_guard<GilReleased>())
+      .def("remove_frame", &remove_frame, ZTF_DOC(Tree_remove_frame), nb::arg("name"),
+           nb::arg("subtree") = false);
+}
+
+void bind_lookups(nb::class_<Tree>& tree) {
+  tree.def("lookup_transform", &lookup, ZTF_DOC(Tree_lookup_transform), nb::arg("target"),
+           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
+      .def("lookup_transform_full", &lookup_full, ZTF_DOC(Tree_lookup_transform_full),
+           nb::arg("target"), nb::arg("target_stamp_ns").none(), nb::arg("source"),
+           nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
+      .def("can_transform", &can, ZTF_DOC(Tree_can_transform), nb::arg("target"), nb::arg("source"),
+           nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
+      .def("lookup_latest_transform", &latest<Op::latest>, ZTF_DOC(Tree_lookup_latest_transform),
+           nb::arg("target"), nb::arg("source"))
+      .def("lookup_latest_transform_xact", &latest<Op::latest_xact>,
+           ZTF_DOC(Tree_lookup_latest_transform_xact), nb::arg("target"), nb::arg("source"))
+      .def("lookup_latest_transforms_xact", &latest_all,
+           ZTF_DOC(Tree_lookup_latest_transforms_xact), nb::arg("pairs"))
+      .def("latest_common_time", &latest_common_time, ZTF_DOC(Tree_latest_common_time),
+           nb::arg("a"), nb::arg("b"));
+}
+
 }  // namespace
+
+void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
+            bool release_gil) {
+  try {
+    std::optional<GilReleased> released;
+    if (release_gil) released.emplace();
+    tree.commit(request, stored);
+  } catch (const Rejected& rejected) {
+    raise(make_error(rejected));
+  }
+}
 
 void bind_tree(nb::module_& m) {
   const Options defaults;
-  nb::class_<Tree> tree(m, "Tree", nb::is_weak_referenceable());
+  nb::class_<Tree> tree(m, "Tree", nb::is_weak_referenceable(), docs::Tree.text);
   tree.def("__init__", &construct, nb::arg("cache_time_s") = 10.0,
            nb::arg("concurrency") = "optimistic", nb::kw_only(),
            nb::arg("max_frames") = defaults.max_frames,
@@ -258,27 +307,11 @@ void bind_tree(nb::module_& m) {
            nb::arg("max_depth") = defaults.max_depth,
            nb::arg("one_authority_per_frame") = defaults.one_authority_per_frame,
            nb::arg("time_jump") = "reject")
-      .def("set_transform", &set, nb::arg("stamped"), nb::arg("authority") = "",
-           nb::arg("static") = false)
-      .def("set_transforms_xact", &set_all, nb::arg("stampeds"), nb::arg("authority") = "",
-           nb::arg("static") = false)
-      .def("lookup_transform", &lookup, nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_transform_full", &lookup_full, nb::arg("target"),
-           nb::arg("target_stamp_ns").none(), nb::arg("source"), nb::arg("source_stamp_ns").none(),
-           nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
-      .def("can_transform", &can, nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_latest_transform", &latest<Op::latest>, nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transform_xact", &latest<Op::latest_xact>, nb::arg("target"),
-           nb::arg("source"))
-      .def("lookup_latest_transforms_xact", &latest_all, nb::arg("pairs"))
-      .def("latest_common_time", &latest_common_time, nb::arg("a"), nb::arg("b"))
-      .def("clear", &Tree::clear, nb::arg("keep_static") = true,
-           nb::call_guard<nb::gil_scoped_release>())
-      .def("reset", &Tree::reset, nb::call_guard<nb::gil_scoped_release>(), kResetDoc)
-      .def("remove_frame", &remove_frame, nb::arg("name"), nb::arg("subtree") = false);
-  bind_read(m, tree);
+      .def("__repr__", &repr_of_tree);
+  bind_writes(tree);
+  bind_lookups(tree);
+  bind_lookup_columns(tree);
+  bind_read_rows(m, tree);
   bind_commit(m, tree);
   bind_introspection(tree);
   bind_velocity(tree);

@@ -1,6 +1,6 @@
-// Velocities, as zenoh_tf.Velocity takes them.
+// Tree._velocity_record: the fields of zenoh_tf.Velocity.
 //
-// Interpreter lock: kept, as by every single lookup.
+// GIL: kept, as by every single lookup.
 #include <cmath>
 
 #include "bindings.hpp"
@@ -56,7 +56,7 @@ nb::dict velocity_record(const Tree& tree, nb::handle tracking, nb::handle obser
 }  // namespace
 
 void bind_velocity(nb::class_<Tree>& tree) {
-  tree.def("velocity_record", &velocity_record, nb::arg("tracking_frame"),
+  tree.def("_velocity_record", &velocity_record, nb::arg("tracking_frame"),
            nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
            nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
            nb::arg("reference_point"), nb::arg("reference_point_frame").none());

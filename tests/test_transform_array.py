@@ -1,0 +1,199 @@
+"""TransformArray: its laws, row by row against Transform, and rows that failed."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from zenoh_tf import (
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    StampedTransform,
+    Transform,
+    TransformArray,
+    TransformException,
+    TransformTree,
+)
+
+Array = NDArray[np.float64]
+RNG = np.random.default_rng(11)
+ROWS = 7
+POINTS = RNG.normal(size=(ROWS, 5, 3))
+FORWARD = ForwardExtrapolationException.code
+
+
+def random_array(failed: dict[int, int] | None = None) -> TransformArray:
+    poses = RNG.normal(size=(ROWS, 7))
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    status = np.zeros(ROWS, np.uint8)
+    for row, code in (failed or {}).items():
+        status[row] = code
+        poses[row] = np.nan
+    return TransformArray(status, np.arange(ROWS), poses)
+
+
+A, B, C = random_array(), random_array(), random_array()
+X = Transform((1, -2, 3), (0.1, -0.5, 0.7, 0.5))
+EMPTY = TransformArray(np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros((0, 7)))
+
+
+def assert_same(got: TransformArray, expected: TransformArray | list[Transform]) -> None:
+    rows = np.array([row.pose() for row in expected])
+    np.testing.assert_allclose(got.poses, rows, rtol=0, atol=1e-13)
+
+
+def test_composition_is_that_of_the_rows() -> None:
+    assert_same(A @ B, [a @ b for a, b in zip(A, B, strict=True)])
+    assert_same(A @ X, [a @ X for a in A])
+    assert_same(X @ A, [X @ a for a in A])
+
+
+def test_composition_is_associative() -> None:
+    assert_same((A @ B) @ C, A @ (B @ C))
+    assert_same((X @ A) @ B, X @ (A @ B))
+    assert_same((A @ X) @ B, A @ (X @ B))
+    assert_same((A @ B) @ X, A @ (B @ X))
+
+
+def test_the_inverse_undoes() -> None:
+    assert_same(A.inverse(), [a.inverse() for a in A])
+    identity = np.tile([0.0, 0, 0, 0, 0, 0, 1], (ROWS, 1))
+    np.testing.assert_allclose((A @ A.inverse()).poses, identity, atol=1e-13)
+    np.testing.assert_allclose((A.inverse() @ A).poses, identity, atol=1e-13)
+    assert_same((A @ B).inverse(), B.inverse() @ A.inverse())
+
+
+@pytest.mark.parametrize(
+    ("points", "expected_points"),
+    [
+        (POINTS[0, 0], [POINTS[0, 0]] * ROWS),  # (3,)
+        (POINTS[:, 0], POINTS[:, 0]),  # (n, 3)
+        (POINTS[:1, 0], [POINTS[0, 0]] * ROWS),  # (1, 3)
+        (POINTS, POINTS),  # (n, m, 3)
+        (POINTS[:1], [POINTS[0]] * ROWS),  # (1, m, 3)
+        (POINTS[:, :0], POINTS[:, :0]),  # no points
+        ([1, 2, 3], [[1, 2, 3]] * ROWS),
+        (POINTS.astype(np.float32), POINTS.astype(np.float32)),
+    ],
+)
+def test_apply_is_that_of_the_rows(points: Any, expected_points: Any) -> None:
+    expected = np.array([a.apply(p) for a, p in zip(A, expected_points, strict=True)])
+    got = A.apply(points)
+    assert got.shape == expected.shape
+    assert got.dtype == np.float64
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose((A @ B).apply(points), A.apply(B.apply(points)), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        1.0,
+        [],
+        [1, 2],
+        np.zeros((ROWS - 1, 3)),
+        np.zeros((2, 5, 3)),
+        np.zeros((ROWS, 3, 3, 3)),
+        np.zeros(3, complex),
+        ["a", "b", "c"],
+        [[1, 2, 3], [4]],
+        None,
+    ],
+)
+def test_invalid_points(points: Any) -> None:
+    with pytest.raises(InvalidArgumentException) as caught:
+        A.apply(points)
+    assert caught.value.field == "points"
+
+
+def test_no_rows() -> None:
+    assert EMPTY.raise_for_status() is EMPTY
+    assert EMPTY.apply((1, 2, 3)).shape == (0, 3)
+    assert EMPTY.apply(np.zeros((0, 4, 3))).shape == (0, 4, 3)
+    assert len(EMPTY @ EMPTY) == len(X @ EMPTY) == len(EMPTY @ X) == len(EMPTY.inverse()) == 0
+    assert list(EMPTY) == []
+
+
+def test_rows_that_failed_stay_failed() -> None:
+    bad = random_array({1: FORWARD, 4: LookupException.code})
+    assert bad.ok.tolist() == [True, False, True, True, False, True, True]
+    also = random_array({1: LookupException.code, 2: FORWARD})
+    for made in (bad.inverse(), bad @ X, X @ bad, bad @ A, A @ bad):
+        np.testing.assert_array_equal(made.status, bad.status)
+        assert np.isnan(made.poses[~bad.ok]).all()
+        assert np.isfinite(made.poses[bad.ok]).all()
+    assert (bad @ also).status[[1, 2, 4]].tolist() == [FORWARD, FORWARD, LookupException.code]
+    for points in (POINTS, POINTS[:, 0], POINTS[0, 0]):
+        moved = bad.apply(points)
+        assert np.isnan(moved[~bad.ok]).all()
+        assert np.isfinite(moved[bad.ok]).all()
+
+
+def test_raise_for_status() -> None:
+    assert A.raise_for_status() is A
+    bad = random_array({3: FORWARD, 5: LookupException.code})
+    with pytest.raises(ForwardExtrapolationException, match="row 3 of 7") as caught:
+        bad.raise_for_status()
+    assert caught.value.value == 3
+    unknown = random_array({2: 250})
+    with pytest.raises(TransformException, match="row 2"):
+        unknown.raise_for_status()
+
+
+def test_rows() -> None:
+    bad = random_array({1: FORWARD})
+    assert bad[0] == Transform.from_pose(bad.poses[0])
+    assert bad[-1] == bad[np.int64(ROWS - 1)] == Transform.from_pose(bad.poses[-1])
+    for row in (1, 1 - ROWS):
+        with pytest.raises(ForwardExtrapolationException, match="row 1 of 7"):
+            bad[row]
+    for row in (ROWS, -ROWS - 1):
+        with pytest.raises(IndexError):
+            bad[row]
+    with pytest.raises(ForwardExtrapolationException):
+        list(bad)
+    for rows in (slice(2, 5), slice(None, None, -2), bad.ok, [3, 1, 1], np.array([0, 6])):
+        part = bad[rows]
+        assert isinstance(part, TransformArray)
+        np.testing.assert_array_equal(part.status, bad.status[rows])
+        np.testing.assert_array_equal(part.stamps_ns, bad.stamps_ns[rows])
+        np.testing.assert_array_equal(part.poses, bad.poses[rows])
+    assert [*bad[bad.ok]] == [bad[i] for i in range(ROWS) if i != 1]
+
+
+def test_operands_that_do_not_fit() -> None:
+    with pytest.raises(InvalidArgumentException, match="7 rows with 2"):
+        A @ A[:2]
+    for other in (3, np.eye(4), "x"):
+        with pytest.raises(TypeError):
+            A @ other  # type: ignore[operator]
+        with pytest.raises(TypeError):
+            other @ A  # type: ignore[operator]
+
+
+def test_repr_and_pickle() -> None:
+    assert repr(A) == "TransformArray(7 rows)"
+    assert repr(random_array({1: 9, 2: 9})) == "TransformArray(7 rows, 2 failed)"
+    copy = pickle.loads(pickle.dumps(A))
+    np.testing.assert_array_equal(copy.poses, A.poses)
+
+
+def test_sampled_points_against_single_lookups() -> None:
+    tree = TransformTree()
+    for stamp_ns, a in enumerate(A):
+        tree.set_transform(StampedTransform("map", "lidar", stamp_ns * 1000, a))
+    stamps_ns = np.arange(ROWS) * 1000 + 400  # the last is too new
+    path = tree.sample("map", "lidar", stamps_ns)
+    assert path.status.tolist() == [0] * (ROWS - 1) + [FORWARD]
+    moved = path.apply(POINTS)
+    for row, stamp_ns in enumerate(stamps_ns[:-1].tolist()):
+        single = tree.lookup_transform("map", "lidar", stamp_ns).transform.apply(POINTS[row])
+        np.testing.assert_allclose(moved[row], single, rtol=0, atol=1e-12)
+    assert np.isnan(moved[-1]).all()
+    with pytest.raises(ForwardExtrapolationException):
+        path.raise_for_status()

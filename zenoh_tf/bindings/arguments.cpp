@@ -1,0 +1,99 @@
+// Arguments from Python, validated.
+#include "bindings.hpp"
+
+namespace ztf {
+
+std::string quoted(std::string_view name) { return std::string("'").append(name).append("'"); }
+
+std::string_view text_of(nb::handle name, const char* field) {
+  Py_ssize_t size = 0;
+  const char* text =
+      PyUnicode_Check(name.ptr()) ? PyUnicode_AsUTF8AndSize(name.ptr(), &size) : nullptr;
+  if (!text) {
+    PyErr_Clear();
+    raise_invalid(std::string(field) + " must be a str that UTF-8 can encode", field);
+  }
+  return {text, static_cast<std::size_t>(size)};
+}
+
+FrameId frame_of(const Tree& tree, nb::handle name, const char* field) {
+  const std::string_view text = text_of(name, field);
+  if (text.empty()) raise_invalid(std::string(field) + " is empty", field);
+  if (text[0] == '/') {
+    nb::dict facts;
+    facts["field"] = field;
+    facts["frame"] = name;
+    raise(make_error(Code::invalid_argument,
+                     std::string(field) + ": frame names do not begin with '/': " + quoted(text) +
+                         " is spelled " + quoted(text.substr(1)),
+                     facts));
+  }
+  return tree.find(text);
+}
+
+Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
+  return {op, frame_of(tree, target, "target_frame"), frame_of(tree, source, "source_frame")};
+}
+
+Stamp stamp_of(nb::handle stamp, const char* field) {
+  if (stamp.is_none()) return kNoStamp;
+  const nb::object integer = nb::steal(PyNumber_Index(stamp.ptr()));
+  if (!integer.is_valid()) {
+    PyErr_Clear();
+    raise_invalid(std::string(field) + " must be an int of nanoseconds or None, not " +
+                      nb::cast<std::string>(nb::repr(stamp)),
+                  field);
+  }
+  const Stamp value = PyLong_AsLongLong(integer.ptr());
+  if ((value == -1 && PyErr_Occurred()) || value == kNoStamp) {
+    PyErr_Clear();
+    raise_invalid(std::string(field) + " is " + nb::cast<std::string>(nb::repr(integer)) +
+                      "; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
+                  field);
+  }
+  return value;
+}
+
+void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field) {
+  const nb::object items = nb::steal(PySequence_Tuple(values.ptr()));
+  bool good = items.is_valid() && PyTuple_Size(items.ptr()) == n;
+  for (Py_ssize_t i = 0; good && i < n; ++i) {
+    out[i] = PyFloat_AsDouble(PyTuple_GetItem(items.ptr(), i));
+    good = !PyErr_Occurred();
+  }
+  if (!good) {
+    PyErr_Clear();
+    raise_invalid(std::string(field) + " must be " + std::to_string(n) + " numbers", field);
+  }
+}
+
+Pose pose_of(nb::handle translation, nb::handle rotation) {
+  Pose pose;
+  numbers_of(translation, &pose.x, 3, "translation");
+  numbers_of(rotation, &pose.qx, 4, "rotation");
+  return pose;
+}
+
+nb::object doubles_of(nb::handle values, const char* field) {
+  const nb::module_ numpy = nb::module_::import_("numpy");
+  const nb::object float64 = numpy.attr("float64");
+  nb::object array;
+  bool real = false;
+  try {
+    array = numpy.attr("asarray")(values);
+    // numpy would also convert None, strings, times and complex numbers.
+    real = nb::cast<bool>(numpy.attr("can_cast")(array.attr("dtype"), float64, "same_kind"));
+  } catch (const nb::python_error& error) {
+    if (!error.matches(PyExc_ValueError) && !error.matches(PyExc_TypeError)) throw;
+  }
+  if (!real) raise_invalid(std::string(field) + " must be an array of real numbers", field);
+  return numpy.attr("ascontiguousarray")(array, float64);
+}
+
+nb::tuple tuple_of(nb::handle sequence) {
+  const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(sequence.ptr()));
+  if (!items.is_valid()) throw nb::python_error();
+  return items;
+}
+
+}  // namespace ztf

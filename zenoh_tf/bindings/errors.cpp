@@ -1,0 +1,114 @@
+// Errors of the core as Python exceptions, and the GIL.
+#include <cstdio>
+
+#include "bindings.hpp"
+#include "gil.hpp"
+
+namespace ztf {
+
+namespace {
+
+std::string ns(Stamp stamp) { return std::to_string(stamp) + " ns"; }
+
+// What is wrong with the link that has no data at the stamp asked for.
+std::string extrapolation_message(const Failure& f, const std::string& link) {
+  if (f.code == Code::no_data)
+    return "extrapolation: " + link + " has a single sample, at " + ns(f.newest);
+  const std::string range = link + " has samples from " + ns(f.oldest) + " to " + ns(f.newest);
+  return f.code == Code::forward ? "extrapolation into the future: " + range
+                                 : "extrapolation into the past: " + range;
+}
+
+}  // namespace
+
+nb::object make_error(Code code, const std::string& message, const nb::dict& facts) {
+  const nb::object by_code = nb::module_::import_("zenoh_tf.errors").attr("BY_CODE");
+  const nb::object kind = by_code[nb::int_(static_cast<int>(code))];
+  const nb::tuple arguments = nb::make_tuple(message);
+  nb::object error;
+  block_if_thread_ends(
+      [&] { error = nb::steal(PyObject_Call(kind.ptr(), arguments.ptr(), facts.ptr())); });
+  if (!error.is_valid()) throw nb::python_error();
+  return error;
+}
+
+nb::object make_error(const Rejected& r) {
+  nb::dict facts;
+  if (!r.frame.empty()) facts["frame"] = r.frame;
+  if (!r.parent.empty()) facts["parent_frame"] = r.parent;
+  if (!r.field.empty()) facts["field"] = r.field;
+  if (r.stamp != kNoStamp) facts["stamp_ns"] = r.stamp;
+  if (r.oldest != kNoStamp) facts["oldest_stamp_ns"] = r.oldest;
+  if (r.newest != kNoStamp) facts["newest_stamp_ns"] = r.newest;
+  if (r.limit >= 0) facts["limit"] = r.limit;
+  if (r.value >= 0) facts["value"] = r.value;
+  return make_error(r.code, r.message, facts);
+}
+
+nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb::handle source,
+                      const std::string& note) {
+  const std::string target_name = quoted(text_of(target, "target_frame"));
+  const std::string source_name = quoted(text_of(source, "source_frame"));
+  const std::string at = f.stamp == kNoStamp ? "" : " at " + ns(f.stamp);
+  nb::dict facts;
+  facts["target_frame"] = target;
+  facts["source_frame"] = source;
+  if (f.stamp != kNoStamp) facts["stamp_ns"] = f.stamp;
+  std::string message;
+  if (f.code == Code::lookup && f.frame == 0) {
+    facts["frame"] = f.target == 0 ? target : source;
+    message = "frame " + (f.target == 0 ? target_name : source_name) + " does not exist";
+  } else if (f.code == Code::lookup) {
+    facts["frame"] = std::string(tree.name(f.frame));
+    facts["limit"] = tree.options().max_depth;
+    message = "the path between " + target_name + " and " + source_name + at +
+              " is longer than the limit of " + std::to_string(tree.options().max_depth) +
+              " links per side (max_depth), or runs in a loop";
+  } else if (f.code == Code::connectivity) {
+    const std::string target_root(tree.name(f.target_root)), source_root(tree.name(f.source_root));
+    facts["target_root"] = target_root;
+    facts["source_root"] = source_root;
+    message = target_name + " and " + source_name + " are not connected" + at +
+              ": their roots are " + quoted(target_root) + " and " + quoted(source_root);
+  } else {
+    const std::string child(tree.name(f.frame)), parent(tree.name(f.parent));
+    facts["frame"] = child;
+    facts["parent_frame"] = parent;
+    facts["oldest_stamp_ns"] = f.oldest;
+    facts["newest_stamp_ns"] = f.newest;
+    message = extrapolation_message(f, "the link from " + quoted(parent) + " to " + quoted(child)) +
+              ", but " + ns(f.stamp) + " was requested to look up " + source_name + " in " +
+              target_name;
+  }
+  return make_error(f.code, message + note, facts);
+}
+
+std::string waited(double timeout_s) {
+  char text[64];
+  std::snprintf(text, sizeof text, " (waited for %.9g s)", timeout_s);
+  return text;
+}
+
+void raise(const nb::object& error) {
+  PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(error.ptr())), error.ptr());
+  throw nb::python_error();
+}
+
+void raise_invalid(const std::string& message, const char* field) {
+  nb::dict facts;
+  facts["field"] = field;
+  raise(make_error(Code::invalid_argument, message, facts));
+}
+
+bool is_main_thread() {
+  const nb::module_ threading = nb::module_::import_("threading");
+  return threading.attr("current_thread")().is(threading.attr("main_thread")());
+}
+
+GilReleased::GilReleased() : state_(PyEval_SaveThread()) {}
+
+GilReleased::~GilReleased() {
+  block_if_thread_ends([&] { PyEval_RestoreThread(state_); });
+}
+
+}  // namespace ztf

@@ -1,0 +1,59 @@
+// Lookups and commits as columns over a list of names: shared by read_rows.cpp, commit.cpp and
+// parked_lookups.cpp.
+//
+// Thread safety: everything here requires the GIL, except ReadRows::refresh_ids.
+#pragma once
+
+#include "bindings.hpp"
+
+namespace ztf {
+
+// Fills `texts` with the UTF-8 of the names. Returns the names, which keep the texts alive.
+std::vector<nb::object> names_of(nb::handle names, std::vector<std::string_view>& texts,
+                                 const char* field);
+// `index`, which must be below the number of names.
+std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field);
+
+template <class T>
+void fit(const Column<T>& column, std::size_t n, const char* field) {
+  if (column.shape(0) != n)
+    raise_invalid(std::string(field) + " has " + std::to_string(column.shape(0)) +
+                      " rows, but the columns before it have " + std::to_string(n),
+                  field);
+}
+
+// One lookup per row.
+struct ReadRows {
+  ReadRows(const Tree& tree, nb::handle names, const Column<std::uint8_t>& op,
+           const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
+           const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
+           const std::optional<Column<Stamp>>& source_stamp);
+
+  struct Names {  // indexes into the names
+    std::uint32_t target, source, fixed;
+  };
+  std::vector<std::string_view> texts;   // point into name_objects
+  std::vector<nb::object> name_objects;  // str
+  std::vector<FrameId> ids;              // 0 if there is no such frame
+  std::vector<bool> invalid_name;        // no frame can have it
+  std::vector<Names> names;
+  std::vector<Query> queries;
+
+  // Resolves the names again and updates the queries. Returns true if every name still has the
+  // id that the queries used: otherwise their answers may be from before a frame was created.
+  [[nodiscard]] bool refresh_ids(const Tree& tree);
+
+  [[nodiscard]] bool has_invalid_name(std::size_t row) const;
+  // The error of a row that has an invalid name.
+  [[nodiscard]] nb::object name_error(const Tree& tree, std::size_t row) const;
+
+ private:
+  void set_query_ids();
+};
+
+// (status, stamps, newest stamps, poses, [(row, error)], reads). Poses of failed rows are NaN.
+// `notes` is empty, or has for each row what to append to its message.
+nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
+                const std::vector<std::string>& notes, const nb::object& reads);
+
+}  // namespace ztf
