@@ -1,6 +1,7 @@
-"""The SDK of zenoh-tf: `TransformClient.connect` and what it returns."""
+"""The client library of zenoh-tf: `TransformClient.connect` and what it returns."""
 
-from .batch import Batch, Handle
+from .batch import Batch
+from .batch_operations import Handle
 from .broadcaster import Broadcaster
 from .client import TransformClient
 from .transaction import Transaction

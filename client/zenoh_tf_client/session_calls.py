@@ -1,0 +1,100 @@
+"""Keeps threads out of Zenoh while the interpreter ends.
+
+A thread that returns from native code during Python's finalization is ended by `pthread_exit`.
+That unwinds through Zenoh's Rust frames and aborts the process. So each call into a Zenoh session
+runs inside the session's `SessionCalls`. An exit handler, which runs before finalization, closes
+every session that is still open and waits until no thread is inside one.
+
+Thread safety: all functions and methods.
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import time
+import weakref
+from types import TracebackType
+
+import zenoh
+
+from zenoh_tf.errors import ServerUnavailable
+
+#: How long the exit handler waits for calls to return before it gives up.
+_EXIT_TIMEOUT_S = 2.0
+#: How long a call of a daemon thread sleeps at exit before it reports that the session is closed.
+#: The process is over before that, so the thread prints no traceback.
+_PAUSE_AT_EXIT_S = 1.0
+
+_all: weakref.WeakSet[SessionCalls] = weakref.WeakSet()
+_exiting = threading.Event()
+
+
+class SessionCalls:
+    """The calls that are inside of one Zenoh session.
+
+    A context manager around each such call: raises ServerUnavailable if the session is closed.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        # A signal handler may close the client while its thread is in here, hence reentrant.
+        self._changed = threading.Condition(threading.RLock())
+        self._inside = 0
+        self._closed = False
+        _all.add(self)
+
+    def __enter__(self) -> None:
+        with self._changed:
+            if not self._closed:
+                self._inside += 1
+                return
+        _pause_at_exit()
+        raise ServerUnavailable("the connection is closed")
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        with self._changed:
+            self._inside -= 1
+            self._changed.notify_all()
+        _pause_at_exit()
+
+    @property
+    def closed(self) -> bool:
+        """True once `close` was called."""
+        return self._closed
+
+    def close(self) -> None:
+        """Close the session; calls that are inside fail soon. May be called again."""
+        with self._changed:
+            if self._closed:
+                return
+            self._closed = True
+        self._session.close()
+
+    def wait_until_none(self, timeout_s: float) -> None:
+        """Wait until no call is inside, or for `timeout_s`."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._inside == 0, timeout_s)
+
+
+def _pause_at_exit() -> None:
+    """At exit, hold a daemon thread in Python, where finalization may safely end it."""
+    if _exiting.is_set() and threading.current_thread() is not threading.main_thread():
+        time.sleep(_PAUSE_AT_EXIT_S)
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close every open session, and wait until all threads have left them."""
+    _exiting.set()
+    deadline_s = time.monotonic() + _EXIT_TIMEOUT_S
+    still_open = [calls for calls in _all if not calls.closed]
+    for calls in still_open:
+        calls.close()
+    for calls in still_open:
+        calls.wait_until_none(max(0.0, deadline_s - time.monotonic()))
