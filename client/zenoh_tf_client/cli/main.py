@@ -7,7 +7,6 @@ Exit codes: 0 done, 1 rejected or failed, 2 wrong usage. An error is one line on
 from __future__ import annotations
 
 import argparse
-import functools
 import io
 import os
 import re
@@ -16,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from decimal import Decimal
 from importlib.metadata import version
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from zenoh_tf import (
     BackwardExtrapolationException,
@@ -112,22 +111,16 @@ def _for_argparse(given: Sequence[str]) -> list[str]:
     return arguments
 
 
-class _Parser(argparse.ArgumentParser):
-    """Reports wrong usage as text, or as JSON if the command line has ``--json``."""
-
-    def __init__(self, *, json_errors: bool, **options: Any) -> None:
-        super().__init__(**options)
-        self._json_errors = json_errors
+class _JsonErrorParser(argparse.ArgumentParser):
+    """Reports wrong usage as JSON."""
 
     def error(self, message: str) -> NoReturn:
-        if self._json_errors:
-            self.exit(_fail_json(2, "UsageError", message, {}))
-        super().error(message)
+        self.exit(_fail_json(2, "UsageError", message, {}))
 
 
 def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
-    parser = _Parser(
-        json_errors=json_errors,
+    kind = _JsonErrorParser if json_errors else argparse.ArgumentParser
+    parser = kind(
         prog="zenoh-tf",
         description="Query, change and watch a transform tree served over Zenoh.",
         epilog=_EPILOG,
@@ -135,12 +128,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
     _add_common(parser, top=True)
-    commands = parser.add_subparsers(
-        title="commands",
-        metavar="COMMAND",
-        required=True,
-        parser_class=functools.partial(_Parser, json_errors=json_errors),
-    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
     for family in (query, view, write, replay):
