@@ -1,4 +1,4 @@
-"""A script as one writes it for tf2_ros: what is imported differs, and that a server is named."""
+"""A script as written for tf2_ros. Only the imports differ, and that it names a server."""
 
 import argparse
 import time
