@@ -76,6 +76,16 @@ for _ in range(4):
 sensor = tf.broadcaster("sensor")
 forever(lambda: (sensor.send(link), time.sleep(0)))
 """,
+    "daemon threads that connect": """
+def connect():
+    try:
+        TransformClient.connect("tcp/127.0.0.1:9", timeout_s=0.05)
+    except TransformException:
+        pass
+
+for _ in range(4):
+    forever(connect)
+""",
     "tf2 shim": """
 from zenoh_tf_client import tf2
 tf2.connect(sys.argv[1])

@@ -26,7 +26,7 @@ from zenoh_tf.errors import (
 )
 
 from . import requests
-from .session_calls import SessionCalls
+from .session_calls import OPENING, SessionCalls
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
@@ -86,8 +86,9 @@ class Connection:
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
         deadline_s = time.monotonic() + timeout_s
-        self.session = self._open()
-        self.calls = SessionCalls(self.session)
+        with OPENING:
+            self.session = self._open()
+        self.calls = SessionCalls(self.session.close)
         try:
             self._wait_for_server(deadline_s)
         except BaseException:

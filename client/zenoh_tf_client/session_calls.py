@@ -2,8 +2,9 @@
 
 A thread that returns from native code during Python's finalization is ended by `pthread_exit`.
 That unwinds through Zenoh's Rust frames and aborts the process. So each call into a Zenoh session
-runs inside the session's `SessionCalls`. An exit handler, which runs before finalization, closes
-every session that is still open and waits until no thread is inside one.
+runs inside the session's `SessionCalls`, and opening one inside `OPENING`. An exit handler, which
+runs before finalization, closes all sessions that are still open and waits until no thread is
+inside a call.
 
 Thread safety: all functions and methods.
 """
@@ -14,9 +15,8 @@ import atexit
 import threading
 import time
 import weakref
+from collections.abc import Callable
 from types import TracebackType
-
-import zenoh
 
 from zenoh_tf.errors import ServerUnavailable
 
@@ -31,13 +31,16 @@ _exiting = threading.Event()
 
 
 class SessionCalls:
-    """The calls that are inside of one Zenoh session.
+    """The calls that are inside one Zenoh session.
 
     A context manager around each such call: raises ServerUnavailable if the session is closed.
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session = session
+    def __init__(
+        self, close_session: Callable[[], object], closed_message: str = "the connection is closed"
+    ) -> None:
+        self._close_session = close_session
+        self._closed_message = closed_message
         # A signal handler may close the client while its thread is in here, hence reentrant.
         self._changed = threading.Condition(threading.RLock())
         self._inside = 0
@@ -50,7 +53,7 @@ class SessionCalls:
                 self._inside += 1
                 return
         _pause_at_exit()
-        raise ServerUnavailable("the connection is closed")
+        raise ServerUnavailable(self._closed_message)
 
     def __exit__(
         self,
@@ -74,12 +77,16 @@ class SessionCalls:
             if self._closed:
                 return
             self._closed = True
-        self._session.close()
+        self._close_session()
 
     def wait_until_none(self, timeout_s: float) -> None:
         """Wait until no call is inside, or for `timeout_s`."""
         with self._changed:
             self._changed.wait_for(lambda: self._inside == 0, timeout_s)
+
+
+#: The calls that open sessions. Zenoh cannot interrupt them, so at exit they are waited for.
+OPENING = SessionCalls(lambda: None, "the program is ending")
 
 
 def _pause_at_exit() -> None:
