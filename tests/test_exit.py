@@ -1,4 +1,4 @@
-"""Programs that end without closing anything end with status 0 and without a word."""
+"""Programs that end without closing anything end with status 0 and print nothing."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_what_is_never_closed_in_a_script_that_ends_at_once(endpoint: str) -> No
 
 
 def test_an_exit_handler_may_wait_for_a_thread_that_uses_the_client(endpoint: str) -> None:
-    """The handlers of a program that were registered first run after the client is closed."""
+    """Exit handlers that were registered before the client's run after it."""
     script = (
         """
 import atexit
@@ -160,7 +160,7 @@ time.sleep(0.2)
     run(script, endpoint)
 
 
-def test_a_client_that_nobody_refers_to_is_collected(endpoint: str) -> None:
+def test_an_unreferenced_client_is_collected(endpoint: str) -> None:
     """The exit handler and the threads of broadcasters hold clients by weak references."""
     run(
         CONNECT

@@ -1,9 +1,9 @@
 """The client library of zenoh-tf: `TransformClient.connect` and what it returns."""
 
 from .batch import Batch
-from .batch_operations import Handle
 from .broadcaster import Broadcaster
 from .client import TransformClient
+from .handle import Handle
 from .transaction import Transaction
 
 __all__ = ["Batch", "Broadcaster", "Handle", "Transaction", "TransformClient"]

@@ -16,8 +16,9 @@ from zenoh_tf import wire
 from zenoh_tf.errors import TransformException
 
 from . import columns, requests
-from .batch_operations import BatchOperations, Handle
+from .batch_operations import BatchOperations
 from .connection import Connection
+from .handle import Handle
 from .requests import Read, Request
 
 T = TypeVar("T")

@@ -11,7 +11,8 @@ from zenoh_tf import StampedTransform
 from . import requests
 from .batch import Batch
 from .broadcaster import Broadcaster
-from .client_reads import ClientReads
+from .client_introspection import ClientIntrospection
+from .client_lookups import ClientLookups
 from .connection import Connection
 from .requests import Request
 from .transaction import Transaction, run_transaction
@@ -23,7 +24,7 @@ DEFAULT_TREE = "main"
 DEFAULT_TIMEOUT_S = 5.0
 
 
-class TransformClient(ClientReads):
+class TransformClient(ClientLookups, ClientIntrospection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
