@@ -12,22 +12,27 @@ Thread safety: all functions and methods.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import threading
 import time
 import weakref
 from collections.abc import Callable
 from types import TracebackType
 
+import zenoh
+
 from zenoh_tf.errors import ServerUnavailable
 
 #: How long the exit handler waits for calls to return before it gives up.
 _EXIT_TIMEOUT_S = 2.0
-#: How long a call of a daemon thread sleeps at exit before it reports that the session is closed.
-#: The process is over before that, so the thread prints no traceback.
+#: How long a daemon thread sleeps, after the sessions were closed at exit, before it learns that.
+#: The process usually ends before, so that the thread prints no traceback.
 _PAUSE_AT_EXIT_S = 1.0
 
 _all: weakref.WeakSet[SessionCalls] = weakref.WeakSet()
+_all_lock = threading.Lock()
 _exiting = threading.Event()
+_all_closed = threading.Event()
 
 
 class SessionCalls:
@@ -45,11 +50,12 @@ class SessionCalls:
         self._changed = threading.Condition(threading.RLock())
         self._inside = 0
         self._closed = False
-        _all.add(self)
+        with _all_lock:
+            _all.add(self)
 
     def __enter__(self) -> None:
         with self._changed:
-            if not self._closed:
+            if not self._closed and not _is_daemon_at_exit():
                 self._inside += 1
                 return
         _pause_at_exit()
@@ -63,7 +69,8 @@ class SessionCalls:
     ) -> None:
         with self._changed:
             self._inside -= 1
-            self._changed.notify_all()
+            if self._closed and self._inside == 0:
+                self._changed.notify_all()
         _pause_at_exit()
 
     @property
@@ -77,7 +84,9 @@ class SessionCalls:
             if self._closed:
                 return
             self._closed = True
-        self._close_session()
+        # Zenoh gives up after 10 s if the server does not take what is still to be sent.
+        with contextlib.suppress(zenoh.ZError):
+            self._close_session()
 
     def wait_until_none(self, timeout_s: float) -> None:
         """Wait until no call is inside, or for `timeout_s`."""
@@ -89,9 +98,15 @@ class SessionCalls:
 OPENING = SessionCalls(lambda: None, "the program is ending")
 
 
+def _is_daemon_at_exit() -> bool:
+    """At exit, all threads but the main one are daemons, or have ended."""
+    return _exiting.is_set() and threading.current_thread() is not threading.main_thread()
+
+
 def _pause_at_exit() -> None:
     """At exit, hold a daemon thread in Python, where finalization may safely end it."""
-    if _exiting.is_set() and threading.current_thread() is not threading.main_thread():
+    if _is_daemon_at_exit():
+        _all_closed.wait()
         time.sleep(_PAUSE_AT_EXIT_S)
 
 
@@ -99,9 +114,11 @@ def _pause_at_exit() -> None:
 def _close_all() -> None:
     """Close every open session, and wait until all threads have left them."""
     _exiting.set()
-    deadline_s = time.monotonic() + _EXIT_TIMEOUT_S
-    still_open = [calls for calls in _all if not calls.closed]
+    with _all_lock:
+        still_open = [calls for calls in _all if not calls.closed]
     for calls in still_open:
         calls.close()
+    deadline_s = time.monotonic() + _EXIT_TIMEOUT_S
     for calls in still_open:
         calls.wait_until_none(max(0.0, deadline_s - time.monotonic()))
+    _all_closed.set()
