@@ -20,20 +20,25 @@ CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 help: ## say what there is
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
 
-native: .venv/native.stamp ## make .venv, build the native module, install it all editable
+native: .venv/native.stamp .venv/requirements.stamp ## make .venv, build the native module, install it all editable
 
-.venv/requirements.stamp: pyproject.toml scripts/venv.sh scripts/compiler.sh
-	@$(LOCK) sh scripts/venv.sh
+# What the build and the programs need, and after it what only tests and benchmarks need.
+.venv/runtime.stamp: pyproject.toml scripts/venv.sh scripts/compiler.sh
+	@$(LOCK) sh scripts/venv.sh runtime
+	@touch $@
+
+.venv/requirements.stamp: .venv/runtime.stamp
+	@$(LOCK) sh scripts/venv.sh dev
 	@touch $@
 
 # No build isolation: the build requirements are in .venv already, and CMake's cache stays valid.
-.venv/native.stamp: .venv/requirements.stamp pyproject.toml $(CORE)
-	@echo "building the native module"
+.venv/native.stamp: .venv/runtime.stamp pyproject.toml $(CORE)
+	@echo "building the native module: about 2 minutes on 2 cores"
 	@compiler=$$(sh scripts/compiler.sh) && CXX=$$compiler $(LOCK) $(BIN)/python -m pip install \
 		--quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@
 
-demo: native ## a server, sensors and clients on this machine, in under 20 s
+demo: .venv/native.stamp ## a server, sensors and clients, in under 20 s (after minutes of set-up)
 	@$(BIN)/python examples/demo.py
 
 test: native ## the C++ tests of the core, then pytest

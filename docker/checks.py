@@ -1,4 +1,4 @@
-"""What the image's checks share: to expect, to wait, to tell."""
+"""Helpers of the image test: expect a fact, wait for one, report one."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 
 def expect(fact: bool, otherwise: str) -> None:
-    """End the test unless ``fact`` holds."""
+    """Fail the test unless ``fact`` is true."""
     if not fact:
         raise SystemExit(f"image test failed: {otherwise}")
 
 
 def until(condition: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
-    """Wait for a condition; end the test if it does not come true in time."""
+    """Wait for a condition; fail the test if it does not become true in time."""
     end = time.monotonic() + timeout_s
     while not condition():
         expect(time.monotonic() < end, f"{otherwise} (waited {timeout_s:.0f} s)")
@@ -21,5 +21,5 @@ def until(condition: Callable[[], bool], timeout_s: float, otherwise: str) -> No
 
 
 def say(subject: str, fact: str) -> None:
-    """One line of the test's report."""
+    """Print one line of the test's report."""
     print(f"{subject:>15}  {fact}", flush=True)

@@ -1,7 +1,7 @@
-"""The other half of the image test: the services of compose.yaml, run beside the server.
+"""The second half of the image test: runs the services of compose.yaml with the server.
 
-They run as compose.yaml says (entry point, command, restrictions), but in the server's network, so
-that it works with an engine that has no bridge: only the server's name is replaced by its address.
+The entry points, commands and restrictions are those of compose.yaml. The services share the
+server's network, since not every engine has a bridge; so the server's name becomes its address.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import engines
 from checks import expect, say, until
 
 COMPOSE_FILE = Path(__file__).with_name("compose.yaml")
-# What the sensors publish between them: this frame is known once all of them are heard.
+# The frames that exist once every sensor has published.
 FRAMES = {"odom", "base_link", "wrist", "camera", "object"}
 
 
@@ -27,7 +27,7 @@ FRAMES = {"odom", "base_link", "wrist", "camera", "object"}
 def compose_services(
     engine: engines.Engine, tag: str, server: str, outside: list[str]
 ) -> Iterator[None]:
-    """Run the services during the block, which starts once all sensors are heard.
+    """Run the services during the block, which starts once the server has data of all sensors.
 
     ``outside`` is the command line of a client on this machine.
     """
@@ -37,15 +37,15 @@ def compose_services(
         for service, name in names.items():
             _start(engine, tag, name, server, services[service])
 
-        def heard() -> bool:
-            told = engines.run([*outside, "--json", "frames"]).stdout
-            return {record["name"] for record in json.loads(told)["frames"]} >= FRAMES
+        def all_sensors_publish() -> bool:
+            printed = engines.run([*outside, "--json", "frames"]).stdout
+            return {record["name"] for record in json.loads(printed)["frames"]} >= FRAMES
 
-        until(heard, 30, "the sensors are not all heard")
+        until(all_sensors_publish, 30, "not all sensors publish")
         until(lambda: "wrist" in engine.logs(names["client"]), 30, "the client shows no tree")
         for name in names.values():
             expect(engine.inspect(name)["State"]["Running"], f"{name} has ended")
-        say("compose", f"{len(names)} services beside the server, all sensors heard")
+        say("compose", f"{len(names)} services with the server, all sensors publish")
         yield
     except BaseException:
         for name in names.values():

@@ -1,6 +1,6 @@
-"""The container engines that the image test can use: Docker's, or buildah and podman on their own.
+"""The container engines of the image test: Docker, or buildah and podman without a daemon.
 
-Both are driven through their command lines, which agree on nearly everything.
+Both are used through their command lines, which are nearly the same.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _DEBIAN_PACKAGES = ("buildah", "podman", "runc", "mmdebstrap")
 
 
 class Engine:
-    """Docker: a daemon runs, and reaches a registry or has the base image already."""
+    """Docker. Requires a running daemon, and a registry unless the base image is present."""
 
     name = "docker"
     tool: tuple[str, ...] = ("docker",)
 
     def prepare_base(self, image: str) -> str:
-        """Make ``image`` available under its name; returns where it came from."""
+        """Make ``image`` available under its name; return where it came from."""
         if self._run("image", "inspect", image, check=False).returncode == 0:
-            return "here already"
+            return "already present"
         self._run("pull", "--quiet", image)
         return "pulled"
 
@@ -36,7 +36,7 @@ class Engine:
         self._run("build", "-f", str(dockerfile), "-t", tag, str(context))
 
     def start(self, tag: str, name: str, *options: str, command: Sequence[str] = ()) -> None:
-        """Start a container in the background: its entry point, with ``command`` behind it."""
+        """Start a container in the background; ``command`` follows its entry point."""
         self._run("run", "-d", "--name", name, *options, tag, *command)
 
     def publish(self, port: int) -> list[str]:
@@ -44,12 +44,12 @@ class Engine:
         return ["-p", f"127.0.0.1::{port}"]
 
     def reach(self, name: str, port: int) -> tuple[list[str], str]:
-        """How this machine reaches the port: what a command must start with, and the endpoint."""
+        """Return how this machine reaches the port: a prefix of commands, and the endpoint."""
         ports = self.inspect(name)["NetworkSettings"]["Ports"][f"{port}/tcp"]
         return [], f"tcp/127.0.0.1:{ports[0]['HostPort']}"
 
     def is_healthy(self, name: str) -> bool:
-        """What the image's own health check says now."""
+        """Return the result of the image's own health check."""
         return bool(self.inspect(name)["State"]["Health"]["Status"] == "healthy")
 
     def execute(self, name: str, *command: str) -> subprocess.CompletedProcess[str]:
@@ -75,7 +75,7 @@ class Engine:
         self._run("rm", "-f", name, check=False)
 
     def close(self, tag: str) -> None:
-        """Leave nothing behind."""
+        """Remove everything that the test made."""
         self._run("rmi", "-f", tag, check=False)
 
     def _run(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess[str]:
@@ -83,7 +83,7 @@ class Engine:
 
 
 class Podman(Engine):
-    """buildah and podman as root with a store of their own: no daemon, no change to the machine."""
+    """buildah and podman, as root, with their own store: no daemon, no change to the machine."""
 
     name = "buildah and podman"
     tool = ("podman", "--log-level=fatal")
@@ -98,7 +98,7 @@ class Podman(Engine):
             f'runroot = "{self._folder}/run"\n'
         )
         containers = self._folder / "containers.conf"
-        # Limits low enough to be granted inside another container; cgroups without systemd.
+        # Limits that are granted inside another container, too; cgroups without systemd.
         containers.write_text(
             "[containers]\n"
             'default_ulimits = ["nofile=1024:4096", "nproc=1024:4096"]\n'
@@ -118,7 +118,7 @@ class Podman(Engine):
             return "pulled"
         self._run("import", str(stand_in.tarball(image)), local)
         return (
-            "A STAND-IN made from Debian's packages and this machine's Python: no registry reached"
+            "A STAND-IN made of Debian packages and this machine's Python, as no registry answers"
         )
 
     def build(self, context: Path, dockerfile: Path, tag: str) -> None:
@@ -135,7 +135,7 @@ class Podman(Engine):
         run(command)
 
     def publish(self, port: int) -> list[str]:
-        # A network of its own with nothing but loopback: no bridge, no port of this machine taken.
+        # A network with only a loopback interface needs no bridge and no port of this machine.
         return ["--network", "none"]
 
     def reach(self, name: str, port: int) -> tuple[list[str], str]:
@@ -143,7 +143,7 @@ class Podman(Engine):
         return ["nsenter", f"--net=/proc/{pid}/ns/net"], f"tcp/127.0.0.1:{port}"
 
     def is_healthy(self, name: str) -> bool:
-        # No systemd, no timer: ask for one run of the image's check.
+        # Without systemd no timer runs the image's check, so run it once.
         return self._run("healthcheck", "run", name, check=False).returncode == 0
 
     def close(self, tag: str) -> None:
@@ -154,16 +154,16 @@ class Podman(Engine):
 
 
 def choose() -> Engine:
-    """Docker if its daemon answers, else buildah and podman, installed first where that may be."""
+    """Return Docker if its daemon answers, else buildah and podman, which root may install."""
     if shutil.which("docker") and run(["docker", "info"], check=False).returncode == 0:
         return Engine()
     if os.geteuid() != 0:
-        raise SystemExit("no Docker engine answers; without one, building an image here needs root")
+        raise SystemExit("no Docker daemon answers; without one, building an image needs root")
     missing = [tool for tool in _DEBIAN_PACKAGES if shutil.which(tool) is None]
     if missing:
         if shutil.which("apt-get") is None:
-            raise SystemExit(f"no Docker engine answers, and missing: {', '.join(missing)}")
-        print(f"no Docker engine answers: installing {', '.join(missing)}", flush=True)
+            raise SystemExit(f"no Docker daemon answers; install {', '.join(missing)}")
+        print(f"no Docker daemon answers: installing {', '.join(missing)}", flush=True)
         run(["apt-get", "update", "-qq"])
         install = ["apt-get", "install", "-y", "-qq", "--no-install-recommends"]
         run(["env", "DEBIAN_FRONTEND=noninteractive", *install, *missing])
@@ -171,9 +171,9 @@ def choose() -> Engine:
 
 
 def run(command: list[str], *, check: bool = True) -> subprocess.CompletedProcess[str]:
-    """Run a command; a failure of one that is checked ends the test with what it said."""
+    """Run a command; if it fails and ``check`` is set, fail the test with its output."""
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if check and done.returncode != 0:
-        said = (done.stdout + done.stderr)[-8000:]
-        raise SystemExit(f"failed with {done.returncode}: {' '.join(command)}\n{said}")
+        output = (done.stdout + done.stderr)[-8000:]
+        raise SystemExit(f"failed with {done.returncode}: {' '.join(command)}\n{output}")
     return done

@@ -1,6 +1,6 @@
-"""Builds the container image for real, runs it locked down, and uses it from outside.
+"""Builds the container image, runs it without privileges, and uses it from outside.
 
-``make image-test`` calls it. With Docker where its daemon answers, else with buildah and podman.
+``make image-test`` calls it. It uses Docker if its daemon answers, else buildah and podman.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LOCKED_DOWN = ("--read-only", "--cap-drop=ALL", "--security-opt=no-new-privilege
 
 
 def main() -> int:
-    """Run every check; a failed one raises SystemExit with its reason."""
+    """Run all checks; one that fails raises SystemExit with the reason."""
     engine = engines.choose()
     say("engine", engine.name)
     try:
@@ -89,13 +89,13 @@ def check_privileges(engine: engines.Engine) -> None:
 
 
 def outside_client(engine: engines.Engine) -> list[str]:
-    """The command line of a client on this machine, as far as the command."""
+    """Return the command line of a client on this machine, up to the command."""
     prefix, endpoint = engine.reach(NAME, PORT)
     return [*prefix, str(Path(sys.executable).with_name("zenoh-tf")), "--connect", endpoint]
 
 
 def check_outside_client(outside: list[str]) -> None:
-    """Two processes of this machine: one sets, the other looks up."""
+    """Set a transform in one process of this machine, and look it up in another."""
     engines.run([*outside, "set", "map", "image_test", "1", "2", "3"])
     answer = engines.run([*outside, "--json", "lookup", "map", "image_test"]).stdout
     expect(json.loads(answer)["translation"] == [1.0, 2.0, 3.0], f"the lookup answers {answer}")
@@ -103,27 +103,29 @@ def check_outside_client(outside: list[str]) -> None:
 
 
 def check_frozen_is_unhealthy(engine: engines.Engine) -> None:
-    """A process that lives but does not answer must not pass for healthy."""
+    """Check that a server that runs but does not answer is unhealthy."""
     check = engine.inspect(NAME)["Config"]["Healthcheck"]["Test"][1:]
     engine.signal(NAME, "STOP")
     frozen = engine.execute(NAME, *check)
     engine.signal(NAME, "CONT")
-    expect(frozen.returncode == 1, f"a frozen server passes for healthy: {frozen}")
+    expect(frozen.returncode == 1, f"a frozen server counts as healthy: {frozen}")
     until(
-        lambda: engine.execute(NAME, *check).returncode == 0, 30, "stays unhealthy after a freeze"
+        lambda: engine.execute(NAME, *check).returncode == 0,
+        30,
+        "the server stays unhealthy after the freeze",
     )
-    say("health check", f"tells a frozen server: {frozen.stderr.strip()}")
+    say("health check", f"detects a frozen server: {frozen.stderr.strip()}")
 
 
 def check_stop(engine: engines.Engine) -> None:
     engine.signal(NAME, "TERM")
     start = time.monotonic()
-    until(lambda: not engine.inspect(NAME)["State"]["Running"], 30, "ignores SIGTERM")
+    until(lambda: not engine.inspect(NAME)["State"]["Running"], 30, "the server ignores SIGTERM")
     stop_time_s = time.monotonic() - start
     code = engine.inspect(NAME)["State"]["ExitCode"]
     expect(code == 0, f"ends with {code} on SIGTERM")
     expect(stop_time_s <= STOP_TIME_MAX_S, f"takes {stop_time_s:.1f} s to stop")
-    say("stopped", f"{stop_time_s:.2f} s after SIGTERM with sensors at work, exit code 0")
+    say("stopped", f"{stop_time_s:.2f} s after SIGTERM while sensors publish, exit code 0")
 
 
 if __name__ == "__main__":

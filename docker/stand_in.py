@@ -1,10 +1,9 @@
-"""A stand-in for the official Python base image, for machines that reach no image registry.
+"""Makes a stand-in for the official Python base image, if no image registry can be reached.
 
-Debian's minimal system of the tag's suite, made with mmdebstrap from this machine's own apt
-sources, with this machine's CPython of the tag's minor version in /usr/local (Debian's python3
-where there is none). This machine's certificates and pip settings go in too, so that the unchanged
-Dockerfile can reach what this machine reaches. It serves to test the Dockerfile and is never to be
-published.
+It is a minimal Debian of the tag's suite, made with mmdebstrap from this machine's apt sources.
+This machine's CPython of the tag's minor version is in /usr/local, else Debian's python3. It has
+this machine's certificates and pip settings, so that the unchanged Dockerfile reaches the same
+hosts. Use it only to test the Dockerfile; never publish it.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-# What a CPython built on this machine links to, beside what is in every Debian.
+# Libraries that a CPython built on this machine links to, and that not every Debian has.
 _LIBRARIES = (
     "ca-certificates",
     "libbz2-1.0",
@@ -42,13 +41,13 @@ _LEFT_OUT = (
 
 
 def tarball(image: str) -> Path:
-    """The root file system that stands in for ``image`` (``python:3.12-slim-bookworm``).
+    """Return a root file system in place of ``image``, such as ``python:3.12-slim-bookworm``.
 
-    Kept between calls in the user's cache folder.
+    It is kept in the user's cache folder.
     """
     match = re.fullmatch(r"python:(\d+\.\d+)-slim-(\w+)", image)
     if match is None:
-        raise SystemExit(f"no stand-in is known for the base image {image}")
+        raise SystemExit(f"cannot make a stand-in for the base image {image}")
     minor, suite = match.groups()
     prefix = next(_prefixes(minor), None)
     kind = f"cpython-{minor}" if prefix else "debian-python"
@@ -88,7 +87,7 @@ def _make(path: Path, suite: str, prefix: Path | None, scratch: Path) -> None:
 
 
 def _prefixes(minor: str) -> Iterator[Path]:
-    """Where a CPython of this minor version is installed on its own, away from /usr."""
+    """Yield the prefixes outside of /usr with a CPython of this minor version."""
     names = [shutil.which(f"python{minor}") or "", f"/usr/local/bin/python{minor}"]
     names += sorted(glob.glob(str(Path.home() / f".pyenv/versions/{minor}.*/bin/python{minor}")))
     for name in names:
@@ -107,7 +106,7 @@ def _prefixes(minor: str) -> Iterator[Path]:
 
 
 def _apt_sources(suite: str) -> list[str]:
-    """This machine's own sources of Debian itself; mmdebstrap's default where it has none."""
+    """Return this machine's sources of the suite; none means mmdebstrap's default."""
     for path in map(Path, ("/etc/apt/sources.list.d/debian.sources", "/etc/apt/sources.list")):
         if path.exists() and re.search(rf"\b{suite}\b", path.read_text()):
             return [str(path)]
@@ -115,13 +114,13 @@ def _apt_sources(suite: str) -> list[str]:
 
 
 def _pip_settings() -> str:
-    """This machine's way to its package index, as a pip.conf."""
+    """Return a pip.conf with this machine's package index."""
     listed = subprocess.run(
         ["python3", "-m", "pip", "config", "list"], capture_output=True, text=True, check=False
     )
     lines = ["[global]"]
     for key, value in re.findall(r"^(?:global|:env:)\.([\w-]+)='(.*)'$", listed.stdout, re.M):
-        # An index that is a folder of this machine does not exist in there.
+        # An index in a folder of this machine does not exist in the image.
         if (
             key in ("index-url", "extra-index-url", "proxy", "trusted-host")
             and "file:" not in value

@@ -2,7 +2,7 @@
 
     python examples/demo.py
 
-Every sensor and every client is a process of its own; all figures are measured while you wait.
+Each sensor and each client is a process of its own. All figures are measured while it runs.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _run(children: Children) -> None:
     try:
         client = TransformClient.connect(endpoint, timeout_s=10.0)
     except ServerUnavailable:
-        server.check()  # its last words say more
+        server.check()  # the server's own error says more
         raise
     with client as tf:
         sensors = {
@@ -55,9 +55,9 @@ def _run(children: Children) -> None:
             )
 
         print()
-        page.heading("A robot, its sensors, and a tree that they share")
+        page.heading("A robot, its sensors, and the tree that they share")
         page.prose(
-            f"""zenoh-tf-server listens on {endpoint}. Four sensors publish onto it, each a
+            f"""zenoh-tf-server listens on {endpoint}. Four sensors publish to it, each a
             process of its own: localisation (map → odom, 10 Hz), wheels (odom → base_link,
             50 Hz), the arm's three joints (base_link → ... → wrist, 200 Hz), and a camera that
             sees an object (camera → object, 15 Hz)."""
@@ -65,7 +65,7 @@ def _run(children: Children) -> None:
         _wait_for_history(tf, [server, *sensors.values()])
         _lookup_at_a_time(tf)
         _staleness(ask("staleness", 3.0).report())
-        # The hand closes around the object: the camera does not see it any more.
+        # The gripper closes around the object, so the camera no longer sees it.
         sensors["camera"].terminate()
         sensors["camera"].report()
         mover, reader = ask("mover", 4.0), ask("reader", 3.0)
@@ -86,7 +86,7 @@ def _free_port() -> int:
 
 
 def _wait_for_history(tf: TransformClient, children: list[Child]) -> None:
-    """Until every sensor has published for a second."""
+    """Wait until every sensor has published for a second."""
     give_up = time.monotonic() + 10.0
 
     def wait(stamp_ns: int | None) -> None:
@@ -106,12 +106,12 @@ def _lookup_at_a_time(tf: TransformClient) -> None:
     wrist = tf.lookup_transform("map", "wrist", then_ns, timeout_s=2.0)
     now = tf.lookup_latest_transform_xact("map", "object")
     seen_ns = tf.lookup_latest_transform_xact("camera", "object").stamp_ns
-    # Waits until the slower sensors have data on both sides of that moment.
+    # Waits until the slower sensors have published data after that time.
     seen = tf.lookup_transform("map", "object", seen_ns, timeout_s=2.0)
 
     page.heading("A lookup at a time")
     page.prose(
-        """Between two measurements the tree interpolates every link, to the moment that you ask
+        """Between two measurements the tree interpolates every link, to the time that you ask
         for. The demo knows how the robot truly moves, so it can say how far off an answer is."""
     )
     page.table(
@@ -123,8 +123,8 @@ def _lookup_at_a_time(tf: TransformClient) -> None:
         ]
     )
     page.prose(
-        """The object lies still while the camera moves. What the camera saw is right for the
-        moment of seeing; joined with the newest pose of the robot it is not."""
+        """The object lies still while the camera moves. What the camera saw is right at the time
+        of its picture; combined with the newest pose of the robot it is wrong."""
     )
 
 
@@ -160,8 +160,8 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
     page.prose(
         f"""A client grasps the object (its parent is now the wrist, not the camera) and lifts
         gripper and object, {moved["moves"]:,} times in {moved["spent_s"]:.1f} s, each time both
-        links in one transaction. Another client reads the pair over and over; one without the
-        other would be a torn pair."""
+        links in one transaction. Another client reads the pair over and over. A read that sees
+        only one of them moved is torn."""
     )
     page.table(
         [
@@ -172,13 +172,13 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
         ]
     )
     if len(seen["lifts_seen"]) < 2:
-        raise ChildFailed("the reader saw no movement, so it shows nothing")
+        raise ChildFailed("the reader saw no movement, so its figures prove nothing")
     if torn["transaction"]:
         raise ChildFailed("a transactional read was torn")
-    page.prose(page.good("The transactional reader never saw one without the other."))
+    page.prose(page.good("The transactional reader never saw only one of them moved."))
     page.prose(
-        """Link by link, one lookup may be torn as well; with nanoseconds between two links it
-        seldom is."""
+        """A lookup link by link may be torn as well, but seldom, as it reads the links within
+        nanoseconds."""
     )
 
 
@@ -206,7 +206,7 @@ def _rates(
 
 
 def _stored_hz(link: FrameInfo) -> float:
-    """Intervals between the samples that the server keeps, per second."""
+    """Return the mean rate of the samples that the server keeps."""
     if link.oldest_stamp_ns is None or link.newest_stamp_ns is None:
         return 0.0
     return (link.samples - 1) * 1e9 / max(1, link.newest_stamp_ns - link.oldest_stamp_ns)

@@ -1,7 +1,11 @@
 #!/bin/sh
-# Creates .venv and fills it with everything but the project itself. Says plainly what is missing.
+# Creates .venv and installs requirements into it, but not the project itself.
+#   venv.sh runtime   what the build and the programs need
+#   venv.sh dev       what tests, benchmarks and checks need as well
+# Prints what is missing on this machine, and how to install it.
 set -eu
 cd "$(dirname "$0")/.."
+what=${1:-dev}
 
 fail() {
     printf 'zenoh-tf: %s\n' "$@" >&2
@@ -27,7 +31,7 @@ python=$(find_python) || fail \
     "Install it (Debian, Ubuntu: apt-get install python3-venv)."
 
 "$python" - <<'PY' || fail \
-    "$python came without its C headers (Python.h), which the native module needs." \
+    "$python has no C headers (Python.h), which the native module needs." \
     "Install them (Debian, Ubuntu: apt-get install python3-dev)."
 import pathlib, sys, sysconfig
 sys.exit(not pathlib.Path(sysconfig.get_path("include"), "Python.h").is_file())
@@ -35,24 +39,30 @@ PY
 
 sh scripts/compiler.sh >/dev/null
 
-# A virtual environment left by another Python, or cut off half made, is made anew.
+# Replaces a virtual environment that is incomplete, or was made by a Python that is gone.
 if ! .venv/bin/python -c 'import pip' 2>/dev/null; then
     rm -rf .venv
-    echo "making .venv with $("$python" --version)"
+    echo "making .venv with $("$python" --version): some seconds"
     "$python" -m venv .venv
 fi
 
-# The requirements stand in pyproject.toml and nowhere else.
-.venv/bin/python - >.venv/requirements.txt <<'PY'
-import tomllib
+# The requirements are listed only in pyproject.toml.
+.venv/bin/python - "$what" >.venv/requirements.txt <<'PY'
+import sys, tomllib
 with open("pyproject.toml", "rb") as file:
     config = tomllib.load(file)
 project = config["project"]
-extras = project["optional-dependencies"]
-for requirement in config["build-system"]["requires"] + project["dependencies"] + sum(extras.values(), []):
+requirements = config["build-system"]["requires"] + project["dependencies"]
+if sys.argv[1] == "dev":
+    requirements += sum(project["optional-dependencies"].values(), [])
+for requirement in requirements:
     if not requirement.startswith(project["name"]):
         print(requirement)
 PY
-echo "installing the requirements of pyproject.toml into .venv"
+if [ "$what" = dev ]; then
+    echo "installing what tests, benchmarks and checks need into .venv: about a minute"
+else
+    echo "installing what the build and the programs need into .venv: about a minute"
+fi
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -r .venv/requirements.txt ||
     fail "pip could not install the requirements (see above). A package index must be reachable."

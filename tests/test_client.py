@@ -155,6 +155,87 @@ def test_arrays(client: TransformClient) -> None:
         assert caught.value.field == "stamp_ns"
 
 
+@pytest.mark.parametrize("stamp_ns", [1 << 63, -(1 << 63), 1 << 64, 1 << 70, -(1 << 70)])
+def test_no_stamp_is_wrapped_or_taken_for_none(client: TransformClient, stamp_ns: int) -> None:
+    """-2^63 stands for "no time given" in a message, so no caller may pass it."""
+    fill(client)
+    calls: list[tuple[str, Callable[[], object]]] = [
+        ("stamps_ns", lambda: client.sample("map", "base", [stamp_ns])),
+        ("stamps_ns", lambda: client.lookup_transforms(["map"], "base", [stamp_ns])),
+        ("stamps_ns", lambda: client.lookup_transforms("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.lookup_transform("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.lookup_velocity("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.parent("base", stamp_ns)),
+        ("stamp_ns", lambda: client.chain("map", "base", stamp_ns)),
+        (
+            "target_stamp_ns",
+            lambda: client.lookup_transform_full("map", stamp_ns, "base", 2 * S, "odom"),
+        ),
+        (
+            "source_stamp_ns",
+            lambda: client.lookup_transform_full("map", 2 * S, "base", stamp_ns, "odom"),
+        ),
+    ]
+    for field, call in calls:
+        with pytest.raises(InvalidArgumentException) as caught:
+            call()
+        assert caught.value.field == field
+
+
+def test_unsigned_stamps_that_fit(client: TransformClient) -> None:
+    fill(client)
+    for kind in (np.uint64, np.uint32, np.int64):
+        many = client.sample("map", "base", np.array([2 * S, 3 * S], kind))
+        assert many.status.tolist() == [0, 0]
+        assert many.stamps_ns.tolist() == [2 * S, 3 * S]
+    limits = client.sample("map", "base", [(1 << 63) - 1, -(1 << 63) + 1])
+    assert all(limits.status)
+    for stamps_ns in (np.array([2 * S, 1 << 63], np.uint64), np.array([-(1 << 63), 2 * S])):
+        with pytest.raises(InvalidArgumentException, match=r"-2\^63 \+ 1") as caught:
+            client.sample("map", "base", stamps_ns)
+        assert caught.value.field == "stamps_ns"
+
+
+def test_an_endpoint_is_no_connection() -> None:
+    with pytest.raises(TypeError, match=r"use TransformClient\.connect\(") as caught:
+        TransformClient("tcp/127.0.0.1:7447")  # type: ignore[arg-type]
+    assert "'tcp/127.0.0.1:7447'" in str(caught.value)
+
+
+def test_reprs(server: ServerProcess) -> None:
+    where = f"{server.endpoint}, tree 'main'"
+    with server.connect() as tf:
+        assert repr(tf) == f"<TransformClient {where}, server {tf.instance}, open>"
+        sensor = tf.broadcaster("lidar")
+        sensor.send_static(link("base", "lidar", 0))
+        assert repr(sensor) == f"<Broadcaster 'lidar' at {where}, 1 static, open>"
+        with tf.transaction() as tx:
+            tx.can_transform("map", "base")
+            seen = f"<Transaction of 1 reads and 0 sets at {where}, server {tf.instance}, open>"
+            assert repr(tx) == seen
+        with tf.batch() as batch:
+            unknown, can = batch.frame("base 2"), batch.can_transform("map", "base")
+            assert repr(batch) == f"<Batch of 2 operations for {where}, open>"
+            assert repr(can) == "<Handle: not sent>"
+        assert repr(can) == "<Handle: False>"
+        assert repr(unknown).startswith("<Handle: LookupException(")
+        sensor.close()
+        assert repr(sensor).endswith("closed>")
+    for closed in (tf, tx, batch):
+        assert repr(closed).endswith("closed>")
+
+
+def test_a_closed_client_says_so(server: ServerProcess) -> None:
+    tf = server.connect()
+    sensor = tf.broadcaster("lidar")
+    tf.close()
+    tf.close()
+    sensor.close()
+    for call in (tf.frames, lambda: sensor.send(link("a", "b", 1)), lambda: tf.broadcaster("b")):
+        with pytest.raises(ServerUnavailable, match="is closed"):
+            call()
+
+
 def test_dropped_and_cleared(start_server: StartServer) -> None:
     with start_server("--cache-time", "5").connect() as tf:
         assert tf.set_transform(link("map", "base", 100 * S)) is True

@@ -1,4 +1,4 @@
-"""Client processes beside each other: no lost update, no torn read."""
+"""Concurrent client processes: no lost update, no torn read."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ print(json.dumps(calls))
 
 
 def run_together(code: str, *arguments: tuple[str, ...]) -> list[int]:
-    """Run a client process per tuple of arguments, all let go at once; what they print."""
+    """Run a client process per tuple of arguments, all at once; return what they print."""
     processes = [
         subprocess.Popen(
             [sys.executable, "-c", code, *args],
@@ -102,7 +102,7 @@ def test_no_update_is_lost(start_server: StartServer, concurrency: str) -> None:
         attempts = run_together(COUNTER, *[(server.endpoint, "100")] * 2)
         counted = tf.lookup_latest_transform_xact("map", "counter").transform.translation[0]
         assert counted == 200
-        assert sum(attempts) > 200, "the processes never met: the test shows nothing"
+        assert sum(attempts) > 200, "no transaction was retried, so the test proves nothing"
 
 
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
@@ -116,7 +116,9 @@ def test_no_read_is_torn(start_server: StartServer, concurrency: str) -> None:
     assert min(calls) > 50, f"too little happened: {calls}"
 
 
-def test_a_client_that_dies_harms_nobody(server: ServerProcess, client: TransformClient) -> None:
+def test_a_client_killed_in_a_write_leaves_no_torn_state(
+    server: ServerProcess, client: TransformClient
+) -> None:
     client.set_transforms_xact(
         [StampedTransform(f"l{i}", f"l{i + 1}", 1, Transform()) for i in range(8)]
     )

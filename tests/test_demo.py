@@ -27,17 +27,31 @@ def endpoint_of(page: str) -> str:
 
 
 def processes_of(endpoint: str) -> list[int]:
-    """Processes with the demo's endpoint, which no one else uses, among their arguments."""
+    """Return the processes with the demo's endpoint, which no other process has, as an argument."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
                 arguments = (entry / "cmdline").read_bytes().decode(errors="replace")
             except OSError:
-                continue  # it has just ended
+                continue  # the process has just ended
             if endpoint in arguments:
                 found.append(int(entry.name))
     return found
+
+
+def test_make_demo_installs_what_it_needs_and_says_how_long_it_takes() -> None:
+    """The first `make demo` takes minutes, most of them for pip and the compiler."""
+    steps = subprocess.run(
+        ["make", "--dry-run", "--always-make", "demo"],
+        cwd=DEMO.parent.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert "scripts/venv.sh runtime" in steps
+    assert "scripts/venv.sh dev" not in steps
+    assert re.search(r'echo "building the native module: about \d+ minutes', steps)
 
 
 def test_demo() -> None:

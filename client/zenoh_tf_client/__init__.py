@@ -1,10 +1,11 @@
-"""The SDK of zenoh-tf: `TransformClient.connect` and what it returns."""
+"""The client library of zenoh-tf: `TransformClient.connect` and what it returns."""
 
 from zenoh_tf import __version__
 
-from .batch import Batch, Handle
+from .batch import Batch
 from .broadcaster import Broadcaster
 from .client import TransformClient
+from .handle import Handle
 from .transaction import Transaction
 
 __all__ = ["Batch", "Broadcaster", "Handle", "Transaction", "TransformClient", "__version__"]

@@ -1,4 +1,4 @@
-"""``python -m zenoh_tf_client``: the same as the command ``zenoh-tf``."""
+"""``python -m zenoh_tf_client`` is the command ``zenoh-tf``."""
 
 from zenoh_tf_client.cli.main import run
 

@@ -1,4 +1,4 @@
-"""`TransformClient`: the embedded tree's methods on a connection."""
+"""`TransformClient`: the methods of the embedded tree, on a connection to a server."""
 
 from __future__ import annotations
 
@@ -6,21 +6,13 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
-from numpy.typing import ArrayLike
-
-from zenoh_tf import (
-    AuthorityInfo,
-    FrameInfo,
-    LatestTransform,
-    StampedTransform,
-    TransformArray,
-    Velocity,
-    wire,
-)
+from zenoh_tf import StampedTransform
 
 from . import requests
 from .batch import Batch
 from .broadcaster import Broadcaster
+from .client_introspection import ClientIntrospection
+from .client_lookups import ClientLookups
 from .connection import Connection
 from .requests import Request
 from .transaction import Transaction, run_transaction
@@ -32,18 +24,34 @@ DEFAULT_TREE = "main"
 DEFAULT_TIMEOUT_S = 5.0
 
 
-class TransformClient:
-    """A connection to the server of one tree; make it with `connect`.
+class TransformClient(ClientLookups, ClientIntrospection):
+    """A connection to the server of one tree; made by `TransformClient.connect`.
 
-    Methods, arguments, results and errors are those of `zenoh_tf.TransformTree`; on top of
-    its errors every method raises ServerUnavailable when no server answers within the
-    connection's time-out, and every write OutcomeUnknown when it may have been applied.
-    After a lost connection the next calls find their way back by themselves.
+    It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
+    and adds the errors of the service. ``X_target_source`` maps coordinates in source to
+    coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a lost
+    connection the client reconnects by itself. A context manager, which closes itself at the end.
 
     Thread safety: all methods.
+
+    Example:
+        ``with TransformClient.connect() as tf: print(tf.lookup_transform("map", "base"))``
     """
 
     def __init__(self, connection: Connection) -> None:
+        """Use `TransformClient.connect` instead.
+
+        Args:
+            connection: The open connection to use.
+
+        Raises:
+            TypeError: `connection` is something else, such as an endpoint.
+        """
+        if not isinstance(connection, Connection):
+            raise TypeError(
+                f"TransformClient needs an open connection, not {connection!r}; "
+                "use TransformClient.connect(endpoint, tree, timeout_s)"
+            )
         self._connection = connection
         self._broadcasters: list[Broadcaster] = []
 
@@ -54,9 +62,33 @@ class TransformClient:
         tree: str = DEFAULT_TREE,
         timeout_s: float = DEFAULT_TIMEOUT_S,
     ) -> Self:
-        """Connect to the server of `tree`, trying for `timeout_s`, which is also how long
-        each call waits for its answer. Raises ServerUnavailable."""
+        """Connect to the server of a tree.
+
+        Args:
+            endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``.
+            tree: The name of the tree.
+            timeout_s: How long to try, in seconds; also how long each call waits for its reply.
+
+        Returns:
+            An open client.
+
+        Raises:
+            ServerUnavailable: No server of the tree answered within `timeout_s`.
+            InvalidArgumentException: An argument makes no sense.
+            ProtocolError: The server's reply is malformed.
+
+        Example:
+            ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
+        """
         return cls(Connection(endpoint, tree, timeout_s))
+
+    def __repr__(self) -> str:
+        connection = self._connection
+        return (
+            f"<TransformClient {connection.endpoint}, tree {connection.tree!r}, "
+            f"server {connection.known_instance or 'unknown'}, "
+            f"{'closed' if connection.closed else 'open'}>"
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -70,7 +102,11 @@ class TransformClient:
         self.close()
 
     def close(self) -> None:
-        """Close the connection and its broadcasters. May be called again."""
+        """Close the connection and its broadcasters. May be called again.
+
+        Calls of other threads that wait for a reply fail soon. A program that ends closes its
+        clients by itself.
+        """
         broadcasters, self._broadcasters = self._broadcasters, []
         for broadcaster in broadcasters:
             broadcaster.close()
@@ -78,105 +114,89 @@ class TransformClient:
 
     @property
     def endpoint(self) -> str:
+        """Returns the endpoint that the client connects to."""
         return self._connection.endpoint
 
     @property
     def tree(self) -> str:
+        """Returns the name of the tree."""
         return self._connection.tree
 
     @property
     def instance(self) -> str:
-        """The id of the server that answered last; a restarted server has another."""
+        """Returns the id of the server that answered last; a restarted server has a new one.
+
+        Asks the server if no id is known.
+
+        Raises:
+            ServerUnavailable: No id is known, and no server answered in time.
+            ProtocolError: The reply is malformed.
+        """
         return self._connection.instance
-
-    # --- reads
-
-    def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> StampedTransform:
-        return self._call(requests.lookup_transform(target, source, stamp_ns, timeout_s))
-
-    def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-        timeout_s: float = 0.0,
-    ) -> StampedTransform:
-        return self._call(
-            requests.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-            )
-        )
-
-    def can_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> bool:
-        return self._call(requests.can_transform(target, source, stamp_ns, timeout_s))
-
-    def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
-        return self._call(requests.lookup_latest_transform(target, source))
-
-    def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
-        return self._call(requests.lookup_latest_transform_xact(target, source))
-
-    def lookup_latest_transforms_xact(
-        self, pairs: Sequence[tuple[str, str]]
-    ) -> list[LatestTransform]:
-        return self._call(requests.lookup_latest_transforms_xact(pairs))
-
-    def lookup_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,
-    ) -> TransformArray:
-        return self._call(requests.lookup_transforms(targets, sources, stamps_ns))
-
-    def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
-        return self._call(requests.sample(target, source, stamps_ns))
-
-    def latest_common_time(self, a: str, b: str) -> int | None:
-        return self._call(requests.latest_common_time(a, b))
-
-    def lookup_velocity(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None = None,
-        averaging_interval_s: float = 0.1,
-        *,
-        reference_frame: str | None = None,
-        reference_point: ArrayLike = (0.0, 0.0, 0.0),
-        reference_point_frame: str | None = None,
-    ) -> Velocity:
-        return self._call(
-            requests.lookup_velocity(
-                tracking_frame,
-                observation_frame,
-                stamp_ns,
-                averaging_interval_s,
-                reference_frame=reference_frame,
-                reference_point=reference_point,
-                reference_point_frame=reference_point_frame,
-            )
-        )
 
     # --- writes
 
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> bool:
+        """Store a transform and wait until the server has it.
+
+        Args:
+            stamped: ``X_parent_child``: it maps coordinates in the child frame to coordinates in
+                the parent frame. Metres; nanoseconds.
+            authority: The name to publish as.
+            static: True for a transform that holds at all times.
+
+        Returns:
+            True if stored; False if dropped because it is older than the server's cache time.
+
+        Raises:
+            InvalidArgumentException: The transform makes no sense, or would close a cycle.
+            ServerUnavailable: No server answered, and nothing was written.
+            OutcomeUnknown: No reply came; the write may or may not have been applied.
+            ServerRestarted: The server was restarted meanwhile; nothing was written.
+            LimitExceeded: A limit was hit, such as the number of frames.
+            ProtocolError: The reply is malformed.
+
+        Example:
+            ``tf.set_transform(StampedTransform("map", "base", time.time_ns(), X_map_base))``
+        """
         return self._call(requests.set_transform(stamped, authority, static))
 
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> None:
+        """Store transforms atomically, all or none of them, and wait until the server has them.
+
+        Args:
+            stampeds: Transforms, each ``X_parent_child`` as in `set_transform`.
+            authority: The name to publish as.
+            static: True for transforms that hold at all times.
+
+        Raises:
+            InvalidArgumentException: A transform makes no sense, is older than the server's cache
+                time, or would close a cycle.
+            ServerUnavailable: No server answered, and nothing was written.
+            OutcomeUnknown: No reply came; the write may or may not have been applied.
+            ServerRestarted: The server was restarted meanwhile; nothing was written.
+            LimitExceeded: A limit was hit, such as the number of frames.
+            ProtocolError: The reply is malformed.
+        """
         self._call(requests.set_transforms_xact(stampeds, authority, static))
 
     def clear(self, keep_static: bool = True) -> None:
+        """Forget all samples, for all clients of the server. The frames' names stay.
+
+        Args:
+            keep_static: True to keep static transforms.
+
+        Raises:
+            ServerUnavailable: No server answered, and nothing was written.
+            OutcomeUnknown: No reply came; the write may or may not have been applied.
+            ServerRestarted: The server was restarted meanwhile; nothing was written.
+            LimitExceeded: A limit was hit, such as the number of frames.
+            ProtocolError: The reply is malformed.
+        """
         self._call(requests.clear(keep_static))
 
     def reset(self) -> None:
@@ -197,47 +217,83 @@ class TransformClient:
         self._call(requests.reset())
 
     def remove_frame(self, name: str, subtree: bool = False) -> None:
+        """Forget a frame: its link, its history and its name.
+
+        Args:
+            name: The frame.
+            subtree: True to remove all frames below it as well, atomically.
+
+        Raises:
+            LookupException: The frame is unknown.
+            InvalidArgumentException: Other frames are below it, and `subtree` is False.
+            ServerUnavailable: No server answered, and nothing was written.
+            OutcomeUnknown: No reply came; the write may or may not have been applied.
+            ServerRestarted: The server was restarted meanwhile; nothing was written.
+            LimitExceeded: A limit was hit, such as the number of frames.
+            ProtocolError: The reply is malformed.
+        """
         self._call(requests.remove_frame(name, subtree))
-
-    # --- introspection
-
-    def frames(self) -> list[str]:
-        return self._call(requests.frames())
-
-    def frame(self, name: str) -> FrameInfo:
-        return self._call(requests.frame(name))
-
-    def authorities(self) -> list[AuthorityInfo]:
-        return self._call(requests.authorities())
-
-    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        return self._call(requests.parent(frame, stamp_ns))
-
-    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
-        return self._call(requests.chain(target, source, stamp_ns))
-
-    def stats(self) -> dict[str, int]:
-        return self._call(requests.stats())
 
     # --- beyond the embedded tree
 
     def batch(self) -> Batch:
-        """Many operations in one round trip, errors in place; see `zenoh_tf_client.batch`."""
-        return Batch(self._send_batch)
+        """Start a batch: many operations in one round trip.
+
+        Returns:
+            An empty `Batch`, to be used in a `with` block.
+
+        Example:
+            ``with tf.batch() as batch: base = batch.lookup_transform("map", "base")``
+        """
+        return Batch(self._connection)
 
     def transaction(self) -> Transaction:
-        """One attempt at a read-modify-write; see `zenoh_tf_client.transaction`."""
+        """Start one attempt at a read-modify-write; `run_transaction` repeats attempts.
+
+        Returns:
+            An empty `Transaction`, to be used in a `with` block.
+
+        Example:
+            ``with tf.transaction() as tx: tx.set_transform(stamped)``
+        """
         return Transaction(self._connection)
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
-        """Call `function` with a transaction and commit, up to `attempts` times while others
-        change what it read. Returns what it returned in the attempt that was committed.
-        Raises TransactionConflict after the last."""
+        """Call `function` with a new transaction and commit it; repeat this after a conflict.
+
+        Args:
+            function: Reads and sets through the transaction. It may be called several times.
+            attempts: How often to call it at most.
+
+        Returns:
+            What `function` returned in the attempt that was committed.
+
+        Raises:
+            TransactionConflict: Others changed what was read, in every attempt.
+            TransformException: `function` or the commit failed; see `Transaction.commit`.
+
+        Example:
+            ``tf.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
+        """
         return run_transaction(self._connection, function, attempts)
 
     def broadcaster(self, authority: str) -> Broadcaster:
-        """A publisher of transforms; closed with the client if not before."""
-        broadcaster = Broadcaster(self._connection.session, self.tree, authority)
+        """Make a publisher of transforms, which sends without waiting for a reply.
+
+        Args:
+            authority: The name to publish as, at most 255 bytes of UTF-8.
+
+        Returns:
+            An open `Broadcaster`. It is closed with the client, if not before.
+
+        Raises:
+            InvalidArgumentException: `authority` is too long or not valid UTF-8.
+            ServerUnavailable: The client is closed.
+
+        Example:
+            ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
+        """
+        broadcaster = Broadcaster(self._connection, authority)
         self._broadcasters.append(broadcaster)
         return broadcaster
 
@@ -245,11 +301,3 @@ class TransformClient:
         if request.writes:
             return request.parse(self._connection.write(request.kind, request.body()))
         return request.parse(self._connection.read(request.kind, request.body(), request.wait_s))
-
-    def _send_batch(
-        self, operations: list[tuple[str, wire.Message]], writes: bool, wait_s: float
-    ) -> wire.Message:
-        body = wire.batch_body(operations)
-        if writes:
-            return self._connection.write("batch", body)
-        return self._connection.read("batch", body, wait_s)

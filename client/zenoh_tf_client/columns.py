@@ -1,9 +1,10 @@
-"""Arguments of the API as columns of the wire: each name is sent once."""
+"""Turns arguments of the API into the columns of a message, which sends each name once."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import index
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,12 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from zenoh_tf import StampedTransform, _core, wire
 from zenoh_tf.errors import InvalidArgumentException
 
-#: target, source, OP_..., stamp_ns or NO_STAMP
+#: The largest stamp; the smallest is NO_STAMP + 1.
+_MAX_STAMP = -wire.NO_STAMP - 1
+
+#: (target, source, OP_..., stamp_ns or NO_STAMP) of a single lookup.
 Row = tuple[str, str, int, int]
 
 
 class _Names(dict[str, int]):
-    """Name -> row of the message's names; a name not seen before gets the next row."""
+    """Maps names to their indices in the message; an unknown name gets the next index."""
 
     def __missing__(self, name: str) -> int:
         row = self[name] = len(self)
@@ -29,36 +33,72 @@ class _Names(dict[str, int]):
 
 
 def at(target: str, source: str, stamp_ns: int | None) -> Row:
-    """A lookup at a time, or at the latest common time."""
+    """Return the row of a lookup at a time, or at the latest common time for None."""
+    op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
+    return target, source, op, stamp(stamp_ns)
+
+
+def stamp(stamp_ns: int | None, field: str = "stamp_ns") -> int:
+    """Return one stamp in ns; None becomes NO_STAMP.
+
+    Raises InvalidArgumentException, which names `field`, for the stamps that `stamps` rejects.
+    """
     if stamp_ns is None:
-        return target, source, wire.OP_COMMON, wire.NO_STAMP
+        return wire.NO_STAMP
     try:
-        stamp = index(stamp_ns)
+        value = index(stamp_ns)
     except TypeError:
-        stamp = wire.NO_STAMP
-    if not wire.NO_STAMP < stamp < -wire.NO_STAMP:  # the lowest would be read as no time at all
+        value = wire.NO_STAMP
+    if not wire.NO_STAMP < value <= _MAX_STAMP:
         raise InvalidArgumentException(
-            f"stamp_ns must be an integer of 64 bits, not {stamp_ns!r}", field="stamp_ns"
+            f"{field} must be an integer from -2^63 + 1 to 2^63 - 1, not {stamp_ns!r}", field=field
         )
-    return target, source, wire.OP_AT, stamp
+    return value
 
 
 def stamps(stamps_ns: ArrayLike | None, count: int) -> NDArray[np.int64]:
-    """(count,) ns; one time stands for every row, None for no time."""
+    """Return (count,) stamps in ns; one stamp is repeated, None becomes NO_STAMP.
+
+    Raises InvalidArgumentException for a stamp outside of int64, and for NO_STAMP itself, which
+    would read as "no time given".
+    """
     if stamps_ns is None:
         return np.full(count, wire.NO_STAMP, np.int64)
-    values = np.asarray(stamps_ns)
+    try:
+        values = np.asarray(stamps_ns)
+    except OverflowError as error:
+        raise _invalid_stamps(str(error)) from error
     if values.size and values.dtype.kind not in "iu":
-        raise InvalidArgumentException(
-            f"stamps_ns must be integers, not {values.dtype}", field="stamps_ns"
-        )
+        raise _invalid_stamps(_reason(values))
+    if values.size:
+        lowest, highest = int(values.min()), int(values.max())
+        if lowest <= wire.NO_STAMP or highest > _MAX_STAMP:
+            raise _invalid_stamps(f"not {highest if highest > _MAX_STAMP else lowest}")
     return np.broadcast_to(values.astype(np.int64, copy=False), (count,))
+
+
+def _reason(values: NDArray[Any]) -> str:
+    """Say which of the values is no 64-bit integer; integers beyond 64 bits are objects."""
+    if values.dtype.kind == "O":
+        for value in values.flat:
+            if not isinstance(value, int) or not wire.NO_STAMP < value <= _MAX_STAMP:
+                return f"not {value!r}"
+    return f"not {values.dtype}"
+
+
+def _invalid_stamps(reason: str) -> InvalidArgumentException:
+    return InvalidArgumentException(
+        f"stamps_ns must be integers from -2^63 + 1 to 2^63 - 1, {reason}", field="stamps_ns"
+    )
 
 
 def rows(
     targets: str | Sequence[str], sources: str | Sequence[str], stamps_ns: ArrayLike | None
 ) -> int:
-    """The number of rows that the arguments agree on; single values stand for every row."""
+    """Return the number of rows; a single value stands for every row.
+
+    Raises InvalidArgumentException if the lengths of the others differ.
+    """
     sizes = {
         "targets": None if isinstance(targets, str) else len(targets),
         "sources": None if isinstance(sources, str) else len(sources),
@@ -66,7 +106,7 @@ def rows(
     }
     given = {size for size in sizes.values() if size is not None}
     if len(given) > 1:
-        raise InvalidArgumentException(f"unequal numbers of rows: {sizes}", field="targets")
+        raise InvalidArgumentException(f"the numbers of rows differ: {sizes}", field="targets")
     return given.pop() if given else 1
 
 
@@ -77,7 +117,7 @@ def lookup(
     op: int,
     count: int,
 ) -> wire.Lookup:
-    """`count` reads of one kind."""
+    """Return `count` lookups of one kind."""
     names = _Names()
     target = names.column(targets, count)
     source = names.column(sources, count)
@@ -86,7 +126,7 @@ def lookup(
 
 
 def join(rows: Sequence[Row]) -> wire.Lookup:
-    """Any single reads as one lookup, in order."""
+    """Return single lookups of any kind as one message, in order."""
     names = _Names()
     count = len(rows)
     targets, sources, ops, times = zip(*rows, strict=True) if rows else ((), (), (), ())
@@ -102,5 +142,5 @@ def join(rows: Sequence[Row]) -> wire.Lookup:
 def commit(
     stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
 ) -> wire.Commit:
-    """The rows of a transaction."""
+    """Return transforms as the columns of a commit."""
     return wire.Commit(*_core.columns_of(stampeds), authority, static)

@@ -1,4 +1,4 @@
-"""One Zenoh session to one tree: sends requests, tells silence from answers.
+"""One Zenoh session with the server of one tree: sends requests, and reports missing replies.
 
 Thread safety: all methods; calls of different threads run side by side.
 """
@@ -26,6 +26,7 @@ from zenoh_tf.errors import (
 
 from . import requests
 from .served_trees import no_server_message, served_trees
+from .session_calls import OPENING, SessionCalls
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
@@ -36,15 +37,15 @@ _HELLO_PERIOD_S: Final = 0.05
 _OTHER_TREES_GRACE_S: Final = 1.0
 _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
-#: What Zenoh answers in place of a server that stays silent.
+#: The error reply that Zenoh makes up when no server replies in time.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
 
 @dataclass(frozen=True, slots=True)
-class _Silence:
-    """No reply came."""
+class _NoReply:
+    """No reply came to a request."""
 
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +53,20 @@ class _Server:
     """The server that answered last."""
 
     instance: str
-    clock_offset_ns: int  # server clock minus ours, never too large
+    clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
 
 
 class Connection:
+    """A session with one server; see the module. Close it with `close`."""
+
     def __init__(self, endpoint: str, tree: str, timeout_s: float) -> None:
-        """Connect within `timeout_s`, else ServerUnavailable."""
+        """Connect to the server of `tree` at `endpoint`.
+
+        Raises:
+            ServerUnavailable: No server answered within `timeout_s`.
+            InvalidArgumentException: `endpoint` or `timeout_s` makes no sense.
+        """
         if not 0 < timeout_s < 1e6:
             raise InvalidArgumentException(
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
@@ -75,9 +83,11 @@ class Connection:
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
         deadline_s = time.monotonic() + timeout_s
-        self.session = self._open()
+        with OPENING:
+            self.session = self._open()
+        self.calls = SessionCalls(self.session.close)
         try:
-            self._meet(deadline_s)
+            self._wait_for_server(deadline_s)
         except BaseException:
             self.close()
             raise
@@ -87,33 +97,48 @@ class Connection:
         """Instance id of the server that answered last; asks for it if none is known."""
         return self._known_server().instance
 
+    @property
+    def known_instance(self) -> str | None:
+        """The same without asking: None if no server is known."""
+        server = self._server
+        return None if server is None else server.instance
+
+    @property
+    def closed(self) -> bool:
+        """True once `close` was called."""
+        return self.calls.closed
+
     def close(self) -> None:
-        self.session.close()
+        """Close the session; calls of other threads fail soon. May be called again."""
+        self.calls.close()
 
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
-        """The reply to a request that changes nothing. `wait_s`: how long the server itself
-        may wait. Raises the reply's error, or ServerUnavailable for no reply."""
+        """Return the reply to a request that changes nothing.
+
+        `wait_s` is how long the server itself may wait before it replies. Raises the error in
+        the reply, or ServerUnavailable if none comes.
+        """
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
         reply = self._query(operation, payload, timeout_s)
-        if isinstance(reply, _Silence):
-            raise ServerUnavailable(reply.why)
+        if isinstance(reply, _NoReply):
+            raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
         return reply
 
     def write(
         self, operation: str, body: wire.Message, instance: str | None = None
     ) -> wire.Message:
-        """The reply to a write, which runs at most once.
+        """Send a write, which the server applies at most once, and return the reply.
 
-        `instance`: only on that server instance, else ServerRestarted; None: on whichever
-        serves now. Raises the reply's error, ServerUnavailable where nothing was sent, or
-        OutcomeUnknown for no reply: the write may or may not have been applied.
+        With an `instance`, only that server instance may apply it; another one answers
+        ServerRestarted. Raises the error in the reply, ServerUnavailable if nothing was sent,
+        or OutcomeUnknown if no reply came: the write may or may not have been applied.
         """
         try:
             return self._write_once(operation, body, instance or self.instance)
         except ServerRestarted:
-            # Refused, so surely not applied: it may be sent again, to the new server.
+            # The new server rejected it, so it was not applied and may be sent again.
             self._forget_server()
             if instance is not None:
                 raise
@@ -129,45 +154,52 @@ class Connection:
         )
         payload = self._pack(body | write.fields())
         reply = self._query(operation, payload, self.timeout_s)
-        if isinstance(reply, _Silence):
-            raise OutcomeUnknown(f"{reply.why}: the write may or may not have been applied")
+        if isinstance(reply, _NoReply):
+            raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
 
-    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _Silence:
-        """The first reply, or why there is none."""
+    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _NoReply:
+        """Return the first reply, or why there is none."""
         try:
-            replies = self.session.get(
-                self._keys[operation],
-                payload=payload,
-                timeout=timeout_s,
-                consolidation=zenoh.ConsolidationMode.NONE,
-            )
+            with self.calls:
+                data = self._first_reply(operation, payload, timeout_s)
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._where()}: {error}") from error
-        for answer in replies:
-            if (sample := answer.ok) is not None:
-                data = sample.payload.to_bytes()
-            else:
-                data = answer.err.payload.to_bytes()  # type: ignore[union-attr]
-                if data == _ZENOH_TIMEOUT:
-                    self._forget_server()
-                    return _Silence(f"no answer from {self._where()} within {timeout_s:g} s")
-            reply = wire.unpack(data, _MAX_REPLY_BYTES)
-            server = self._server
-            if server is not None and reply.get("instance") != server.instance:
-                self._forget_server()  # a new one: its clock and limits are unknown
-            return reply
-        self._forget_server()
-        # Zenoh ends a query at once where nobody can answer, or who could is lost meanwhile.
-        return _Silence(f"{self._where()} is not there, or went away before it answered")
+        if data is None:
+            self._forget_server()
+            # Zenoh ends a query at once if no server is there, or when the server goes away.
+            return _NoReply(f"{self._where()} is not there, or went away before it answered")
+        if data == _ZENOH_TIMEOUT:
+            self._forget_server()
+            return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s")
+        reply = wire.unpack(data, _MAX_REPLY_BYTES)
+        server = self._server
+        if server is not None and reply.get("instance") != server.instance:
+            self._forget_server()  # A new server: its clock and limits are not known yet.
+        return reply
+
+    def _first_reply(self, operation: str, payload: bytes, timeout_s: float) -> bytes | None:
+        """Return the first reply's payload; None if the query ended without one."""
+        replies = self.session.get(
+            self._keys[operation],
+            payload=payload,
+            timeout=timeout_s,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+        for reply in replies:
+            if (sample := reply.ok) is not None:
+                return sample.payload.to_bytes()
+            return reply.err.payload.to_bytes()  # type: ignore[union-attr]
+        return None
 
     def _pack(self, body: wire.Message) -> bytes:
         payload = wire.pack(body)
         server = self._server
         if server is not None and len(payload) > server.message_bytes:
             raise LimitExceeded(
-                f"a message of {len(payload)} bytes, the server takes {server.message_bytes}",
+                f"a message of {len(payload):,} bytes exceeds the server's limit of "
+                f"{server.message_bytes:,} bytes (--max-message-bytes)",
                 field="message_bytes",
                 limit=server.message_bytes,
                 value=len(payload),
@@ -180,9 +212,9 @@ class Connection:
     def _forget_server(self) -> None:
         self._server = None
 
-    def _meet(self, deadline_s: float) -> None:
-        """Ask until the tree's server answers, which may still be starting. Gives up early if
-        the network serves other trees only: then the tree's name is probably wrong."""
+    def _wait_for_server(self, deadline_s: float) -> None:
+        """Ask until a server answers, because it may still be starting. Give up early if the
+        network serves other trees only, because the name is then probably wrong."""
         next_check_s = time.monotonic() + _OTHER_TREES_GRACE_S
         while True:
             left_s = deadline_s - time.monotonic()
@@ -204,11 +236,12 @@ class Connection:
         request = requests.hello()
         reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
         now_ns = time.monotonic_ns()
-        if isinstance(reply, _Silence):
-            raise ServerUnavailable(reply.why)
+        if isinstance(reply, _NoReply):
+            raise ServerUnavailable(reply.reason)
         value = request.parse(reply)
-        # The server read its clock before now, so this offset is too small by the reply's
-        # way at most: an expiry reckoned with it is never later than this side's time-out.
+        # The server read its clock before this side did, so the offset is too small by the
+        # reply's travel time at most. An expiry computed with it is never later than this
+        # side's own time-out.
         server = _Server(
             wire.text(value, "instance"),
             wire.integer(value, "clock_ns") - now_ns,

@@ -1,9 +1,8 @@
-"""Is a server well? ``python -m zenoh_tf_client.health`` asks it a real question.
+"""A health check for containers: ``python -m zenoh_tf_client.health``.
 
-For health checks of containers and orchestrators: exit code 0 if the tree's server answered, else 1
-and one line on stderr that says why. It asks by the way that every client asks, so it sees a server
-whose process lives but which no longer answers. ``ZENOH_TF_CONNECT`` and ``ZENOH_TF_TREE`` give the
-defaults.
+The exit code is 0 if the tree's server answered a lookup, else 1 with one line on stderr that says
+why. So it also finds a server whose process lives but no longer answers. ``ZENOH_TF_CONNECT`` and
+``ZENOH_TF_TREE`` are the defaults of its options.
 """
 
 from __future__ import annotations
@@ -14,14 +13,15 @@ import sys
 from zenoh_tf import TransformException
 from zenoh_tf_client import TransformClient, environment
 
-# Any name does: whether the tree has such a frame is not what is asked.
+# Any name will do; the tree need not have such a frame.
 _FRAME = "zenoh-tf-health"
 
 
 def main() -> int:
-    """Ask once; returns the exit code."""
+    """Check once; return the exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m zenoh_tf_client.health", description="Exit 0 if the server answers, else 1."
+        prog="python -m zenoh_tf_client.health",
+        description="Exit with 0 if the server answers, else with 1.",
     )
     parser.add_argument("--connect", default=environment.endpoint())
     parser.add_argument("--tree", default=environment.tree())

@@ -1,7 +1,7 @@
-"""Requests and the parsing of their replies: no I/O, shared by every kind of client.
+"""Makes requests and parses their replies, without any I/O.
 
-Each function makes the `Request` of the method of the same name: the message's body, and
-`parse`, which turns the reply into the method's result or raises its error.
+Each function makes the `Request` of the client method of the same name. A request has the
+message's body, and `parse`, which turns the reply into the method's result or raises its error.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from . import columns
 
 T = TypeVar("T")
 
-#: Longest wait of a lookup; a longer one is a mistake of units.
+#: Longest wait of a lookup, in seconds. A longer one is probably in another unit.
 MAX_WAIT_S = 3600.0
 
 
@@ -45,7 +45,7 @@ class Request(ABC, Generic[T]):
 
     __slots__ = ()
 
-    kind: str  # a query family of zenoh_tf.keys
+    kind: str  # one of zenoh_tf.keys.OPERATIONS
     wait_s: float  # how long the server itself may wait
 
     @property
@@ -58,12 +58,12 @@ class Request(ABC, Generic[T]):
 
     @abstractmethod
     def parse(self, reply: wire.Message) -> T:
-        """The result in a reply, or raises its error."""
+        """Return the result in a reply, or raise its error."""
 
 
 @dataclass(slots=True)
 class Call(Request[T]):
-    """Any operation but a lookup of a single row."""
+    """Any operation except a lookup of a single row."""
 
     kind: str
     message: wire.Message
@@ -81,13 +81,13 @@ def _raise(error: TransformException) -> Any:
     raise error
 
 
-#: A reply's row as a result: (what was asked, stamp, newest stamp, pose) -> result
+#: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result
 Convert = Callable[[columns.Row, int, int, wire.Pose], T]
 
 
 @dataclass(slots=True)
 class Read(Request[T]):
-    """A lookup of a single row, which a batch may join with its neighbours."""
+    """A lookup of a single row; a batch sends neighbouring ones as one operation."""
 
     row: columns.Row
     convert: Convert[T]
@@ -108,13 +108,13 @@ class Read(Request[T]):
         return self.result(next(wire.parse_lookup_reply(reply, 1).rows()))
 
     def result(self, answer: wire.AnswerRow) -> T:
-        """The result in one row of a reply."""
+        """Return the result in one row of a reply, or raise its error."""
         error, stamp_ns, newest_ns, pose = answer
         return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
 
 
 def timeout_ns(timeout_s: float) -> int:
-    """The field of a message, checked."""
+    """Return a time-out in nanoseconds; InvalidArgumentException if it is out of range."""
     if not 0 <= timeout_s <= MAX_WAIT_S:
         raise InvalidArgumentException(
             f"timeout_s must be from 0 to {MAX_WAIT_S:g}, not {timeout_s!r}", field="timeout_s"
@@ -177,12 +177,13 @@ def lookup_transform_full(
     fixed_frame: str,
     timeout_s: float = 0.0,
 ) -> Request[StampedTransform]:
-    lookup = columns.lookup(target, source, target_stamp_ns, wire.OP_FULL, 1)
+    lookup = columns.lookup(target, source, None, wire.OP_FULL, 1)
+    lookup.stamp = np.array([columns.stamp(target_stamp_ns, "target_stamp_ns")])
     lookup.names.append(fixed_frame)
     lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
-    lookup.source_stamp = columns.stamps(source_stamp_ns, 1)
+    lookup.source_stamp = np.array([columns.stamp(source_stamp_ns, "source_stamp_ns")])
     lookup.timeout_ns = timeout_ns(timeout_s)
-    read = lookup_transform(target, source)  # whose answer looks the same
+    read = lookup_transform(target, source)  # Its reply has the same form.
     return Call("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
 
 
@@ -232,13 +233,13 @@ def lookup_velocity(
     try:
         (x, y, z) = np.asarray(reference_point, np.float64).tolist()
     except (TypeError, ValueError) as error:
-        message = "reference_point must be 3 numbers"
+        message = f"reference_point must be 3 numbers, not {reference_point!r}"
         raise InvalidArgumentException(message, field="reference_point") from error
     body = wire.call_body(
         "velocity",
         tracking_frame=tracking_frame,
         observation_frame=observation_frame,
-        stamp_ns=None if stamp_ns is None else columns.at("", "", stamp_ns)[3],
+        stamp_ns=_optional_stamp(stamp_ns),
         averaging_interval_ns=interval_ns(averaging_interval_s),
         reference_frame=reference_frame,
         reference_point=wire.raw(np.array([x, y, z]), wire.F64),
@@ -250,7 +251,9 @@ def lookup_velocity(
         try:
             return Velocity.from_record(record)
         except (KeyError, TypeError, ValueError) as error:
-            raise ProtocolError(f"a velocity's record: {error!r}", field="value") from error
+            raise ProtocolError(
+                f"the velocity in the reply is malformed: {error!r}", field="value"
+            ) from error
 
     return Call("info", body, parse)
 
@@ -306,6 +309,11 @@ def _info(kind: type | tuple[type, ...], what: str, **arguments: str | int | Non
     return Call("info", body, lambda reply: wire.parse_value(reply, kind))
 
 
+def _optional_stamp(stamp_ns: int | None) -> int | None:
+    """Check a stamp that may be left out of the message."""
+    return None if stamp_ns is None else columns.stamp(stamp_ns)
+
+
 def hello() -> Request[dict[str, Any]]:
     return _info(dict, "hello")
 
@@ -333,19 +341,22 @@ def authorities() -> Request[list[AuthorityInfo]]:
 
 
 def _record(value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo]) -> dict[str, Any]:
-    """The fields of a record, without those of a newer server."""
+    """Return the fields of a record that this client knows; a newer server may send more."""
     known = {entry.name for entry in fields(kind)}
     if type(value) is not dict or not known <= value.keys():
-        raise ProtocolError(f"a record of {kind.__name__} has the fields {known}", field="value")
+        raise ProtocolError(
+            f"the {kind.__name__} in the reply lacks some of the fields {sorted(known)}",
+            field="value",
+        )
     return {name: value[name] for name in known}
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:
-    return _info((str, type(None)), "parent", frame=frame, stamp_ns=stamp_ns)
+    return _info((str, type(None)), "parent", frame=frame, stamp_ns=_optional_stamp(stamp_ns))
 
 
 def chain(target: str, source: str, stamp_ns: int | None = None) -> Request[list[str]]:
-    return _info(list, "chain", target=target, source=source, stamp_ns=stamp_ns)
+    return _info(list, "chain", target=target, source=source, stamp_ns=_optional_stamp(stamp_ns))
 
 
 def stats() -> Request[dict[str, int]]:

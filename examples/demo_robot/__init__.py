@@ -1,1 +1,1 @@
-"""The simulated robot of the demo: how it moves, its sensors, and clients that watch it."""
+"""The simulated robot of the demo: its motion, its sensors, and clients that observe it."""

@@ -31,10 +31,10 @@ LINKS = [
 
 
 def watch_staleness(tf: TransformClient, seconds: float) -> dict[str, object]:
-    """Ask for the wrist in map in both ways; how old is each link, how wrong the answer?
+    """Look up the wrist in map at the latest common time, and from the newest samples.
 
-    An age counts from the moment of asking; an error is the distance to where the wrist truly
-    was at that moment.
+    Measures how old each link's data was when asked for, and how far the result was from where the
+    wrist truly was at that time.
     """
     ages: dict[str, list[list[float]]] = {"common": [], "latest": []}
     errors: dict[str, list[float]] = {"common": [], "latest": []}
@@ -46,7 +46,7 @@ def watch_staleness(tf: TransformClient, seconds: float) -> dict[str, object]:
         errors["common"].append(_wrist_error_mm(common, asked))
 
         asked = time.time_ns()
-        # One atomic snapshot of the whole and of each link tells which samples the whole used.
+        # One atomic snapshot of the path and of each link tells which samples the path used.
         latest, *links = tf.lookup_latest_transforms_xact([("map", "wrist"), *LINKS])
         ages["latest"].append([_ms(asked - link.stamp_ns) for link in links])
         errors["latest"].append(_wrist_error_mm(latest, asked))
@@ -80,9 +80,9 @@ def move_together(tf: TransformClient, seconds: float) -> dict[str, object]:
 
 
 def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
-    """Ask where the object is in the gripper, over and over, in three ways.
+    """Look up where the object is in the gripper, over and over, by three methods.
 
-    Any answer but GRIP_M is torn: a pair that never was in the tree.
+    Any result but GRIP_M is torn: the tree never held such a pair.
     """
     lifts: set[float] = set()
 
@@ -98,20 +98,20 @@ def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
     def transactionally() -> float:
         return float(tf.lookup_latest_transform_xact("gripper", "object").transform.translation[0])
 
-    ways = {"separate": separately, "links": link_by_link, "transaction": transactionally}
-    reads = dict.fromkeys(ways, 0)
-    torn = dict.fromkeys(ways, 0)
+    methods = {"separate": separately, "links": link_by_link, "transaction": transactionally}
+    reads = dict.fromkeys(methods, 0)
+    torn = dict.fromkeys(methods, 0)
     while not tf.can_transform("wrist", "gripper"):
         time.sleep(0.01)
     for _ in _until(seconds):
-        for way, read in ways.items():
-            reads[way] += 1
-            torn[way] += abs(read() - GRIP_M) > 1e-9
+        for method, read in methods.items():
+            reads[method] += 1
+            torn[method] += abs(read() - GRIP_M) > 1e-9
     return {"reads": reads, "torn": torn, "lifts_seen": sorted(lifts)}
 
 
 def measure_rates(tf: TransformClient, seconds: float) -> dict[str, object]:
-    """Lookups one at a time, then a thousand in a batch."""
+    """Measure lookups one at a time, then a thousand in a batch."""
     took_us: list[float] = []
     for _ in _until(seconds / 2):
         start = time.perf_counter_ns()
@@ -135,7 +135,7 @@ def measure_rates(tf: TransformClient, seconds: float) -> dict[str, object]:
 
 
 def _until(seconds: float, pause_s: float = 0.0) -> Iterator[None]:
-    """One turn after another until ``seconds`` have passed."""
+    """Iterate until ``seconds`` have passed."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         yield
@@ -151,7 +151,7 @@ def _wrist_error_mm(answer: StampedTransform, stamp_ns: int) -> float:
 
 
 def error_mm(answer: Transform, truth: Transform) -> float:
-    """How far apart two poses' origins are."""
+    """Return the distance between two poses' origins."""
     return 1e3 * float(np.linalg.norm(answer.translation - truth.translation))
 
 

@@ -1,6 +1,6 @@
-"""The robot's true motion, so that the demo can say how wrong an answer is.
+"""The robot's true motion, from which the demo computes how wrong a lookup is.
 
-Every function returns poses of a child in its parent at a time in nanoseconds.
+Each function ``X_parent_child`` returns the pose of the child in its parent at a time in ns.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def X_camera_object(stamp_ns: int) -> Transform:
 
 
 def _seconds(stamp_ns: int) -> float:
-    # Modulo an hour: a double of seconds since 1970 moves in steps of 240 ns, which at these
-    # speeds would show as rounding noise in the errors that the demo prints.
+    # Modulo an hour, because a double of seconds since 1970 has a resolution of 240 ns. At these
+    # speeds that would be visible in the errors that the demo prints.
     return (stamp_ns % (3600 * 10**9)) / 1e9
 
 

@@ -1,4 +1,4 @@
-"""How the demo's page looks: headings, prose and small tables; colours on a terminal only."""
+"""The demo's output: headings, prose and small tables, with colours on a terminal."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def prose(text: str) -> None:
 
 
 def table(rows: Sequence[Sequence[str]]) -> None:
-    """The first row is the head; the first column stands left, the others right."""
+    """Print a table. The first row is the header; only the first column is left-aligned."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for number, row in enumerate(rows):
         cells = [row[0].ljust(widths[0])]

@@ -1,4 +1,4 @@
-"""Child processes that never outlive the demo, however it ends."""
+"""Child processes that end with the demo, however it ends."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from typing import Any
 EXAMPLES = Path(__file__).resolve().parent.parent
 
 
-#: What ends a program from outside, as far as it can be told of it.
-_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: The signals that end a program and that it can handle.
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class ChildFailed(Exception):
-    """A child process ended where it should not have."""
+    """A child process failed, or ended too early."""
 
 
 class Child:
@@ -28,7 +28,7 @@ class Child:
 
     def __init__(self, module: str, *args: str) -> None:
         self.name = " ".join([module, *args[:1]])
-        # Files, not pipes: nobody reads while the child runs, and a full pipe would stop it.
+        # Files, not pipes: nothing reads while the child runs, and a full pipe would block it.
         self._out = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed in end()
         self._err = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._process = subprocess.Popen(
@@ -45,25 +45,25 @@ class Child:
     def check(self) -> None:
         """Raises ChildFailed if the process has ended."""
         if self._process.poll() is not None:
-            raise ChildFailed(f"{self.name} ended: {self._last_words()}")
+            raise ChildFailed(f"{self.name} ended: {self._last_error_line()}")
 
     def terminate(self) -> None:
         self._process.terminate()
 
     def report(self, timeout_s: float = 20.0) -> dict[str, Any]:
-        """Wait for the end; the JSON line that the process printed last."""
+        """Wait for the end of the process; return the JSON line that it printed last."""
         try:
             status = self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             raise ChildFailed(f"{self.name} did not end within {timeout_s:g} s") from None
         if status != 0:
-            raise ChildFailed(f"{self.name} failed: {self._last_words()}")
+            raise ChildFailed(f"{self.name} failed: {self._last_error_line()}")
         self._out.seek(0)
         result: dict[str, Any] = json.loads(self._out.read().strip().splitlines()[-1])
         return result
 
     def end(self) -> None:
-        """SIGTERM, then SIGKILL if that is not heard within 3 s."""
+        """End the process by SIGTERM, or by SIGKILL after 3 s."""
         if self._process.poll() is None:
             self._process.terminate()
             try:
@@ -74,21 +74,21 @@ class Child:
         self._out.close()
         self._err.close()
 
-    def _last_words(self) -> str:
+    def _last_error_line(self) -> str:
         self._err.seek(0)
         lines = self._err.read().strip().splitlines()
-        return lines[-1] if lines else "it said nothing"
+        return lines[-1] if lines else "it printed no error"
 
 
 class Children:
-    """Starts processes; on exit all of them are ended, last started first."""
+    """Starts processes. A context manager, which ends all of them, the last one first."""
 
     def __init__(self) -> None:
         self._children: list[Child] = []
 
     def __enter__(self) -> Children:
-        # A plain kill of the demo, or the end of its terminal, would otherwise leave them behind.
-        for number in _ENDS:
+        # Otherwise `kill`, or a closed terminal, would end the demo and leave its children.
+        for number in _END_SIGNALS:
             signal.signal(number, _interrupt)
         return self
 
@@ -98,8 +98,8 @@ class Children:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        # A second Ctrl-C must not stop us here.
-        for number in _ENDS:
+        # A second Ctrl-C must not interrupt this.
+        for number in _END_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         for child in reversed(self._children):
             child.end()

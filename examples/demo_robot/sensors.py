@@ -1,6 +1,6 @@
 """One sensor as a process: ``python -m demo_robot.sensors NAME --connect ENDPOINT``.
 
-Publishes until SIGTERM or SIGINT, then prints one JSON line: how much it sent, and how fast.
+Publishes until SIGTERM or SIGINT, then prints a JSON line with the number of messages and the rate.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _camera(now: int) -> list[StampedTransform]:
 class Sensor:
     rate_hz: float
     measure: Callable[[int], Sequence[StampedTransform]]
-    child_frame: str  # of the last link that it measures
+    child_frame: str  # child of the last link that the sensor measures
     static: Sequence[StampedTransform] = ()
 
 

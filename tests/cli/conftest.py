@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import functools
+import json
 import os
 import pty
 import subprocess
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+from ..conftest import ServerProcess
+
 Done = subprocess.CompletedProcess[str]
 Run = Callable[..., Done]
+
+HALF_TURN = (0, 0, 1, 0)
 
 MODULE = ("-m", "zenoh_tf_client")
 
@@ -57,3 +67,39 @@ def in_terminal() -> Callable[..., str]:
         return output.decode()
 
     return run
+
+
+@pytest.fixture
+def run(server: ServerProcess, zenoh_tf: Run) -> Run:
+    """``run(*args)``: one command on the server, to its end."""
+    return functools.partial(zenoh_tf, "--connect", server.endpoint)
+
+
+def succeeds(done: Done) -> str:
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+def document(done: Done) -> Any:
+    return json.loads(succeeds(done))
+
+
+def refusal(done: Done) -> str:
+    """The one line that a failed command prints."""
+    assert done.returncode == 1
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("zenoh-tf: ")
+    return lines[0]
+
+
+@pytest.fixture
+def chain(client: TransformClient) -> None:
+    """map -> base at 1 s and 2 s, turning left; base -> camera static."""
+    start = StampedTransform("map", "base", 1_000_000_000, Transform())
+    end = StampedTransform("map", "base", 2_000_000_000, Transform((2, 0, 0), HALF_TURN))
+    client.set_transforms_xact([start, end], authority="wheels")
+    mount = StampedTransform("base", "camera", 0, Transform((1, 0, 0)))
+    client.set_transform(mount, authority="wheels", static=True)

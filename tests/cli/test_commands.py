@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import json
 import math
 import re
-import signal
-import socket
 import subprocess
 import sys
 import time
@@ -16,48 +12,7 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf import StampedTransform, Transform
-from zenoh_tf_client import TransformClient
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
-
-HALF_TURN = (0, 0, 1, 0)
-
-
-@pytest.fixture
-def run(server: Any, zenoh_tf: Run) -> Run:
-    """``run(*args)``: one command on the server, to its end."""
-    return functools.partial(zenoh_tf, "--connect", server.endpoint)
-
-
-def succeeds(done: subprocess.CompletedProcess[str]) -> str:
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return done.stdout
-
-
-def document(done: subprocess.CompletedProcess[str]) -> Any:
-    return json.loads(succeeds(done))
-
-
-def refusal(done: subprocess.CompletedProcess[str]) -> str:
-    """The one line that a failed command says."""
-    assert done.returncode == 1
-    assert done.stdout == ""
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("zenoh-tf: ")
-    return lines[0]
-
-
-@pytest.fixture
-def chain(client: TransformClient) -> None:
-    """map -> base at 1 s and 2 s, turning left; base -> camera static."""
-    start = StampedTransform("map", "base", 1_000_000_000, Transform())
-    end = StampedTransform("map", "base", 2_000_000_000, Transform((2, 0, 0), HALF_TURN))
-    client.set_transforms_xact([start, end], authority="wheels")
-    mount = StampedTransform("base", "camera", 0, Transform((1, 0, 0)))
-    client.set_transform(mount, authority="wheels", static=True)
+from .conftest import Run, document, refusal, succeeds
 
 
 @pytest.mark.usefixtures("chain")
@@ -312,43 +267,6 @@ def test_a_time_that_no_link_has(run: Run) -> None:
     assert line.endswith("(750 ms too early)")
 
 
-def test_no_server(zenoh_tf: Run) -> None:
-    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames"))
-    assert "ServerUnavailable" in line
-    assert "tcp/127.0.0.1:9" in line
-
-
-def test_no_such_tree(run: Run) -> None:
-    line = refusal(run("--tree", "elsewhere", "--timeout", "0.5", "frames"))
-    assert "ServerUnavailable" in line
-    assert "elsewhere" in line
-
-
-@pytest.mark.parametrize(
-    "args",
-    [
-        [],
-        ["fly"],
-        ["lookup", "map"],
-        ["lookup", "map", "base", "--at", "noon"],
-        ["lookup", "map", "base", "--at", "now5"],
-        ["set", "map", "base", "1", "2"],
-        ["set", "map", "base", "1", "2", "x"],
-        ["--timeout", "-1", "frames"],
-        ["frames", "--dot", "--mermaid"],
-        ["frames", "--dot", "--json"],
-        ["--json", "frames", "--mermaid"],
-        ["frame"],
-        ["replay", "file", "--rate", "-1"],
-    ],
-)
-def test_wrong_usage(zenoh_tf: Run, args: list[str]) -> None:
-    done = zenoh_tf(*args)
-    assert done.returncode == 2
-    assert "usage: zenoh-tf" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_version(zenoh_tf: Run) -> None:
     assert re.fullmatch(r"zenoh-tf \d+\.\d+\.\d+\S*\n", succeeds(zenoh_tf("--version")))
 
@@ -373,20 +291,3 @@ def test_a_reader_that_goes_away_is_no_error(server: Any) -> None:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""
-
-
-def test_interrupted() -> None:
-    """Ctrl-C while it waits for a server that does not answer."""
-    with socket.create_server(("127.0.0.1", 0)) as mute:
-        endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
-        with subprocess.Popen(
-            [sys.executable, "-m", "zenoh_tf_client", "--connect", endpoint, "frames"],
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as process:
-            mute.settimeout(20)
-            mute.accept()[0].close()
-            process.send_signal(signal.SIGINT)
-            assert process.stderr is not None
-            assert process.stderr.read() == "interrupted\n"
-            assert process.wait(10) == -signal.SIGINT

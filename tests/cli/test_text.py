@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import time
 
 import pytest
 
 from zenoh_tf_client.cli import stamps
-from zenoh_tf_client.cli.output import roll_pitch_yaw
+from zenoh_tf_client.cli.output import roll_pitch_yaw, when
 
 
 @pytest.mark.parametrize(
@@ -29,7 +30,16 @@ def test_stamps(text: str, stamp_ns: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "offset_ns"), [("now", 0), ("now-2s", -(2 * 10**9)), ("now+1", 10**9), ("now-5ns", -5)]
+    ("text", "offset_ns"),
+    [
+        ("now", 0),
+        ("now-2s", -(2 * 10**9)),
+        ("now+1", 10**9),
+        ("now-5ns", -5),
+        ("-1s", -(10**9)),
+        ("+.5s", 5 * 10**8),
+        ("-7ns", -7),
+    ],
 )
 def test_stamps_from_now(text: str, offset_ns: int) -> None:
     before = time.time_ns()
@@ -56,6 +66,13 @@ def test_no_stamps(text: str) -> None:
 )
 def test_ages(age_ns: int, text: str) -> None:
     assert stamps.age(age_ns) == text
+
+
+def test_when_says_on_which_side_of_now_a_stamp_is() -> None:
+    now_ns = time.time_ns()
+    assert re.search(r"  \(4.. ms ago\)$", when(now_ns - 4 * 10**8))
+    assert re.search(r"  \(in 9.. ms\)$", when(now_ns + 999_000_000))
+    assert when(10**9) == "1.000000000 s"  # not of this machine's clock
 
 
 def test_seconds_lose_no_digit() -> None:

@@ -86,7 +86,7 @@ def _answers(buffer: tf2.Buffer) -> bool | tuple[bool, str]:
 
 
 def test_a_listener_has_nothing_to_do(shim: TransformClient) -> None:
-    """What others sent is in the server, whether or not anyone listened."""
+    """Transforms arrive without a listener."""
     shim_buffer = tf2.Buffer()
     node = Node("listener")
     tf2.TransformBroadcaster().sendTransform(link("map", "base", 1))

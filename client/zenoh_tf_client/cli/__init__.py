@@ -1,5 +1,5 @@
-"""The command line ``zenoh-tf``: a thin shell over ``TransformClient``.
+"""The command line ``zenoh-tf``, a thin layer over ``TransformClient``.
 
-``main`` parses and reports errors; each command family has a file of its own, with an ``add``
-function that declares its arguments and a ``run`` function for each of its commands.
+``main`` parses arguments and reports errors. Each command family has a file with an ``add``
+function, which declares its arguments, and one function for each of its commands.
 """

@@ -1,4 +1,4 @@
-"""The connection that every command opens, from the options they share."""
+"""Opens the connection that every command uses."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from zenoh_tf_client import TransformClient
 
 
 def connect(args: argparse.Namespace) -> TransformClient:
-    """A client for the tree that the command names; a context manager.
+    """Return a client for the tree that the options name; a context manager.
 
     Raises what ``TransformClient.connect`` raises, and KeyboardInterrupt at once on Ctrl-C.
     """
-    # Opening a Zenoh session blocks outside of Python, where Ctrl-C is not heard. So it happens
-    # on another thread, while this one waits in a way that hears it.
+    # Opening a Zenoh session blocks in native code, which Ctrl-C does not interrupt. Another
+    # thread opens it, while this one waits in Python.
     opened: Future[TransformClient] = Future()
 
     def open_client() -> None:

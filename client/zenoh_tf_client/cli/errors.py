@@ -1,5 +1,5 @@
-"""Failures of a command that are not the service's."""
+"""Errors of a command that the server did not report."""
 
 
 class CommandError(Exception):
-    """Printed as one line on stderr; the command ends with exit code 1."""
+    """An error that the command line reports; the command ends with exit code 1."""

@@ -1,13 +1,13 @@
-"""Entry point of ``zenoh-tf``: arguments in, exit code out.
+"""Entry point of ``zenoh-tf``: parses arguments, runs a command, reports errors.
 
-Exit codes: 0 done, 1 refused or failed (one line on stderr), 2 wrong usage.
-Ctrl-C ends the process by its signal.
+Exit codes: 0 done, 1 rejected or failed, 2 wrong usage. An error is one line on stderr, with
+``--json`` a JSON object. Ctrl-C ends the process by its signal.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
+import io
 import os
 import re
 import signal
@@ -24,51 +24,58 @@ from zenoh_tf import (
 )
 from zenoh_tf.export import printable
 from zenoh_tf_client import environment
-from zenoh_tf_client.cli import query, replay, stamps, view, write
+from zenoh_tf_client.cli import output, query, replay, stamps, view, write
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
-# argparse takes "-1e-3" and "-5." for options; "-0.001" it knows to be a number.
+# argparse takes "-1e-3" and "-5." for options, but "-0.001" for a number.
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+# argparse takes a time such as "-1s" for an option, too.
+_NEGATIVE_TIME = re.compile(r"-(\d+\.?\d*|\.\d+)(s|ns)")
+_TIME_OPTIONS = ("--at", "--stamp")
+
+_EPILOG = """\
+exit codes: 0 done, 1 rejected or failed, 2 wrong usage
+errors:     one line on stderr; with --json a JSON object there, with the keys
+            "type", "message" and "fields" (the fields of the exception)
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; ``argv`` defaults to the process's arguments. Returns the exit code."""
     given = sys.argv[1:] if argv is None else list(argv)
-    args = _parser().parse_args([_plain_number(arg) for arg in given])
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # Names may have characters that the terminal's encoding lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    args = _parser(json_errors="--json" in given).parse_args(_for_argparse(given))
     try:
         code: int = args.run(args)
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr, flush=True)
-        # Ended by the signal itself, as shells expect of a command that was interrupted; and
-        # an ordinary exit would wait for a session that is still being opened.
+        # Shells expect that an interrupted command is ended by the signal. An ordinary exit
+        # would also wait for a session that is still being opened.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGINT)
         return 130
     except BrokenPipeError:
-        # The reader of our output went away (`| head`). Python would complain at exit about
-        # what is still buffered, so that goes nowhere.
+        # The reader of the output went away (`| head`). What is still buffered is discarded,
+        # or Python would report an error at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except TransformException as error:
-        return _fail(f"{type(error).__name__}: {error}{_distance(error)}")
+        name, message = type(error).__name__, f"{error}{_distance(error)}"
+        if args.json:
+            return _fail_json(1, name, message, error.facts)
+        return _fail(f"{name}: {message}")
     except CommandError as error:
-        return _fail(str(error))
+        return _fail_json(1, "CommandError", str(error), {}) if args.json else _fail(str(error))
 
 
 def run() -> NoReturn:
-    """The process: ``main()``, and it is over.
-
-    Not by way of taking the interpreter down: a thread of Zenoh's that wants it at that moment
-    aborts the process, and the exit code would be that of a crash.
-    """
-    code = main()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):
-            stream.flush()
-    os._exit(code)
+    """Run ``main`` and end the process with its exit code."""
+    sys.exit(main())
 
 
 def _fail(message: str) -> int:
@@ -77,7 +84,7 @@ def _fail(message: str) -> int:
 
 
 def _distance(error: TransformException) -> str:
-    """How far beyond the data a time is; the message has both ends in nanoseconds."""
+    """Say how far a time lies outside of the data; the message itself is in nanoseconds."""
     if error.stamp_ns is None:
         return ""
     if isinstance(error, ForwardExtrapolationException) and error.newest_stamp_ns is not None:
@@ -87,13 +94,38 @@ def _distance(error: TransformException) -> str:
     return ""
 
 
-def _plain_number(arg: str) -> str:
-    return format(Decimal(arg), "f") if _NEGATIVE_NUMBER.fullmatch(arg) else arg
+def _fail_json(code: int, kind: str, message: str, fields: dict[str, object]) -> int:
+    output.print_json({"type": kind, "message": message, "fields": fields}, file=sys.stderr)
+    return code
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="zenoh-tf", description="Ask, change and watch a transform tree served over Zenoh."
+def _for_argparse(given: Sequence[str]) -> list[str]:
+    """Rewrite negative numbers and times so that argparse does not take them for options."""
+    arguments: list[str] = []
+    for argument in given:
+        if _NEGATIVE_NUMBER.fullmatch(argument):
+            arguments.append(format(Decimal(argument), "f"))
+        elif _NEGATIVE_TIME.fullmatch(argument) and arguments and arguments[-1] in _TIME_OPTIONS:
+            arguments[-1] += f"={argument}"
+        else:
+            arguments.append(argument)
+    return arguments
+
+
+class _JsonErrorParser(argparse.ArgumentParser):
+    """Reports wrong usage as JSON."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(_fail_json(2, "UsageError", message, {}))
+
+
+def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
+    kind = _JsonErrorParser if json_errors else argparse.ArgumentParser
+    parser = kind(
+        prog="zenoh-tf",
+        description="Query, change and watch a transform tree served over Zenoh.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
     _add_common(parser, top=True)
@@ -106,10 +138,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
-    """The options that stand before the command or behind it."""
+    """Add the options that may stand before the command or after it."""
 
     def default(value: object) -> object:
-        # Behind the command nothing is a default, or it would undo what stood before it.
+        # A default after the command would overwrite an option given before it.
         return value if top else argparse.SUPPRESS
 
     group = parser.add_argument_group("connection and output")
@@ -132,11 +164,14 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
         metavar="S",
         type=_positive_seconds,
         default=default(DEFAULT_TIMEOUT_S),
-        help="seconds to wait for the connection, and for each answer "
+        help="seconds to wait for the connection and for each reply "
         f"(default {DEFAULT_TIMEOUT_S:g})",
     )
     group.add_argument(
-        "--json", action="store_true", default=default(False), help="print one JSON document"
+        "--json",
+        action="store_true",
+        default=default(False),
+        help="print one JSON document; an error is one JSON object on stderr",
     )
 
 
@@ -146,7 +181,9 @@ def _positive_seconds(text: str) -> float:
     except ValueError:
         seconds = 0.0
     if not 0.0 < seconds < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number of seconds between 0 and 1,000,000"
+        )
     return seconds
 
 

@@ -1,4 +1,4 @@
-"""What commands print: JSON documents, facts in rows, poses and colours."""
+"""What commands print: JSON documents, lists of facts, poses and colours."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from typing import TextIO
 
 from zenoh_tf import LatestTransform, StampedTransform, Velocity
 from zenoh_tf.export import printable
 from zenoh_tf_client.cli import stamps
 
-#: Terminal colours: bold, faint, green, yellow, cyan; other parts have none.
+#: Terminal colours: bold, faint, green, yellow, cyan; parts that are not listed have none.
 _COLOURS = {
     "frame": "1",
     "branch": "2",
@@ -27,14 +28,30 @@ _COLOURS = {
 }
 
 
-def print_json(document: object) -> None:
-    """One JSON document on one line, as pipes like it."""
-    print(json.dumps(document, ensure_ascii=False, allow_nan=False))
+#: The branches of `zenoh_tf.export.text`, as wide in ASCII.
+_ASCII_BRANCHES = str.maketrans("│├└─", "||`-")
+
+
+def print_json(document: object, file: TextIO | None = None) -> None:
+    """Print one JSON document on one line, to ``file`` or stdout."""
+    stream = file or sys.stdout
+    # Only escapes are sure to be valid JSON in an encoding that lacks a character.
+    print(json.dumps(document, ensure_ascii=not is_unicode(stream), allow_nan=False), file=stream)
+
+
+def is_unicode(stream: TextIO) -> bool:
+    """Return whether a stream's encoding has all characters."""
+    return (stream.encoding or "ascii").lower().startswith("utf")
 
 
 def paint(part: str, text: str) -> str:
-    """``text`` in the terminal colour of a part; in none where stdout is no terminal or the
-    environment has ``NO_COLOR``."""
+    """Return ``text`` in the terminal colour of a part of the output.
+
+    There are no colours if stdout is not a terminal or the environment has ``NO_COLOR``. The
+    branches of a tree are drawn in ASCII if stdout's encoding is not a Unicode one.
+    """
+    if part == "branch" and not is_unicode(sys.stdout):
+        text = text.translate(_ASCII_BRANCHES)
     colour = _COLOURS.get(part)
     return f"\x1b[{colour}m{text}\x1b[0m" if colour and text and _coloured() else text
 
@@ -47,20 +64,21 @@ def _coloured() -> bool:
 
 
 def row(label: str, value: str) -> str:
-    """A fact, as one of several below each other."""
+    """Return one line of a list of facts."""
     return f"  {label:<12} {value}".rstrip()
 
 
 def when(stamp_ns: int) -> str:
-    """A stamp in seconds, and how long ago it was where the clock can tell."""
+    """Return a stamp in seconds, and its distance from now if it is of this machine's clock."""
     text = f"{stamps.seconds(stamp_ns)} s"
     if stamps.is_clock_time(stamp_ns):
-        text += f"  ({stamps.age(time.time_ns() - stamp_ns)} ago)"
+        age_ns = time.time_ns() - stamp_ns
+        text += f"  (in {stamps.age(-age_ns)})" if age_ns < 0 else f"  ({stamps.age(age_ns)} ago)"
     return text
 
 
 def numbers(labels: Sequence[str], values: Sequence[float], digits: int = 6) -> str:
-    """Numbers in a row, each behind its label."""
+    """Return numbers in a row, each after its label."""
     return "  ".join(
         # + 0.0 turns a rounded -0 into 0.
         f"{label} {round(value, digits) + 0.0:{digits + 4}.{digits}f}"
@@ -69,7 +87,7 @@ def numbers(labels: Sequence[str], values: Sequence[float], digits: int = 6) -> 
 
 
 def answer_document(answer: StampedTransform) -> dict[str, object]:
-    """A lookup's answer as JSON values: metres, quaternion ``(x, y, z, w)``, nanoseconds."""
+    """Return a lookup's result as JSON values: metres, quaternion (x, y, z, w), nanoseconds."""
     document: dict[str, object] = {
         "target": answer.parent_frame,
         "source": answer.child_frame,
@@ -83,7 +101,7 @@ def answer_document(answer: StampedTransform) -> dict[str, object]:
 
 
 def answer_text(answer: StampedTransform) -> str:
-    """A lookup's answer for reading."""
+    """Return a lookup's result as text."""
     source, target = printable(answer.child_frame), printable(answer.parent_frame)
     lines = [f"{paint('frame', source)} in {paint('frame', target)}"]
     if isinstance(answer, LatestTransform):
@@ -101,7 +119,7 @@ def answer_text(answer: StampedTransform) -> str:
 
 
 def velocity_document(velocity: Velocity) -> dict[str, object]:
-    """A velocity as JSON values: metres and radians per second, nanoseconds."""
+    """Return a velocity as JSON values: metres and radians per second, nanoseconds."""
     return {
         "tracking": velocity.tracking_frame,
         "observation": velocity.observation_frame,
@@ -115,7 +133,7 @@ def velocity_document(velocity: Velocity) -> dict[str, object]:
 
 
 def velocity_text(velocity: Velocity) -> str:
-    """A velocity for reading."""
+    """Return a velocity as text."""
     tracking, observation, reference = (
         paint("frame", printable(name))
         for name in (
@@ -139,7 +157,10 @@ def velocity_text(velocity: Velocity) -> str:
 
 
 def roll_pitch_yaw(rotation: Sequence[float]) -> tuple[float, float, float]:
-    """Angles in radians about the fixed axes x, y, z, in this order, of a unit quaternion."""
+    """Return the angles in radians about the fixed axes x, y, z, in this order.
+
+    Requires a unit quaternion (x, y, z, w).
+    """
     x, y, z, w = rotation
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))

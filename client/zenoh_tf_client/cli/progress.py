@@ -1,4 +1,4 @@
-"""A progress bar for people: on stderr, and only where stderr is a terminal."""
+"""A progress bar on stderr, drawn only if stderr is a terminal."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ import sys
 import time
 from types import TracebackType
 
+from zenoh_tf_client.cli.output import is_unicode
+
 _PARTS = " ▏▎▍▌▋▊▉█"
 _REDRAW_S = 0.1
 
 
 class Progress:
-    """Context manager; call ``to`` as often as you like."""
+    """A context manager; draws at most ten times a second, however often ``to`` is called."""
 
     def __init__(self, total: int, unit: str) -> None:
         self._total = max(total, 1)
         self._unit = unit
         self._on = sys.stderr.isatty()
+        self._ascii = not is_unicode(sys.stderr)
         self._drawn = 0.0
 
     def __enter__(self) -> Progress:
@@ -30,11 +33,12 @@ class Progress:
         trace: TracebackType | None,
     ) -> None:
         if self._on:
-            # What comes next starts on a clean line.
+            # Erase the bar, so that other output starts on a clean line.
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
 
     def to(self, done: int, *, note: str = "") -> None:
+        """Draw the bar for ``done`` of the total, with a note after it."""
         now = time.monotonic()
         if not self._on or (now - self._drawn < _REDRAW_S and done < self._total):
             return
@@ -43,5 +47,7 @@ class Progress:
         width = max(5, min(40, shutil.get_terminal_size().columns - len(text) - 1))
         eighths = 8 * width * min(done, self._total) // self._total
         bar = "█" * (eighths // 8) + (_PARTS[eighths % 8] if eighths < 8 * width else "")
+        if self._ascii:
+            bar = "#" * (eighths // 8)
         sys.stderr.write(f"\r{bar:<{width}}{text}\x1b[K")
         sys.stderr.flush()

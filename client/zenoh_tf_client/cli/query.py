@@ -1,4 +1,4 @@
-"""``zenoh-tf lookup``, ``latest`` and ``velocity``: one frame as seen from another."""
+"""``zenoh-tf lookup``, ``latest`` and ``velocity``: the motion of one frame in another."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "lookup",
         parents=[common],
         help="pose of SOURCE in TARGET at a time, interpolated",
-        description="Print the pose of SOURCE in TARGET at a time; without --at, at the newest "
-        "time that every link between them can serve.",
+        description="Print the pose of SOURCE in TARGET at a time. Without --at: at the latest "
+        "common time, the newest that every link between them can serve.",
     )
     _add_frames(lookup)
     _add_at(lookup)
@@ -24,8 +24,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     latest = commands.add_parser(
         "latest",
         parents=[common],
-        help="pose of SOURCE in TARGET from every link's newest sample",
-        description="Print the pose of SOURCE in TARGET from the newest sample of every link, "
+        help="pose of SOURCE in TARGET from the newest sample of each link",
+        description="Print the pose of SOURCE in TARGET from the newest sample of each link, "
         "read in one atomic snapshot.",
     )
     _add_frames(latest)
@@ -33,7 +33,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "--no-xact",
         dest="transactional",
         action="store_false",
-        help="read link by link: links may then be of different commits",
+        help="read the links one after another, possibly from different commits",
     )
     latest.set_defaults(run=_latest)
 
@@ -42,8 +42,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common],
         help="how fast TRACKING moves as seen from OBSERVATION",
         description="Print the velocity of TRACKING as seen from OBSERVATION, averaged over an "
-        "interval around a time; without --at, at the newest time that every link between them "
-        "can serve.",
+        "interval around a time. Without --at: around the latest common time, the newest that "
+        "every link between them can serve.",
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
@@ -58,7 +58,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     velocity.add_argument(
         "--reference",
         metavar="FRAME",
-        help="whose axes the velocity is given in (default OBSERVATION)",
+        help="frame whose axes the velocity is expressed in (default OBSERVATION)",
     )
     velocity.set_defaults(run=_velocity)
 
@@ -73,7 +73,7 @@ def _add_at(parser: argparse.ArgumentParser) -> None:
         "--at",
         metavar="STAMP",
         type=stamps.parse,
-        help="nanoseconds; seconds as 1700000000.5 or 12s; now; or now-0.5s",
+        help=stamps.FORMS,
     )
 
 

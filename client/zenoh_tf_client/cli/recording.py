@@ -1,4 +1,4 @@
-"""Transforms out of ROS recordings (MCAP, ROS 2 folders, ROS 1 bags), through ``rosbags``."""
+"""Reads transforms from ROS recordings (MCAP, ROS 2 folders, ROS 1 bags) with ``rosbags``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from zenoh_tf import StampedTransform, Transform, TransformException, TransformTree
 from zenoh_tf_client.cli.errors import CommandError
 
-#: ROS 1 before 2013 had the same message under another name.
+#: The second name is that of ROS 1 before 2013.
 _TF_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 
 
@@ -28,7 +28,7 @@ class Message:
 class Recording:
     """The transform messages of one recording.
 
-    ``skipped`` counts transforms that no tree takes, such as NaN or a frame in itself.
+    ``skipped`` counts transforms that every tree rejects, such as NaN or a frame in itself.
     """
 
     def __init__(self, reader: Any, path: Path) -> None:
@@ -40,15 +40,15 @@ class Recording:
         self.topics = sorted({c.topic for c in self._connections})
         self.message_count = sum(c.msgcount for c in self._connections)
         self.skipped = 0
-        # One bad row makes the server refuse the whole put that it is in. A tree of our own
-        # knows the same rules; it need not keep anything.
-        self._judge = TransformTree(cache_time_s=0.001)
+        # One bad row makes the server reject its whole message. A local tree has the same
+        # rules; it need not keep anything.
+        self._validator = TransformTree(cache_time_s=0.001)
 
     def messages(self) -> Iterator[Message]:
-        """In the order of the log."""
+        """Yield the messages in the order of the log."""
         rows = self._reader.messages(connections=self._connections)
         while True:
-            # The parsers under rosbags raise whatever broken bytes make them run into.
+            # On damaged files rosbags raises exceptions of any kind.
             try:
                 connection, log_ns, raw = next(rows)
                 decoded = self._reader.deserialize(raw, connection.msgtype)
@@ -59,7 +59,7 @@ class Recording:
             yield Message(
                 log_ns,
                 connection.topic,
-                # The durability would tell too, but ROS 1 has none and bridges lose it.
+                # Not by the durability, because ROS 1 has none and bridges lose it.
                 connection.topic.rsplit("/", 1)[-1] == "tf_static",
                 [*self._usable(decoded.transforms)],
             )
@@ -68,7 +68,7 @@ class Recording:
         for row in rows:
             try:
                 stamped = _stamped(row)
-                self._judge.set_transform(stamped)
+                self._validator.set_transform(stamped)
             except TransformException:
                 self.skipped += 1
             else:
@@ -77,7 +77,7 @@ class Recording:
 
 @contextmanager
 def open_recording(path: Path) -> Iterator[Recording]:
-    """Raises CommandError if rosbags is missing, or the file is, or is not a recording."""
+    """Open a recording. Raises CommandError if it cannot be read, or rosbags is missing."""
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an optional extra
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Types shared by the command families."""
+"""Types that the command families share."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
-    # Generic only for the type checker.
+    # The class is generic only for the type checker.
     Commands: TypeAlias = argparse._SubParsersAction[argparse.ArgumentParser]
 else:
     Commands = object

@@ -1,4 +1,4 @@
-"""``zenoh-tf frames``, ``frame``, ``authorities`` and ``stats``: what a server holds."""
+"""``zenoh-tf frames``, ``frame``, ``authorities`` and ``stats``: the contents of a tree."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     frames = commands.add_parser(
         "frames",
         parents=[common],
-        help="draw the tree, with the figures of each link",
+        help="draw the tree, with the rate and delay of each link",
         description="Draw the tree of frames, with the authority, rate, delay, buffer and counters "
         "of each link.",
     )
@@ -33,7 +33,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     frame = commands.add_parser(
         "frame",
         parents=[common],
-        help="everything known about one frame",
+        help="print everything known about one frame",
         description="Print everything that is known about a frame and its link to its parent.",
     )
     frame.add_argument("name", metavar="NAME")
@@ -51,15 +51,18 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     authorities.set_defaults(run=_authorities)
 
     stats = commands.add_parser(
-        "stats", parents=[common], help="the server's counters", description="Print the counters."
+        "stats",
+        parents=[common],
+        help="print the server's counters",
+        description="Print the counters of the server and of its tree.",
     )
     stats.set_defaults(run=_stats)
 
 
 def _frames(args: argparse.Namespace) -> int:
-    # --json may also stand before the command, where argparse cannot exclude it.
+    # argparse cannot exclude --json itself, because it may stand before the command.
     if args.json and args.form:
-        args.usage_error("--json is not for --dot and --mermaid, which are documents of their own")
+        args.usage_error("--json cannot be combined with --dot or --mermaid")
     with connect(args) as tf:
         frames = _frame_infos(tf)
     if args.json:
@@ -72,10 +75,10 @@ def _frames(args: argparse.Namespace) -> int:
 
 
 def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
-    """What the server knows of each frame."""
+    """Return the record of each frame."""
     with tf.batch() as batch:
         handles = [batch.frame(name) for name in sorted(tf.frames())]
-    # One that was removed since the names were asked for is not in the tree.
+    # A frame may have been removed since its name was listed.
     return [
         handle.result() for handle in handles if not isinstance(handle.exception(), LookupException)
     ]
@@ -98,7 +101,7 @@ def _frame(args: argparse.Namespace) -> int:
 
 
 def _facts(frame: FrameInfo) -> dict[str, str]:
-    """What to say of a frame, by its label."""
+    """Return the facts about a frame by their labels."""
     facts = {"parent": "none" if frame.parent is None else export.printable(frame.parent)}
     if frame.parent is not None:
         facts["authority"] = export.printable(frame.authority)

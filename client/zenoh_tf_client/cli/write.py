@@ -18,25 +18,28 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "set",
         parents=[common],
         help="store the pose of CHILD in PARENT",
-        # argparse would write the pose twice.
+        # argparse itself would name the pose twice.
         usage="zenoh-tf set [options] PARENT CHILD X Y Z [QX QY QZ QW]",
         description="Store the pose of CHILD in PARENT: metres, and a quaternion (identity if "
-        "left out). Waits until the service has it.",
+        "left out). Waits until the server has it.",
     )
     set_.add_argument("parent", metavar="PARENT")
     set_.add_argument("child", metavar="CHILD")
     set_.add_argument(
         "pose", metavar="X Y Z [QX QY QZ QW]", nargs="+", type=float, help="3 or 7 numbers"
     )
-    set_.add_argument("--static", action="store_true", help="holds at all times")
+    set_.add_argument("--static", action="store_true", help="the pose holds at all times")
     set_.add_argument(
         "--stamp",
         metavar="STAMP",
         type=stamps.parse,
-        help="nanoseconds; seconds as 1700000000.5 or 12s; now (default); or now-0.5s",
+        help=f"{stamps.FORMS} (default now)",
     )
     set_.add_argument(
-        "--authority", metavar="NAME", default="zenoh-tf", help="who says so (default zenoh-tf)"
+        "--authority",
+        metavar="NAME",
+        default="zenoh-tf",
+        help="name to publish as (default zenoh-tf)",
     )
     set_.set_defaults(run=_set, usage_error=set_.error)
 
@@ -44,12 +47,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "remove",
         parents=[common],
         help="forget a frame: its link, its history and its name",
-        description="Forget a frame: its link, its history and its name. Refused while it is the "
-        "parent of another frame, unless the frames below it are to go as well.",
+        description="Forget a frame: its link, its history and its name. Fails if other frames are "
+        "below it, unless --subtree is given.",
     )
     remove.add_argument("frame", metavar="FRAME")
     remove.add_argument(
-        "--subtree", action="store_true", help="and all frames below it, at the same instant"
+        "--subtree", action="store_true", help="also forget all frames below it, atomically"
     )
     remove.set_defaults(run=_remove)
 
@@ -87,8 +90,8 @@ def _set(args: argparse.Namespace) -> int:
         stored = tf.set_transform(stamped, authority=args.authority, static=args.static)
     if not stored:
         raise CommandError(
-            f"dropped: {stamps.seconds(stamp_ns)} s is older than what the cache keeps of "
-            f"{args.child!r}"
+            f"dropped: {stamps.seconds(stamp_ns)} s is older than the server's cache time "
+            f"allows for {args.child!r}"
         )
     if args.json:
         output.print_json(

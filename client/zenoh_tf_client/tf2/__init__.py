@@ -1,12 +1,12 @@
-"""tf2_ros's Python names over a `TransformClient`: a script changes its imports and runs.
+"""The Python API of tf2_ros on a `TransformClient`: a script changes its imports and runs.
 
     import zenoh_tf_client.tf2 as tf2_ros                     # was: import tf2_ros
     from zenoh_tf_client.tf2.buffer import Buffer             # was: from tf2_ros.buffer import ...
 
-No ROS is needed and none is imported: a message is anything that has a message's attributes,
-a time is anything with `.nanoseconds` (rclpy) or `.sec`/`.nanosec` (builtin_interfaces).
-Results are the plain classes of `messages`. The server is the one that ZENOH_TF_CONNECT
-and ZENOH_TF_TREE name; see `connect`. What differs from tf2 is in docs/from-tf2.md.
+No ROS is needed or imported. A message is any object with a message's attributes. A time is any
+object with `.nanoseconds` (rclpy) or `.sec` and `.nanosec` (builtin_interfaces). Results are
+the plain classes of `messages`. The environment variables ZENOH_TF_CONNECT and ZENOH_TF_TREE
+name the server; see `connect`. docs/from-tf2.md lists the differences from tf2.
 """
 
 from zenoh_tf.errors import (

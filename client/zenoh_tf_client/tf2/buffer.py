@@ -1,4 +1,4 @@
-"""`Buffer`: tf2_ros's buffer, with the server's tree in place of one of its own."""
+"""`Buffer`: the API of tf2_ros's buffer, on the tree of the server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from zenoh_tf.errors import (
 
 from . import frames_text
 from .connection import connect
-from .future import TransformFuture
 from .messages import (
     Duration,
     Time,
@@ -25,12 +24,13 @@ from .messages import (
     time_of,
 )
 from .transforming import do_transform
+from .waiting_lookups import WaitingLookups
 
-#: No wait.
-_NOW = Duration()
+#: The default time-out: do not wait.
+_NO_WAIT = Duration()
 
-#: What `can_transform` answers with False. Others say nothing about the transform: they are
-#: raised.
+#: The errors that make `can_transform` return False. It raises the others, such as
+#: ServerUnavailable, because they tell nothing about the transform.
 _NOT_POSSIBLE = (
     LookupException,
     ConnectivityException,
@@ -39,20 +39,19 @@ _NOT_POSSIBLE = (
 )
 
 
-class Buffer:
-    """Asks the server of the process's connection (`connection.connect`).
+class Buffer(WaitingLookups):
+    """Queries the server of the process's connection (`connect`).
 
-    Times and durations are rclpy's or builtin_interfaces'; Time() is the latest common time.
-    Lookups return `messages.TransformStamped`, the pose of source in target, and raise tf2's
-    exceptions; every method raises ServerUnavailable, a TransformException too, where no
-    server answers. A wait ends with the write that makes the answer possible, or at once when
-    nothing can; no other thread has to spin. Thread safety: all methods.
+    Lookups return `TransformStamped`, the pose of source in target (``X_target_source``, metres),
+    and raise tf2's exceptions. Times and durations are rclpy's or builtin_interfaces'; Time() means
+    the latest common time. A waiting lookup ends with the write that makes it succeed, or at
+    once if none can; no thread has to spin. Writes change the server's tree, for all its clients.
 
-    What is set or cleared here is set or cleared in the server, for everyone.
+    Thread safety: all methods.
 
     Args:
-        cache_time: Without effect: the server's ``--cache-time`` decides.
-        node: Without effect: there is no service to make.
+        cache_time: Has no effect: the server's ``--cache-time`` decides.
+        node: Has no effect: there is no service to make.
     """
 
     def __init__(self, cache_time: Any = None, node: Any = None) -> None:
@@ -61,8 +60,26 @@ class Buffer:
     # --- lookups
 
     def lookup_transform(
-        self, target_frame: str, source_frame: str, time: Any, timeout: Any = _NOW
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = _NO_WAIT
     ) -> TransformStamped:
+        """Look up the pose of a frame in another frame, interpolated.
+
+        Args:
+            target_frame: The frame to express the pose in.
+            source_frame: The frame whose pose is asked for.
+            time: The time; Time() for the latest common time.
+            timeout: How long to wait for writes that make the lookup succeed.
+
+        Returns:
+            ``X_target_source``, stamped with the time that was used.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name or time makes no sense.
+            ServerUnavailable: No server answers.
+        """
         return message_of(
             connect().lookup_transform(target_frame, source_frame, _stamp(time), _seconds(timeout))
         )
@@ -74,8 +91,28 @@ class Buffer:
         source_frame: str,
         source_time: Any,
         fixed_frame: str,
-        timeout: Any = _NOW,
+        timeout: Any = _NO_WAIT,
     ) -> TransformStamped:
+        """Look up the pose of a frame at one time in another frame at another time.
+
+        Args:
+            target_frame: The frame to express the pose in.
+            target_time: The time of `target_frame`.
+            source_frame: The frame whose pose is asked for.
+            source_time: The time of `source_frame`.
+            fixed_frame: The frame that is taken not to move between the two times.
+            timeout: How long to wait for writes that make the lookup succeed.
+
+        Returns:
+            ``X_target_source`` between the two times, stamped `target_time`.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name or time makes no sense.
+            ServerUnavailable: No server answers.
+        """
         return message_of(
             connect().lookup_transform_full(
                 target_frame,
@@ -92,10 +129,24 @@ class Buffer:
         target_frame: str,
         source_frame: str,
         time: Any,
-        timeout: Any = _NOW,
+        timeout: Any = _NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
-        """Whether a lookup would succeed; with `return_debug_tuple` also why not."""
+        """Tell whether `lookup_transform` would succeed.
+
+        Args:
+            target_frame: The frame to express the pose in.
+            source_frame: The frame whose pose is asked for.
+            time: The time; Time() for the latest common time.
+            timeout: How long to wait for writes that make the lookup succeed.
+            return_debug_tuple: True to return the reason as well.
+
+        Returns:
+            True or False; with `return_debug_tuple` a tuple of that and the error's text.
+
+        Raises:
+            ServerUnavailable: No server answers.
+        """
         answer = _attempt(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))
         return answer if return_debug_tuple else answer[0]
 
@@ -106,9 +157,26 @@ class Buffer:
         source_frame: str,
         source_time: Any,
         fixed_frame: str,
-        timeout: Any = _NOW,
+        timeout: Any = _NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
+        """Tell whether `lookup_transform_full` would succeed.
+
+        Args:
+            target_frame: The frame to express the pose in.
+            target_time: The time of `target_frame`.
+            source_frame: The frame whose pose is asked for.
+            source_time: The time of `source_frame`.
+            fixed_frame: The frame that is taken not to move between the two times.
+            timeout: How long to wait for writes that make the lookup succeed.
+            return_debug_tuple: True to return the reason as well.
+
+        Returns:
+            True or False; with `return_debug_tuple` a tuple of that and the error's text.
+
+        Raises:
+            ServerUnavailable: No server answers.
+        """
         answer = _attempt(
             lambda: self.lookup_transform_full(
                 target_frame, target_time, source_frame, source_time, fixed_frame, timeout
@@ -117,57 +185,44 @@ class Buffer:
         return answer if return_debug_tuple else answer[0]
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
-        """The newest time that every link between the two can serve; Time() if all are static."""
+        """Return the newest time that every link between two frames can serve.
+
+        Args:
+            target_frame: One frame.
+            source_frame: The other frame.
+
+        Returns:
+            The time; Time() if all links are static.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            ServerUnavailable: No server answers.
+        """
         return time_of(connect().latest_common_time(target_frame, source_frame) or 0)
 
-    # --- lookups that wait as futures
+    # --- transforming messages
 
-    def wait_for_transform_async(
-        self, target_frame: str, source_frame: str, time: Any
-    ) -> TransformFuture:
-        """The lookup as soon as it succeeds; the future is cancelled, or fails, otherwise."""
-        return TransformFuture(
-            lambda timeout: self.lookup_transform(target_frame, source_frame, time, timeout)
-        )
+    def transform(self, object_stamped: Any, target_frame: str, timeout: Any = _NO_WAIT) -> Any:
+        """Transform a stamped message to another frame, at the time of the message.
 
-    def wait_for_transform_full_async(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-    ) -> TransformFuture:
-        return TransformFuture(
-            lambda timeout: self.lookup_transform_full(
-                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
-            )
-        )
+        Args:
+            object_stamped: A PointStamped, Vector3Stamped, PoseStamped or
+                PoseWithCovarianceStamped, recognised by its attributes.
+            target_frame: The frame to transform to.
+            timeout: How long to wait for writes that make the lookup succeed.
 
-    async def lookup_transform_async(
-        self, target_frame: str, source_frame: str, time: Any
-    ) -> TransformStamped:
-        return await self.wait_for_transform_async(target_frame, source_frame, time)
+        Returns:
+            A transformed copy.
 
-    async def lookup_transform_full_async(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-    ) -> TransformStamped:
-        return await self.wait_for_transform_full_async(
-            target_frame, target_time, source_frame, source_time, fixed_frame
-        )
-
-    # --- messages into another frame
-
-    def transform(self, object_stamped: Any, target_frame: str, timeout: Any = _NOW) -> Any:
-        """A copy of a stamped message in `target_frame`, at the message's own time.
-
-        A PointStamped, Vector3Stamped, PoseStamped or PoseWithCovarianceStamped, by its
-        attributes; TypeException for anything else.
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name or time makes no sense.
+            ServerUnavailable: No server answers.
+            TypeException: The message is of another kind.
         """
         header = object_stamped.header
         return do_transform(
@@ -181,9 +236,29 @@ class Buffer:
         target_frame: str,
         target_time: Any,
         fixed_frame: str,
-        timeout: Any = _NOW,
+        timeout: Any = _NO_WAIT,
     ) -> Any:
-        """The same at another time than the message's, through a frame that is fixed between."""
+        """Transform a stamped message to another frame at another time.
+
+        Args:
+            object_stamped: A PointStamped, Vector3Stamped, PoseStamped or
+                PoseWithCovarianceStamped, recognised by its attributes.
+            target_frame: The frame to transform to.
+            target_time: The time to transform to.
+            fixed_frame: The frame that is taken not to move between the two times.
+            timeout: How long to wait for writes that make the lookup succeed.
+
+        Returns:
+            A transformed copy.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name or time makes no sense.
+            ServerUnavailable: No server answers.
+            TypeException: The message is of another kind.
+        """
         header = object_stamped.header
         return do_transform(
             object_stamped,
@@ -195,23 +270,66 @@ class Buffer:
     # --- writes
 
     def set_transform(self, transform: Any, authority: str) -> None:
-        """Store a TransformStamped in the server, and wait until it is there. Raises
-        InvalidArgumentException where tf2 says nothing; one that is too old is dropped."""
+        """Store a transform, and wait until the server has it.
+
+        The server drops it if it is older than the cache time.
+
+        Args:
+            transform: A TransformStamped.
+            authority: The name to publish as.
+
+        Raises:
+            InvalidArgumentException: The transform makes no sense; tf2 would ignore it.
+            ServerUnavailable: No server answers.
+            OutcomeUnknown: No reply came; the transform may or may not have been stored.
+        """
         connect().set_transform(stamped_of(transform), authority)
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
+        """Store a transform that holds at all times.
+
+        Args:
+            transform: A TransformStamped.
+            authority: The name to publish as.
+
+        Raises:
+            InvalidArgumentException: The transform makes no sense; tf2 would ignore it.
+            ServerUnavailable: No server answers.
+            OutcomeUnknown: No reply came; the transform may or may not have been stored.
+        """
         connect().set_transform(stamped_of(transform), authority, static=True)
 
     def clear(self) -> None:
-        """Forget every sample in the server; static links stay."""
+        """Forget all samples in the server. Static transforms stay.
+
+        Raises:
+            ServerUnavailable: No server answers.
+            OutcomeUnknown: No reply came; the tree may or may not have been cleared.
+        """
         connect().clear()
 
-    # --- what there is
+    # --- introspection
 
     def all_frames_as_yaml(self) -> str:
+        """Describe all frames that have a parent.
+
+        Returns:
+            A YAML map with tf2's keys; times in seconds, rates in hertz.
+
+        Raises:
+            ServerUnavailable: No server answers.
+        """
         return frames_text.as_yaml(connect())
 
     def all_frames_as_string(self) -> str:
+        """List all frames that have a parent.
+
+        Returns:
+            One sentence per frame.
+
+        Raises:
+            ServerUnavailable: No server answers.
+        """
         return frames_text.as_string(connect())
 
 
@@ -224,10 +342,10 @@ def _attempt(lookup: Callable[[], TransformStamped]) -> tuple[bool, str]:
 
 
 def _stamp(time: Any) -> int | None:
-    """tf2 writes "latest" as time 0."""
+    """Return a time in nanoseconds; None for time 0, by which tf2 means the latest."""
     return nanoseconds(time) or None
 
 
 def _seconds(timeout: Any) -> float:
-    """A negative time-out is none, as in tf2."""
+    """Return a time-out in seconds; a negative one means not to wait, as in tf2."""
     return max(nanoseconds(timeout), 0) / 1e9

@@ -1,4 +1,4 @@
-"""What the tree holds, in the two texts that tf2's buffer gives."""
+"""The contents of the tree as text, in the two formats of tf2's buffer."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from zenoh_tf import FrameInfo
 from zenoh_tf.errors import LookupException
 from zenoh_tf_client.client import TransformClient
 
-#: tf2 counts a shorter history as this long, so a single sample has a rate of 10 kHz.
+#: tf2 takes a shorter history for this long, so a single sample has a rate of 10 kHz.
 _SHORTEST_NS = 100_000
 
 
 def as_yaml(client: TransformClient) -> str:
-    """One map per frame that has a parent, with tf2's keys and figures; seconds and hertz."""
+    """Return one YAML map per frame that has a parent, with tf2's keys; seconds and hertz."""
     return "".join(_yaml(link) for link in _links(client)) or "[]"
 
 
 def as_string(client: TransformClient) -> str:
+    """Return one sentence per frame that has a parent."""
     return "".join(
         f"Frame {link.name} exists with parent {link.parent}.\n" for link in _links(client)
     )
@@ -31,18 +32,20 @@ def _links(client: TransformClient) -> list[FrameInfo]:
         error = handle.exception()
         if error is None:
             infos.append(handle.result())
-        elif not isinstance(error, LookupException):  # removed since its name was listed
+        elif not isinstance(
+            error, LookupException
+        ):  # A frame may have been removed since its name was listed.
             raise error
     return [info for info in infos if info.parent is not None]
 
 
 def _yaml(link: FrameInfo) -> str:
     if link.static:
-        oldest_ns = newest_ns = 0  # good for all times, which tf2 writes as 0
+        oldest_ns = newest_ns = 0  # A static link holds at all times, which tf2 writes as 0.
     else:
         oldest_ns, newest_ns = link.oldest_stamp_ns or 0, link.newest_stamp_ns or 0
     span_ns = newest_ns - oldest_ns
-    # JSON's strings are YAML's, whatever stands in a name.
+    # A JSON string is a YAML string, whatever characters a name has.
     return (
         f"{json.dumps(link.name)}:\n"
         f"  parent: {json.dumps(link.parent)}\n"

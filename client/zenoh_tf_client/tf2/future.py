@@ -1,4 +1,4 @@
-"""Lookups that wait as futures, for rclpy's executors and for asyncio."""
+"""`TransformFuture`: a waiting lookup as a future, for rclpy's executors and for asyncio."""
 
 from __future__ import annotations
 
@@ -18,39 +18,43 @@ from zenoh_tf.errors import (
 
 from .messages import Duration, TransformStamped
 
-#: A wait is asked for in rounds of this length, so that a cancelled one ends soon.
+#: One lookup waits at most this long and is then repeated, so that a cancelled one ends soon.
 _ROUND = Duration(sec=5)
 
-#: What a later write may put right.
-_MAY_COME = (LookupException, ConnectivityException, ExtrapolationException)
+#: Errors of lookups that may succeed after a later write.
+_MAY_SUCCEED_LATER = (LookupException, ConnectivityException, ExtrapolationException)
 
 
 class TransformFuture(Future[TransformStamped]):
-    """The outcome of a lookup that waits until it succeeds, on a thread of its own.
+    """The result of a lookup that waits until it succeeds, on a thread of its own.
 
-    Has the methods that rclpy's futures have (`done`, `result`, `exception`, `cancel`,
-    `add_done_callback`), and `await` works under asyncio and under rclpy's executors. Unlike
-    rclpy's, `result` waits. Callbacks run on the future's thread. Fails at once where no
-    write can help, as for a time older than what the tree keeps.
+    It has the methods of rclpy's futures (`done`, `result`, `exception`, `cancel`,
+    `add_done_callback`). `await` works under asyncio and under rclpy's executors. Unlike rclpy's,
+    `result` waits. Callbacks run on the future's thread. The future fails at once if no write can
+    make the lookup succeed, as for a time that is older than the server's cache.
     """
 
     def __init__(self, lookup: Callable[[Duration], TransformStamped]) -> None:
-        """`lookup` takes how long to wait."""
+        """Start the lookup.
+
+        Args:
+            lookup: Does one lookup; its argument is how long it may wait.
+        """
         super().__init__()
-        # No daemon: Python may not end while a thread is inside of Zenoh.
-        threading.Thread(target=self._run, args=(lookup,), name="tf2 wait").start()
+        # A daemon, so that a script may end while lookups wait.
+        threading.Thread(target=self._run, args=(lookup,), name="tf2 wait", daemon=True).start()
 
     def __await__(self) -> Generator[Any, None, TransformStamped]:
         try:
             asyncio.get_running_loop()
         except RuntimeError:
-            while not self.done():  # an rclpy executor, which comes back later
+            while not self.done():  # an rclpy executor, which resumes the coroutine later
                 yield
             return self.result()
         return (yield from asyncio.wrap_future(self).__await__())
 
     def _run(self, lookup: Callable[[Duration], TransformStamped]) -> None:
-        with contextlib.suppress(InvalidStateError):  # cancelled meanwhile
+        with contextlib.suppress(InvalidStateError):  # the future was cancelled meanwhile
             try:
                 result = self._wait(lookup)
             except BaseException as error:
@@ -64,8 +68,8 @@ class TransformFuture(Future[TransformStamped]):
             begin_s = time.monotonic()
             try:
                 return lookup(_ROUND)
-            except _MAY_COME:
-                # An error long before the round is over: the server knows that waiting is idle.
+            except _MAY_SUCCEED_LATER:
+                # The server answers early if no write can make the lookup succeed.
                 if time.monotonic() - begin_s < _ROUND.sec / 2:
                     raise
         return None

@@ -1,7 +1,7 @@
-"""Messages as plain classes with the fields of ROS's, and the ways between them and the SDK.
+"""Plain classes with the fields of ROS's messages, and conversions between them and the SDK.
 
-What comes in may be any object with these attributes, ROS's own messages first of all; what
-goes out is a `TransformStamped` of this module. `fill` copies one into a message of ROS's.
+Arguments may be any object with these attributes, such as ROS's own messages. Results are of the
+classes of this module; `fill` copies one into a message of ROS's.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(slots=True)
 class Time:
-    """A time as in builtin_interfaces: whole seconds, and the nanoseconds beyond them.
-    Time() asks for the latest common time."""
+    """A time as in builtin_interfaces: whole seconds and nanoseconds.
+
+    As an argument, Time() means the latest common time.
+    """
 
     sec: int = 0
     nanosec: int = 0
 
     @property
     def nanoseconds(self) -> int:
-        """All of it, as rclpy's times have it."""
+        """Returns the whole time in nanoseconds, as rclpy's times do."""
         return self.sec * _NS_PER_S + self.nanosec
 
 
@@ -41,7 +43,7 @@ class Duration:
 
 @dataclass(slots=True)
 class Header:
-    """When, and in which frame."""
+    """A time and the frame that a message is expressed in."""
 
     stamp: Time = field(default_factory=Time)
     frame_id: str = ""
@@ -68,6 +70,8 @@ class Quaternion:
 
 @dataclass(slots=True)
 class Transform:
+    """Maps coordinates in the child frame to coordinates in the parent frame."""
+
     translation: Vector3 = field(default_factory=Vector3)
     rotation: Quaternion = field(default_factory=Quaternion)
 
@@ -82,8 +86,18 @@ class TransformStamped:
 
 
 def fill(message: M, values: Any) -> M:
-    """Copy `values`, of a class above, into `message`, of any class with the same attributes,
-    and return it: ``fill(geometry_msgs.msg.TransformStamped(), result)``."""
+    """Copy a result into a message of ROS's, or of any class with the same attributes.
+
+    Args:
+        message: The message to write to.
+        values: An object of a class of this module.
+
+    Returns:
+        `message`.
+
+    Example:
+        ``fill(geometry_msgs.msg.TransformStamped(), result)``
+    """
     if isinstance(values, Time | Duration) and hasattr(message, "nsecs"):  # ROS 1
         message.secs, message.nsecs = values.sec, values.nanosec  # type: ignore[attr-defined]
         return message
@@ -97,8 +111,10 @@ def fill(message: M, values: Any) -> M:
 
 
 def nanoseconds(time: Any) -> int:
-    """A time or a duration in nanoseconds: rclpy's, builtin_interfaces', ROS 1's or one of
-    this module. Raises TypeError for anything else."""
+    """Return a time or duration in nanoseconds.
+
+    Takes the classes of rclpy, builtin_interfaces, ROS 1 and this module, else raises TypeError.
+    """
     for whole, rest in (("sec", "nanosec"), ("secs", "nsecs")):
         if hasattr(time, rest):
             return int(getattr(time, whole)) * _NS_PER_S + int(getattr(time, rest))
@@ -108,17 +124,18 @@ def nanoseconds(time: Any) -> int:
 
 
 def time_of(stamp_ns: int) -> Time:
+    """Return a stamp in nanoseconds as a time."""
     return Time(*divmod(stamp_ns, _NS_PER_S))
 
 
 def transform_of(message: Any) -> zenoh_tf.Transform:
-    """The transform in a TransformStamped."""
-    shift, turn = message.transform.translation, message.transform.rotation
-    return zenoh_tf.Transform((shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w))
+    """Return the transform in a TransformStamped, ``X_parent_child``."""
+    t, q = message.transform.translation, message.transform.rotation
+    return zenoh_tf.Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
 
 def stamped_of(message: Any) -> StampedTransform:
-    """A TransformStamped as the SDK has it."""
+    """Convert a TransformStamped to the SDK's class."""
     return StampedTransform(
         message.header.frame_id,
         message.child_frame_id,
@@ -128,7 +145,7 @@ def stamped_of(message: Any) -> StampedTransform:
 
 
 def message_of(stamped: StampedTransform) -> TransformStamped:
-    """What a lookup gave, as a message."""
+    """Convert the result of a lookup to a message."""
     x, y, z, qx, qy, qz, qw = stamped.transform.pose()
     return TransformStamped(
         Header(time_of(stamped.stamp_ns), stamped.parent_frame),

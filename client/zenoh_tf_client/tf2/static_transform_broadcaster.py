@@ -1,4 +1,4 @@
-"""`StaticTransformBroadcaster`: transforms that hold for all times."""
+"""`StaticTransformBroadcaster`: transforms that hold at all times."""
 
 from __future__ import annotations
 
@@ -9,12 +9,30 @@ from .transform_broadcaster import authority_of, stampeds_of
 
 
 class StaticTransformBroadcaster:
-    """As `TransformBroadcaster`, for static links. Keeps the last one of every child that it
-    was ever given, and sends them all to every server to come."""
+    """As `TransformBroadcaster`, for static transforms.
+
+    It keeps the last transform of each child frame and sends them all to every server that
+    appears later. Thread safety: all methods.
+
+    Args:
+        node: Named as the authority; see `TransformBroadcaster`.
+        qos: Has no effect.
+
+    Raises:
+        ServerUnavailable: No server answers.
+    """
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         self._broadcaster = connect().broadcaster(authority_of(node))
 
     def sendTransform(self, transform: Any) -> None:
-        """Send one TransformStamped or several, at one instant."""
+        """Send one TransformStamped or several, without waiting for the server.
+
+        Args:
+            transform: A message or an iterable of messages, which are stored atomically.
+
+        Raises:
+            ServerUnavailable: The connection is closed.
+            LimitExceeded: The message would be larger than 16 MiB.
+        """
         self._broadcaster.send_static(stampeds_of(transform))

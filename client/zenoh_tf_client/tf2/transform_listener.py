@@ -1,4 +1,4 @@
-"""`TransformListener`: nothing to listen to, so that a script's line may stay."""
+"""`TransformListener`: does nothing, so that a script need not change."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ from .buffer import Buffer
 
 
 class TransformListener:
-    """Keeps `buffer` and `node`, and does nothing: the server listens for everyone.
+    """Does nothing, because the server receives the transforms of all publishers.
 
-    Nothing has to spin either, so a lookup may wait in a callback. `spin_thread`, `qos` and
-    `static_qos` are without effect. Other topics than /tf are other trees (ZENOH_TF_TREE),
-    so there is no argument for them.
+    No thread has to spin, so a lookup may wait in a callback. There is no argument for other
+    topics than /tf: they are other trees (ZENOH_TF_TREE).
+
+    Args:
+        buffer: Kept as the attribute `buffer`.
+        node: Kept as the attribute `node`.
+        spin_thread: Has no effect.
+        qos: Has no effect.
+        static_qos: Has no effect.
     """
 
     def __init__(
@@ -28,4 +34,4 @@ class TransformListener:
         self.node = node
 
     def unregister(self) -> None:
-        """Nothing to undo."""
+        """Do nothing."""

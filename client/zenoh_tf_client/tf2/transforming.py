@@ -1,7 +1,7 @@
-"""Stamped messages into another frame: what tf2_geometry_msgs does, by attributes.
+"""Transforms stamped messages, as tf2_geometry_msgs does, by their attributes.
 
-Each function returns a copy of the message; the copy's header is the transform's, that is
-the frame that the transform leads into and its time.
+Each function returns a copy of the message. The copy has the header of the transform: the frame
+that the transform maps to, and its time.
 """
 
 from __future__ import annotations
@@ -19,55 +19,58 @@ from .messages import Header, fill, nanoseconds, time_of, transform_of
 
 
 class TypeException(Exception):
-    """A message of a kind that cannot be transformed."""
+    """The message is of a kind that cannot be transformed."""
 
 
 def do_transform(message: Any, transform: Any) -> Any:
-    """Any of the stamped messages below, told apart by their attributes."""
+    """Transform any of the stamped messages below, recognised by its attributes.
+
+    Raises TypeException for another kind of message.
+    """
     return _function(message)(message, transform)
 
 
 def do_transform_point(point: Any, transform: Any) -> Any:
-    """A PointStamped."""
+    """Transform a PointStamped."""
     out = copy.deepcopy(point)
     _set_xyz(out.point, transform_of(transform).apply(_xyz(out.point)))
     return _with_header(out, transform)
 
 
 def do_transform_vector3(vector3: Any, transform: Any) -> Any:
-    """A Vector3Stamped: a direction, so only turned."""
+    """Transform a Vector3Stamped: rotate it, since it is a direction."""
     out = copy.deepcopy(vector3)
     _set_xyz(out.vector, transform_of(transform).apply_vectors(_xyz(out.vector)))
     return _with_header(out, transform)
 
 
 def do_transform_pose(pose: Any, transform: Any) -> Any:
-    """A Pose, without a header."""
+    """Transform a Pose, which has no header."""
     out = copy.deepcopy(pose)
-    turn = out.orientation
-    moved = transform_of(transform) @ zenoh_tf.Transform(
-        _xyz(out.position), (turn.x, turn.y, turn.z, turn.w)
-    )
+    q = out.orientation
+    moved = transform_of(transform) @ zenoh_tf.Transform(_xyz(out.position), (q.x, q.y, q.z, q.w))
     _set_xyz(out.position, moved.translation)
-    turn.x, turn.y, turn.z, turn.w = moved.rotation.tolist()
+    q.x, q.y, q.z, q.w = moved.rotation.tolist()
     return out
 
 
 def do_transform_pose_stamped(pose: Any, transform: Any) -> Any:
-    """A PoseStamped."""
+    """Transform a PoseStamped."""
     out = copy.deepcopy(pose)
     out.pose = do_transform_pose(out.pose, transform)
     return _with_header(out, transform)
 
 
 def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
-    """A PoseWithCovarianceStamped. The covariance's axes are turned; the lever arm between the
-    two origins is left out, as in tf2."""
+    """Transform a PoseWithCovarianceStamped.
+
+    The covariance is rotated; the lever arm between the two origins is ignored, as in tf2.
+    """
     out = copy.deepcopy(pose)
     out.pose.pose = do_transform_pose(out.pose.pose, transform)
     covariance = np.asarray(out.pose.covariance, np.float64).reshape(6, 6)
-    turned = transform_of(transform).apply_covariance(covariance)
-    out.pose.covariance = turned.ravel().tolist()
+    rotated = transform_of(transform).apply_covariance(covariance)
+    out.pose.covariance = rotated.ravel().tolist()
     return _with_header(out, transform)
 
 

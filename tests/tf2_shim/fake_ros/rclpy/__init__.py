@@ -1,4 +1,4 @@
-"""rclpy, as far as a script with timers needs it; nothing of it talks to anyone."""
+"""The parts of rclpy that a script with timers needs, without any communication."""
 
 from . import duration, node, time
 

@@ -1,0 +1,121 @@
+"""The methods of `TransformClient` that describe the tree."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TypeVar
+
+from zenoh_tf import AuthorityInfo, FrameInfo
+
+from . import requests
+from .requests import Request
+
+T = TypeVar("T")
+
+
+class ClientIntrospection(ABC):
+    """A base of `TransformClient`, which sends the requests that these methods make."""
+
+    @abstractmethod
+    def _call(self, request: Request[T]) -> T:
+        """Send a request; return its result or raise its error."""
+
+    def frames(self) -> list[str]:
+        """List the names of all frames.
+
+        Returns:
+            The names, in no particular order.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return self._call(requests.frames())
+
+    def frame(self, name: str) -> FrameInfo:
+        """Describe a frame and the link to its parent.
+
+        Args:
+            name: The frame.
+
+        Returns:
+            The parent, authority, stamps in nanoseconds and counters, read at one instant.
+
+        Raises:
+            LookupException: The frame is unknown.
+            InvalidArgumentException: A name is empty or not valid UTF-8.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return self._call(requests.frame(name))
+
+    def authorities(self) -> list[AuthorityInfo]:
+        """List what each authority has published.
+
+        Returns:
+            One record for each authority, in the order of their first commits.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return self._call(requests.authorities())
+
+    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
+        """Return the parent of a frame.
+
+        Args:
+            frame: The frame.
+            stamp_ns: The time in nanoseconds; None for the newest parent.
+
+        Returns:
+            The parent's name; None if the frame is a root.
+
+        Raises:
+            LookupException: The frame is unknown.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return self._call(requests.parent(frame, stamp_ns))
+
+    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
+        """Return the frames on the path between two frames.
+
+        Args:
+            target: The frame where the path begins.
+            source: The frame where the path ends.
+            stamp_ns: The time in nanoseconds; None for the latest common time of all links
+                between the two frames.
+
+        Returns:
+            The frames in order, from `target` to `source`, both included.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return self._call(requests.chain(target, source, stamp_ns))
+
+    def stats(self) -> dict[str, int]:
+        """Return the counters of the tree and of the server.
+
+        Returns:
+            Values by the counters' names.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return self._call(requests.stats())
