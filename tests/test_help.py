@@ -35,7 +35,7 @@ STUBS = [Path(zenoh_tf.__file__).with_name(name) for name in ("_core.pyi", "_tra
 
 #: Methods that raise nothing of their own.
 RAISE_NOTHING = {
-    "TransformTree": {"authorities", "clear", "frames", "stats"},
+    "TransformTree": {"authorities", "clear", "reset", "frames", "stats"},
     "Transform": {"identity", "inverse", "matrix", "pose", "rpy"},
     "TransformArray": {"inverse"},
     "TransformClient": {"batch", "close", "transaction"},
