@@ -1,4 +1,4 @@
-// Readers against writers: what a transaction reads was true at one instant.
+// Readers against writers: a transaction reads the tree's state at one instant.
 #include <chrono>
 #include <functional>
 #include <random>
@@ -111,8 +111,8 @@ TEST(transactions_never_see_torn_chains) {
   });
 }
 
-// The plain latest lookup promises nothing about different links: that it is seen to mix them shows
-// that the test above could see it, too.
+// The plain latest lookup promises nothing about different links. That it is seen to mix commits
+// shows that the test above could see it, too.
 TEST(latest_alone_mixes_commits_and_says_so) {
   for (const auto c : {Concurrency::optimistic, Concurrency::two_phase}) {
     ZeroSums z(c);
@@ -133,7 +133,7 @@ TEST(latest_alone_mixes_commits_and_says_so) {
   }
 }
 
-// A chain so long, and written so often, that an unlocked reading of it hardly ever holds.
+// A chain so long, and written so often, that an optimistic read hardly ever succeeds.
 TEST(a_reader_that_never_wins_is_answered) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
