@@ -187,8 +187,8 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
     std::atomic<Stamp> now{1};
     std::atomic<int> lookups{0};
     ThreadGroup crowd;
-    for (const auto& [parent, child] : {std::pair{"a", "b"}, std::pair{"b", "c"}})
-      crowd.background([&, parent, child](const auto& stop) {
+    for (const auto& link : {std::pair{"a", "b"}, std::pair{"b", "c"}})
+      crowd.background([&, parent = link.first, child = link.second](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(*child));
         for (int commits = 0; !stop; ++commits) {
           // No faster than the readers: all samples would be gone before they are asked for.
