@@ -1,8 +1,8 @@
-// Faults of an earlier implementation of this idea (the report that bench/README.md names),
-// each as a test. Some stand elsewhere:
-// - a write that is refused in part is done in part: bad_rows_leave_nothing_behind
-// - two threads give one name two ids: one_name_one_id
-// - the last link is lost where the target is above the source: ancestors_descendants_and_cousins
+// A test for each fault of an earlier implementation of this idea (the report that bench/README.md
+// names). Some of these tests are in other files:
+// - a commit of which a part is rejected stores the other part: bad_rows_leave_nothing_behind
+// - two threads give the same name two ids: one_name_one_id
+// - the last link is lost if the target is an ancestor: ancestors_descendants_and_cousins
 // - a loop is followed for ever: depth_ends_exactly_at_the_limit, a_cycle_at_a_past_time
 #include <algorithm>
 #include <random>
@@ -16,7 +16,7 @@ namespace {
 
 std::string link(int i) { return "f" + std::to_string(i); }
 
-// f0 <- f1 <- ... <- f<links>, of one stamp and one value.
+// f0 <- f1 <- ... <- f<links>, all with the same stamp and the same pose.
 std::vector<Set> chain(int links, Stamp stamp, double x) {
   std::vector<Set> sets;
   for (int i = 1; i <= links; ++i) sets.push_back({link(i - 1), link(i), stamp, at_x(x)});
@@ -25,7 +25,7 @@ std::vector<Set> chain(int links, Stamp stamp, double x) {
 
 }  // namespace
 
-// Lookups of (a, b) and (b, a) take their locks in opposite orders, and find the common time first.
+// Lookups of (a, b) and (b, a) visit the frames in opposite orders.
 TEST(crossed_lookups_do_not_block) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
@@ -49,7 +49,7 @@ TEST(crossed_lookups_do_not_block) {
   });
 }
 
-// Locks are taken in one order whatever the rows' is, and a frame that is named twice once.
+// Locks are taken in ascending order, and once per frame, whatever the rows say.
 TEST(rows_in_any_order_and_twice_do_not_block) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
@@ -72,9 +72,9 @@ TEST(rows_in_any_order_and_twice_do_not_block) {
   });
 }
 
-// A lookup that starts over has nothing left of what it had summed up. The chain's length changes
-// from commit to commit, so that half a walk more would show.
-TEST(a_lookup_that_starts_over_starts_anew) {
+// A lookup that retries discards what it has composed. The chain's length changes from commit to
+// commit, so that leftovers would show.
+TEST(a_lookup_that_retries_starts_anew) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     constexpr int kLinks = 12;
@@ -99,8 +99,8 @@ TEST(a_lookup_that_starts_over_starts_anew) {
   });
 }
 
-// Two frames move from one tree to another in one commit: they are always connected, and who says
-// that they are not has seen the one before and the other after it.
+// Two frames move from one tree to another in one commit, so they are always connected. A lookup
+// that fails has seen one of them before the commit and the other one after it.
 TEST(no_error_is_made_of_two_states) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
@@ -121,8 +121,8 @@ TEST(no_error_is_made_of_two_states) {
   });
 }
 
-// Who waits gives its processor away: many more threads than processors, and all get on.
-TEST(far_more_threads_than_processors_get_on) {
+// A thread that waits for long sleeps, so many more threads than processors all make progress.
+TEST(far_more_threads_than_processors_make_progress) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     constexpr int kLinks = 16, kEach = 300;

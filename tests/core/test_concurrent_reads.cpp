@@ -1,4 +1,6 @@
-// Readers against writers: what a transaction reads was true at one instant.
+// Readers against writers: a transaction reads the tree's state at one instant.
+#include <chrono>
+#include <functional>
 #include <random>
 
 #include "fixture.hpp"
@@ -109,8 +111,8 @@ TEST(transactions_never_see_torn_chains) {
   });
 }
 
-// The plain latest lookup promises nothing about different links: that it is seen to mix them shows
-// that the test above could see it, too.
+// The plain latest lookup promises nothing about different links. That it is seen to mix commits
+// shows that the test above could see it, too.
 TEST(latest_alone_mixes_commits_and_says_so) {
   for (const auto c : {Concurrency::optimistic, Concurrency::two_phase}) {
     ZeroSums z(c);
@@ -131,7 +133,7 @@ TEST(latest_alone_mixes_commits_and_says_so) {
   }
 }
 
-// A chain so long, and written so often, that an unlocked reading of it hardly ever holds.
+// A chain so long, and written so often, that an optimistic read hardly ever succeeds.
 TEST(a_reader_that_never_wins_is_answered) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
@@ -185,8 +187,8 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
     std::atomic<Stamp> now{1};
     std::atomic<int> lookups{0};
     ThreadGroup crowd;
-    for (const auto& [parent, child] : {std::pair{"a", "b"}, std::pair{"b", "c"}})
-      crowd.background([&, parent, child](const auto& stop) {
+    for (const auto& link : {std::pair{"a", "b"}, std::pair{"b", "c"}})
+      crowd.background([&, parent = link.first, child = link.second](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(*child));
         for (int commits = 0; !stop; ++commits) {
           // No faster than the readers: all samples would be gone before they are asked for.
@@ -221,5 +223,54 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
         }
       });
     crowd.join();
+  });
+}
+
+// A commit between each read of a frame and its validation: reads of single frames must lock it
+// after a bounded number of attempts, and commits must wait for that lock, whatever their locks
+// are.
+TEST(a_frame_that_changes_at_each_attempt_is_read) {
+  for_each_concurrency([](Concurrency c) {
+    constexpr int kLimit = 500;
+    World w(c);
+    std::atomic<int> requested{0}, committed{0};
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
+      for (Stamp stamp = 1; !stop; ++stamp) {
+        while (!stop && committed >= requested) std::this_thread::yield();
+        if (stop) return;
+        std::vector<Set> sets = {{"f0", "f1", stamp, at_x(1)}};
+        if (stamp % 2) sets.push_back({"f1", "f2", stamp, at_x(1)});
+        CHECK_EQ(w.refusal(sets), Code::ok);
+        ++committed;
+      }
+    });
+    threads.foreground([&] {
+      // Gives up where the reader has locked the frame, for which the commit waits.
+      const std::function<void()> commit_meanwhile = [&] {
+        if (requested >= kLimit) return;
+        const int goal = ++requested;
+        const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(200);
+        while (committed < goal && std::chrono::steady_clock::now() < end)
+          std::this_thread::yield();
+      };
+      commit_meanwhile();
+      const FrameId f0 = w.id("f0"), f1 = w.id("f1");
+      const auto check_bounded = [&](auto&& read) {
+        const int before = requested;
+        yield_hook = &commit_meanwhile;
+        read();
+        yield_hook = nullptr;
+        CHECK(requested - before >= SeqLock::kOptimisticReads);
+        CHECK(requested - before <= SeqLock::kOptimisticReads + 2);
+      };
+      check_bounded([&] { CHECK(w.tree.info(f1).newest > 0); });
+      check_bounded([&] { CHECK_EQ(w.tree.parent(f1, kNoStamp), f0); });
+      if (c != Concurrency::giant)
+        check_bounded([&] { CHECK_EQ(w.ask(Op::latest, "f0", "f1").pose.x, 1); });
+      while (committed < requested) std::this_thread::yield();
+      CHECK_EQ(w.tree.info(f1).version / SeqLock::kIncrement, static_cast<Version>(committed));
+    });
+    threads.join();
   });
 }

@@ -1,4 +1,4 @@
-// Many times in one go against writers: no row is ever of two states.
+// Batches of many times against writers: no row ever mixes two commits.
 #include <random>
 
 #include "fixture.hpp"

@@ -1,4 +1,5 @@
-// The guards one by one, without luck: what each accepts, refuses and leaves behind.
+// The guards and the seqlock one by one, without other threads: what each accepts, refuses and
+// leaves behind.
 #include <memory>
 
 #include "fixture.hpp"
@@ -19,11 +20,11 @@ struct Frames {
     Version version;
     if (!guard.read_version(frames[i], version)) return false;
     const PathStep step{&frames[i], version, {}};
-    return guard.validate(&step, 1);
+    return guard.validate({&step, 1});
   }
 };
 
-bool can_be_owned(Frame& frame) {
+bool can_be_locked(Frame& frame) {
   Version before;
   if (!frame.version.try_lock_writer(before)) return false;
   frame.version.unlock_unchanged(before);
@@ -32,23 +33,23 @@ bool can_be_owned(Frame& frame) {
 
 }  // namespace
 
-TEST(a_walk_rests_on_unmoved_versions) {
+TEST(a_walk_is_valid_while_the_versions_are_unchanged) {
   Frames f;
   WalkGuard guard;
   Version version;
   CHECK(guard.read_version(f[1], version));
   const PathStep step{&f[1], version, {}};
-  CHECK(guard.validate(&step, 1));
+  CHECK(guard.validate({&step, 1}));
   const Version before = f[1].version.lock_writer();
   f[1].version.begin_write(before);
-  CHECK(!guard.validate(&step, 1));
+  CHECK(!guard.validate({&step, 1}));
   f[1].version.unlock_unchanged(before);
-  CHECK(guard.validate(&step, 1));
+  CHECK(guard.validate({&step, 1}));
   f.change(1);
-  CHECK(!guard.validate(&step, 1));
+  CHECK(!guard.validate({&step, 1}));
 }
 
-TEST(who_only_has_a_frame_disturbs_no_reader_until_it_changes_it) {
+TEST(a_writer_disturbs_no_reader_before_it_begins_to_write) {
   Frames f;
   f.change(1);
   WalkGuard guard;
@@ -57,17 +58,37 @@ TEST(who_only_has_a_frame_disturbs_no_reader_until_it_changes_it) {
   CHECK(guard.read_version(f[1], version));  // does not wait
   CHECK_EQ(version, before);
   const PathStep step{&f[1], version, {}};
-  CHECK(guard.validate(&step, 1));
-  CHECK(!f[1].version.try_lock_writer(other));  // but writers do
+  CHECK(guard.validate({&step, 1}));
+  CHECK(!f[1].version.try_lock_writer(other));  // other writers do
   CHECK(!f[1].version.try_lock(other));
   f[1].version.begin_write(before);
   CHECK(f[1].version.load() & SeqLock::kWriting);
-  CHECK(!guard.validate(&step, 1));
+  CHECK(!guard.validate({&step, 1}));
   f[1].version.unlock_unchanged(before);
-  CHECK(guard.validate(&step, 1));
+  CHECK(guard.validate({&step, 1}));
 }
 
-TEST(optimism_is_checked_at_the_end) {
+// Every optimistic attempt is disturbed, so the read must end by locking.
+TEST(a_consistent_read_locks_after_a_bounded_number_of_attempts) {
+  Frames f;
+  SeqLock& lock = f[1].version;
+  int attempts = 0, changes = 0;
+  const auto read = [&](Version version) noexcept {
+    Version before;
+    if (++attempts < 1000 && lock.try_lock_writer(before)) {
+      lock.unlock_changed(before);
+      ++changes;
+    }
+    return version;
+  };
+  const Version version = lock.read_consistent(read);
+  CHECK_EQ(attempts, SeqLock::kOptimisticReads + 1);
+  CHECK_EQ(changes, SeqLock::kOptimisticReads);
+  CHECK_EQ(version, lock.load());
+  CHECK(can_be_locked(f[1]));
+}
+
+TEST(the_optimistic_guard_validates_all_reads_at_the_end) {
   Frames f;
   {
     OptimisticGuard guard(f.frames.get(), f.reads);
@@ -78,42 +99,42 @@ TEST(optimism_is_checked_at_the_end) {
     CHECK(!guard.validate_all());
   }
   OptimisticGuard guard(f.frames.get(), f.reads);
-  CHECK_EQ(f.reads.size(), 0u);  // nothing of the last attempt is left
+  CHECK_EQ(f.reads.size(), 0u);  // the last attempt's reads are gone
   CHECK(f.read(guard, 1));
   CHECK(guard.validate_all());
   CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);
 }
 
-TEST(locks_are_taken_once_more_are_wanted_and_all_released) {
+TEST(the_locking_guard_takes_each_wanted_lock_once_and_releases_all) {
   Frames f;
   f.change(7);
   SmallVector<FrameId, 64> wanted;
   for (const FrameId id : {9u, 7u, 9u}) wanted.push_back(id);
   {
     LockingGuard guard(f.frames.get(), f.reads, wanted);
-    for (const std::size_t i : {7, 9}) CHECK(!can_be_owned(f[i]));  // by a writer
-    CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);             // other readers go on
+    for (const std::size_t i : {7, 9}) CHECK(!can_be_locked(f[i]));  // writers wait
+    CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);              // readers do not
     CHECK(f.read(guard, 7));
     CHECK(guard.validate_all());
-    CHECK(f.read(guard, 8));  // reads on, to learn what else it needs
+    CHECK(f.read(guard, 8));  // not locked: reads it, but fails at the end
     CHECK(!guard.validate_all());
   }
-  for (const std::size_t i : {7, 8, 9}) CHECK(can_be_owned(f[i]));
+  for (const std::size_t i : {7, 8, 9}) CHECK(can_be_locked(f[i]));
   {
     LockingGuard guard(f.frames.get(), f.reads, wanted);
     CHECK(f.read(guard, 7) && f.read(guard, 8) && f.read(guard, 9));
     CHECK(guard.validate_all());
     CHECK_EQ(f.reads.size(), 3u);
-    CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);  // as it was, not as it is locked
+    CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);  // the version before it was locked
   }
   CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);
 }
 
-TEST(shared_locks_heed_a_starving_writer_for_a_while) {
+TEST(a_shared_guard_heeds_a_starving_writer_if_told_to) {
   Frames f;
   {
     SharedGuard guard(f.frames.get(), f.reads, true);
-    CHECK(f.read(guard, 1) && f.read(guard, 1));  // twice is once more
+    CHECK(f.read(guard, 1) && f.read(guard, 1));  // a second read locks again
     CHECK(!f[1].shared.try_lock());
     f[1].shared.want();
     CHECK(!f.read(guard, 1));
@@ -125,5 +146,5 @@ TEST(shared_locks_heed_a_starving_writer_for_a_while) {
   CHECK(f[1].shared.try_lock_shared(false) == SharedLock::Shared::writer);
   f[1].shared.unlock();
   SharedGuard guard(f.frames.get(), f.reads, true);
-  CHECK(f.read(guard, 1));  // who got the lock wants it no more
+  CHECK(f.read(guard, 1));  // the lock was taken, so it is no longer wanted
 }

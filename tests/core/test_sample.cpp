@@ -1,4 +1,4 @@
-// One pair of frames at many times: the same answers as one lookup after the other.
+// A batch of many times of one pair of frames gives the same answers as single lookups.
 #include <algorithm>
 #include <random>
 
@@ -79,7 +79,7 @@ void for_each_fill(Test&& test) {
 
 }  // namespace
 
-TEST(as_one_lookup_after_the_other) {
+TEST(a_batch_answers_like_single_lookups) {
   for_each_fill([](World& w) {
     std::mt19937 random(5);
     const auto some = [&](std::size_t n, Stamp from, Stamp to) {
@@ -149,7 +149,7 @@ TEST(after_a_switch_or_a_clear_nothing_is_left) {
   });
 }
 
-TEST(a_chain_longer_than_the_first_climb) {
+TEST(a_chain_longer_than_the_direct_walk) {
   World w;
   for (int i = 0; i < 70; ++i)
     for (const Stamp t : {0, 10, 20})
@@ -161,8 +161,8 @@ TEST(a_chain_longer_than_the_first_climb) {
   check_same(w, at_times(w, "f70", "f0", stamps));
 }
 
-// Each of the two once stood on the other, and for a while both did.
-TEST(a_loop_of_the_past_has_another_way_round) {
+// Each of the two was once the other's child, and for a while both were.
+TEST(a_loop_of_past_links_has_a_second_chain) {
   for_each_concurrency([](Concurrency c) {
     for (const bool between : {false, true}) {
       World w(c);

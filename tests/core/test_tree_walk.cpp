@@ -1,4 +1,5 @@
-// Which links a lookup takes, and what it makes of them. Poses are without symmetry throughout.
+// Which links a lookup follows and what it computes from them. No pose has a symmetry that could
+// hide an error.
 #include "fixture.hpp"
 
 using namespace ztf;
@@ -59,8 +60,8 @@ TEST(ancestors_descendants_and_cousins) {
   });
 }
 
-// Both ways around every limit inside the walk: turns of 16, 48 near steps, 64 far ones.
-TEST(meeting_points_near_and_far) {
+// Path lengths around each limit of Walker: 16 direct links, 48 near ones, 64 far ones.
+TEST(common_ancestors_near_and_far) {
   for_each_concurrency([](Concurrency c) {
     for (const int left : {1, 15, 16, 17, 47, 48, 49, 63, 64, 65, 66, 150})
       for (const int right : {0, 1, 16, 49, 64, 65, 113, 180}) {
@@ -98,7 +99,7 @@ TEST(depth_ends_exactly_at_the_limit) {
       // The limit holds for each side by itself.
       const Pose x_b = grow(w, "root", "b", n);
       check_pose(w, nth("a", n), nth("b", n), inverse(x_a) * x_b, 1, 1e-6);
-      // Far above the meeting point nothing is read.
+      // Nothing far above the common ancestor is read.
       CHECK_EQ(w.code(Op::latest_xact, "a1", nth("a", n + 1)), Code::ok);
     }
   });
@@ -177,7 +178,7 @@ TEST(zero_and_negative_stamps_are_ordinary) {
   CHECK_EQ(w.code(Op::at, "a", "b", 1), Code::forward);
 }
 
-TEST(the_way_changes_with_time) {
+TEST(the_chain_changes_with_time) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     w.set("p1", "c", 10, at_x(1));
@@ -196,7 +197,7 @@ TEST(the_way_changes_with_time) {
     w.tree.chain(w.query(Op::at, "w", "c", 15), chain);
     const std::vector<FrameId> expected = {w.id("w"), w.id("p1"), w.id("c")};
     CHECK(chain == expected);
-    // The newest common time lies before the newest way: the old one is taken.
+    // The latest common time is before the newest link, so the older chain is used.
     w.set("w2", "p1", 30, {}, false);
     w.set("p3", "c", 40, at_x(3));
     w.set("w2", "p3", 15, {}, true);
@@ -204,14 +205,14 @@ TEST(the_way_changes_with_time) {
   });
 }
 
-TEST(the_common_time_takes_the_way_of_that_time) {
+TEST(the_latest_common_lookup_uses_the_chain_of_that_time) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     w.set("w", "p1", 1, at_x(100), true);
     for (const Stamp t : {10, 20}) w.set("w", "p2", t, at_x(200));
     w.set("p1", "c", 10, at_x(1));
     w.set("p2", "c", 30, at_x(2));
-    // LatestLink: w - p2 - c, common time 20; at 20 c still hangs below p1.
+    // The newest links are w - p2 - c, with common time 20; at 20 the parent of c is still p1.
     const Answer a = w.ask(Op::latest_common, "w", "c");
     CHECK_EQ(a.stamp, 20);
     CHECK_EQ(a.pose.x, 101);

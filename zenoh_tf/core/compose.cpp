@@ -1,5 +1,4 @@
-// Composing the links of a way, four at a time: their interpolations are one, and their products
-// two halves that do not wait for each other, as in a running product all would.
+// The poses of up to four links are interpolated at once, which takes about as long as one.
 #include "compose.hpp"
 
 #include "pose4.hpp"
@@ -10,42 +9,36 @@ namespace {
 
 constexpr std::size_t kGroup = 4;
 
-// From pose_of(0), the child's, up to the last.
+// Returns the product of one to four poses, the first on the right. The products of two pairs do
+// not wait for each other.
 template <class PoseOf>
 ZTF_ALWAYS_INLINE Pose product(std::size_t links, PoseOf&& pose_of) noexcept {
   if (links == 1) return pose_of(0);
-  const Pose lower = pose_of(1) * pose_of(0);
-  if (links == 2) return lower;
-  return (links == 3 ? pose_of(2) : pose_of(3) * pose_of(2)) * lower;
+  const Pose first = pose_of(1) * pose_of(0);
+  if (links == 2) return first;
+  return (links == 3 ? pose_of(2) : pose_of(3) * pose_of(2)) * first;
 }
 
-ZTF_ALWAYS_INLINE Pose product_of(const PathStep* steps, std::size_t links) noexcept {
-  bool newest = true;
-  for (std::size_t i = 0; i < links; ++i)
-    newest &= steps[i].interval.older == steps[i].interval.newer;
-  if (newest)
-    return product(links, [&](std::size_t i) { return steps[i].interval.older->pose.load(); });
-  const auto row = [&](std::size_t i) -> const SampleInterval& {
-    return steps[std::min(i, links - 1)].interval;
+ZTF_ALWAYS_INLINE Pose compose_group(std::span<const PathStep> steps) noexcept {
+  const auto is_sample = [](const PathStep& step) {
+    return step.interval.older == step.interval.newer;
   };
-  const Pose4 poses = interpolate(row(0), row(1), row(2), row(3));
-  if (links == 4) {
-    const Pose4 pairs = product_of_pairs(poses);
-    return lane(pairs, 2) * lane(pairs, 0);
-  }
-  return product(links, [&](std::size_t i) { return lane(poses, i); });
+  if (std::all_of(steps.begin(), steps.end(), is_sample))
+    return product(steps.size(),
+                   [&](std::size_t i) { return steps[i].interval.older->pose.load(); });
+  const auto interval = [&](std::size_t i) -> const SampleInterval& {
+    return steps[std::min(i, steps.size() - 1)].interval;
+  };
+  const Pose4 poses = interpolate(interval(0), interval(1), interval(2), interval(3));
+  return product(steps.size(), [&](std::size_t i) { return lane(poses, i); });
 }
 
 }  // namespace
 
-ZTF_MULTIVERSION void compose(const PathStep* steps, std::size_t links, Pose& pose) noexcept {
-  std::size_t done = std::min(kGroup, links);
-  pose = product_of(steps, done);
-  while (done < links) {
-    const std::size_t n = std::min(kGroup, links - done);
-    pose = product_of(steps + done, n) * pose;
-    done += n;
-  }
+ZTF_MULTIVERSION void compose(std::span<const PathStep> steps, Pose& pose) noexcept {
+  pose = compose_group(steps.first(std::min(kGroup, steps.size())));
+  for (std::size_t done = kGroup; done < steps.size(); done += kGroup)
+    pose = compose_group(steps.subspan(done, std::min(kGroup, steps.size() - done))) * pose;
 }
 
 }  // namespace ztf

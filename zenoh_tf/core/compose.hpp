@@ -1,24 +1,25 @@
-// Composing the links of a way.
+// A step of a walk, and the product of the poses along several steps.
 //
-// Thread safety: for any reader, as everything about samples (frame.hpp).
+// Thread safety: any reader may call compose() at any time. Its result is meaningful only if the
+// steps' frames still have the steps' versions afterwards (guards.hpp).
 #pragma once
+
+#include <span>
 
 #include "history.hpp"
 
 namespace ztf {
 
-// A link of a way up, as read: the frame it leads up from, in which version,
-// and which of the frame's samples it is.
+// One link of a path towards the root, as it was read: the link's child frame, the version of that
+// frame, and the samples that give the link's pose.
 struct PathStep {
   const Frame* frame;
   Version version;
-  SampleInterval
-      interval;  // newest links: of their own time, kNoStamp where static, good for all times
+  SampleInterval interval;  // for the newest link: its own stamp, or kNoStamp if it is static
 };
 
-// Gives X_parent_child of that many links, one at least, from the child at
-// steps[0] up to the parent of the last. Into a reference: a pose that is
-// returned would be stored in parts and copied as a whole, and that stalls.
-void compose(const PathStep* steps, std::size_t links, Pose& pose) noexcept;
+// Sets X_parent_child, where child is the first step's frame and parent the parent of the last
+// step's frame. Requires at least one step.
+void compose(std::span<const PathStep> steps, Pose& pose) noexcept;
 
 }  // namespace ztf

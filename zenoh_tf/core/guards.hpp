@@ -1,21 +1,22 @@
-// The concurrency controls, as seen by a reader.
+// The concurrency controls, as a reader uses them.
 //
-// A guard spans one read-only transaction. enter() comes before a frame's data
-// is read and gives the frame's version, or false: give up and start over with
-// fresh state. rest() comes after the data was read and names what the answer
-// rests on; false: it has changed already. valid() says at the end whether all
-// that the answer rests on was true at one instant.
+// A guard spans one read-only transaction. The reader calls three functions:
+//   read_version(frame, version)  before it reads a frame. False: retry with fresh state.
+//   validate(steps)               after it has read the frames of some steps, for those that its
+//                                 answer depends on. False: a frame has changed, so retry.
+//   validate_all()                at the end: true if everything that was validated was the tree's
+//                                 state at one instant. Not needed with WalkGuard.
 //
-// Why `optimistic` is strictly serializable: between the last reading and the
-// first check there is an instant at which every frame named had the version
-// that was read, since each had it before and still has it after. That instant
-// is the transaction's place in the order. Between holding readers off and
-// unlocking, a writer has a sequentially consistent fence or exchange, and checks
-// load likewise, so two readers cannot see two independent writes in opposite
-// orders (docs/concurrency.md).
+// Thread safety: a guard belongs to one thread; any number of guards may exist at a time.
+// Invariant (strict serializability of the optimistic guards): between the last read and the first
+// validation there is an instant at which every frame of the read set had the version that was
+// read. That instant is the transaction's linearization point. A writer has a sequentially
+// consistent fence or compare-and-swap before it unlocks, and versions are loaded likewise, so two
+// readers cannot see two independent commits in opposite orders (docs/concurrency.md).
 #pragma once
 
 #include <algorithm>
+#include <span>
 #include <utility>
 
 #include "compose.hpp"
@@ -33,33 +34,33 @@ struct ReadVersion {
 using ReadSet = SmallVector<ReadVersion, 64>;
 using FrameList = SmallVector<FrameId, 16>;
 
-// For a transaction of one walk: checked as soon as it is over. Where a walk
-// decides that another is needed, it is checked after that one, so that the
-// times over which both were true overlap.
+// The optimistic guard of a transaction that is one walk, or a walk and a second one that the first
+// made necessary. It keeps no read set: validate() compares the versions at once. A reader
+// validates the first walk after the second, so that both were true at one instant.
 class WalkGuard {
  public:
   ZTF_ALWAYS_INLINE bool read_version(const Frame& frame, Version& version) const {
     version = frame.version.read_begin();
     return true;
   }
-  ZTF_ALWAYS_INLINE bool validate(const PathStep* steps, std::size_t n) const noexcept {
+  ZTF_ALWAYS_INLINE bool validate(std::span<const PathStep> steps) const noexcept {
     yield_point();
-    Version differ = 0;
-    for (const PathStep* step = steps; step != steps + n; ++step)
-      differ |= step->frame->version.load() ^ step->version;
-    return differ == 0;
+    for (const PathStep& step : steps)
+      if (step.frame->version.load() != step.version) return false;
+    return true;
   }
 };
 
-// What the guards of longer transactions have in common: the list of all reads.
+// The base of the guards for longer transactions: validate() records the read set.
 class RecordingGuard {
  public:
   RecordingGuard(const Frame* frames, ReadSet& reads) noexcept : frames_(frames), reads_(reads) {
     reads_.clear();
   }
-  bool validate(const PathStep* steps, std::size_t n) {
-    ReadVersion* const reads = reads_.append(n);
-    for (std::size_t i = 0; i < n; ++i) reads[i] = {id_of(*steps[i].frame), steps[i].version};
+  bool validate(std::span<const PathStep> steps) {
+    ReadVersion* const reads = reads_.append(steps.size());
+    for (std::size_t i = 0; i < steps.size(); ++i)
+      reads[i] = {id_of(*steps[i].frame), steps[i].version};
     return true;
   }
   [[nodiscard]] bool validate_all() const { return true; }
@@ -72,6 +73,7 @@ class RecordingGuard {
   ReadSet& reads_;
 };
 
+// Reads without locks and validates the whole read set at the end.
 class OptimisticGuard : public RecordingGuard {
  public:
   using RecordingGuard::RecordingGuard;
@@ -87,19 +89,19 @@ class OptimisticGuard : public RecordingGuard {
   }
 };
 
-// Where optimism has failed too often: owns the frames that the last attempt
-// needed, as a writer does that does not write. Where an attempt needs another frame it reads
-// on, unprotected, to learn what else it needs, and starts over with more. Each
-// attempt adds a frame at least, and what is locked stands still, so it ends.
+// For a transaction whose optimistic attempts have failed too often. It holds the writer locks of
+// the frames in `wanted`, so that they cannot change. If the attempt needs another frame, it reads
+// that one unprotected, adds it to `wanted`, and fails at the end. Each failed attempt adds a frame
+// at least, so the retries end.
 class LockingGuard : public RecordingGuard {
  public:
   LockingGuard(Frame* frames, ReadSet& reads, SmallVector<FrameId, 64>& wanted)
-      : RecordingGuard(frames, reads), frames_(frames), wanted_(wanted) {
+      : RecordingGuard(frames, reads), wanted_(wanted) {
     std::sort(wanted_.begin(), wanted_.end());
     wanted_.set_size(
         static_cast<std::size_t>(std::unique(wanted_.begin(), wanted_.end()) - wanted_.begin()));
-    (void)held_.reserve(
-        wanted_.size());  // before the first lock: a constructor that fails unlocks nothing
+    // Allocates before the first lock, because a constructor that throws would unlock nothing.
+    (void)held_.reserve(wanted_.size());
     for (const FrameId id : wanted_) held_.push_back({id, frames_[id].version.lock_writer()});
   }
   ~LockingGuard() {
@@ -117,24 +119,22 @@ class LockingGuard : public RecordingGuard {
       version = at->version;
     } else {
       version = 0;
-      complete_ = false;
+      all_locked_ = false;
       wanted_.push_back(id);
     }
     return true;
   }
-  [[nodiscard]] bool validate_all() const { return complete_; }
+  [[nodiscard]] bool validate_all() const { return all_locked_; }
 
  private:
-  Frame* frames_;
   SmallVector<FrameId, 64>& wanted_;
   SmallVector<ReadVersion, 64> held_;
-  bool complete_ = true;
+  bool all_locked_ = true;
 };
 
-// Two-phase locking: shared locks, held to the end. A reader may wait for a
-// writer while it holds locks, because writers never wait while they hold any.
-// A frame that a starving writer wants is left alone for some attempts, unless
-// nothing else would ever be read.
+// Two-phase locking: takes a shared lock of each frame and holds it to the end. It may wait for a
+// writer while it holds locks, because a two-phase writer never does. With `heed_wanted` it fails
+// at a frame that a starving writer wants.
 class SharedGuard : public RecordingGuard {
  public:
   SharedGuard(Frame* frames, ReadSet& reads, bool heed_wanted)
@@ -147,7 +147,7 @@ class SharedGuard : public RecordingGuard {
 
   bool read_version(const Frame& frame, Version& version) {
     const FrameId id = id_of(frame);
-    (void)held_.reserve(1);  // what is locked must be noted
+    (void)held_.reserve(1);  // allocates before the lock: every lock taken must be recorded
     Backoff backoff;
     for (;;) {
       switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {
@@ -165,12 +165,12 @@ class SharedGuard : public RecordingGuard {
   }
 
  private:
-  Frame* frames_;
+  Frame* const frames_;
   SmallVector<FrameId, 64> held_;
   const bool heed_wanted_;
 };
 
-// For who holds the tree's one mutex.
+// Requires that the caller holds the tree's giant mutex for the guard's lifetime.
 class GiantGuard : public RecordingGuard {
  public:
   using RecordingGuard::RecordingGuard;
@@ -180,14 +180,14 @@ class GiantGuard : public RecordingGuard {
   }
 };
 
-// Without protection: for links that are consistent each by itself.
+// Validates nothing. For lookups that read each link consistently by itself (Reader::latest_each).
 class NoGuard {
  public:
   bool read_version(const Frame&, Version& version) const {
     version = 0;
     return true;
   }
-  bool validate(const PathStep*, std::size_t) const { return true; }
+  bool validate(std::span<const PathStep>) const { return true; }
 };
 
 }  // namespace ztf

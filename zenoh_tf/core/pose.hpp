@@ -1,4 +1,4 @@
-// Poses and their arithmetic, free of trigonometry where it can be.
+// Poses and their arithmetic, which avoids trigonometry for small angles.
 //
 // Notation: X_parent_child maps a point's coordinates in child to coordinates
 // in parent; X_ac = X_ab * X_bc. Rotations are unit quaternions (x, y, z, w).
@@ -8,13 +8,14 @@
 #include <algorithm>
 #include <cmath>
 
-// For the few functions whose calls would cost as much as their work.
+// For functions whose call would cost as much as their work, or that must be inlined into a caller
+// with ZTF_MULTIVERSION to be compiled for its processor.
 #define ZTF_ALWAYS_INLINE [[gnu::always_inline]] inline
 
-// For functions in which arithmetic is most of the work: compiled a second time for processors
-// with fused multiply-add and wide vectors, and chosen when the program is loaded.
+// For functions that are mostly arithmetic: compiles them also for processors with fused
+// multiply-add and 256-bit vectors. The loader picks one. GCC knows the architecture since 12.
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
+    __GNUC__ >= 12 && !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
 #define ZTF_MULTIVERSION __attribute__((target_clones("default", "arch=x86-64-v3")))
 #else
 #define ZTF_MULTIVERSION
@@ -22,7 +23,7 @@
 
 namespace ztf {
 
-// Of doubles; or of several in each component, for as many poses at once (pose4.hpp).
+// A rigid transform. T is double, or a vector of doubles for as many poses at once (pose4.hpp).
 template <class T>
 struct PoseOf {
   T x = {}, y = {}, z = {};                     // translation, metres
@@ -36,31 +37,31 @@ struct Vec3Of {
 };
 using Vec3 = Vec3Of<double>;
 
-// By how much the pose's rotation moves v, added to `to`: w u + q x u, with u = 2 q x v.
+// Returns offset + R v - v, where R is the pose's rotation: R v - v = w u + q x u, u = 2 q x v.
 template <class T>
-ZTF_ALWAYS_INLINE Vec3Of<T> add_turn(const PoseOf<T>& p, const Vec3Of<T>& v,
-                                     const Vec3Of<T>& to) noexcept {
+ZTF_ALWAYS_INLINE Vec3Of<T> add_rotation(const PoseOf<T>& p, const Vec3Of<T>& v,
+                                         const Vec3Of<T>& offset) noexcept {
   const T x2 = p.qx + p.qx, y2 = p.qy + p.qy, z2 = p.qz + p.qz;
   const T ux = y2 * v.z - z2 * v.y;
   const T uy = z2 * v.x - x2 * v.z;
   const T uz = x2 * v.y - y2 * v.x;
-  return {to.x + p.qw * ux + p.qy * uz - p.qz * uy,  //
-          to.y + p.qw * uy + p.qz * ux - p.qx * uz,  //
-          to.z + p.qw * uz + p.qx * uy - p.qy * ux};
+  return {offset.x + p.qw * ux + p.qy * uz - p.qz * uy,  //
+          offset.y + p.qw * uy + p.qz * ux - p.qx * uz,  //
+          offset.z + p.qw * uz + p.qx * uy - p.qy * ux};
 }
 
 // Rotates v by the pose's rotation.
 template <class T>
 ZTF_ALWAYS_INLINE Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcept {
   const Vec3Of<T> v{vx, vy, vz};
-  return add_turn(p, v, v);
+  return add_rotation(p, v, v);
 }
 
-// X_ac = X_ab * X_bc. Sums from left to right: so fused instructions make them without a rest.
+// X_ac = X_ab * X_bc. Sums run from left to right, so that each term can be a fused multiply-add.
 template <class T>
 ZTF_ALWAYS_INLINE PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
   const Vec3Of<T> v{bc.x, bc.y, bc.z};
-  const Vec3Of<T> t = add_turn(ab, v, {ab.x + bc.x, ab.y + bc.y, ab.z + bc.z});
+  const Vec3Of<T> t = add_rotation(ab, v, {ab.x + bc.x, ab.y + bc.y, ab.z + bc.z});
   return {t.x,
           t.y,
           t.z,
@@ -83,8 +84,9 @@ ZTF_ALWAYS_INLINE PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
 
 namespace detail {
 
-// sin(a * h) / sin(h) for 0 <= a <= 1 and h2 = h * h <= 0.002, by its series in
-// h2; truncation below 1e-14. In short chains: who interpolates waits for them.
+// Returns sin(a * h) / sin(h) for 0 <= a <= 1 and h2 = h * h <= 0.002, by its series in h2 with an
+// error below 1e-14. The terms depend on each other as little as possible, because interpolation
+// waits for them.
 template <class T>
 ZTF_ALWAYS_INLINE T sine_ratio(T a, T h2) noexcept {
   const T b = a * a;
@@ -95,28 +97,29 @@ ZTF_ALWAYS_INLINE T sine_ratio(T a, T h2) noexcept {
   return (a + h2 * first) + (h2 * h2) * (second + h2 * third);
 }
 
-// Where the rotations are close (rest = 1 - cosine of the half angle, below kClose): the two
-// quaternions' weights, without trigonometry.
-constexpr double kClose = 0.001;
+// Sets slerp's weights of two quaternions without trigonometry. versine is 1 - cosine of the half
+// angle between the rotations and must be below kMaxVersine.
+constexpr double kMaxVersine = 0.001;
 template <class T>
-ZTF_ALWAYS_INLINE void weights_if_close(T rest, T ratio, T& wa, T& wb) noexcept {
-  // The square of the half angle from its cosine: 2 r + r^2/3 + 4 r^3/45 + ...
-  const T h2 = (rest + rest) + (rest * rest) * (1.0 / 3 + rest * (4.0 / 45));
+ZTF_ALWAYS_INLINE void slerp_weights(T versine, T ratio, T& wa, T& wb) noexcept {
+  // The square of the half angle: 2 v + v^2/3 + 4 v^3/45 + ...
+  const T h2 = (versine + versine) + (versine * versine) * (1.0 / 3 + versine * (4.0 / 45));
   wa = sine_ratio(1.0 - ratio, h2);
   wb = sine_ratio(ratio, h2);
 }
 
 }  // namespace detail
 
-// Linear in translation, slerp along the shorter arc in rotation; ratio in [0, 1].
+// Interpolates linearly in translation and by slerp along the shorter arc in rotation. Requires a
+// ratio in [0, 1].
 inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
   const double dot = a.qx * b.qx + a.qy * b.qy + a.qz * b.qz + a.qw * b.qw;
-  const double sign = dot < 0 ? -1.0 : 1.0;  // q and -q are one rotation
+  const double sign = dot < 0 ? -1.0 : 1.0;  // q and -q are the same rotation
   const double cosine = std::min(std::abs(dot), 1.0);
-  const double rest = 1.0 - cosine;
+  const double versine = 1.0 - cosine;
   double wa, wb;
-  if (rest < detail::kClose) [[likely]] {
-    detail::weights_if_close(rest, ratio, wa, wb);
+  if (versine < detail::kMaxVersine) [[likely]] {
+    detail::slerp_weights(versine, ratio, wa, wb);
   } else {
     const double half = std::acos(cosine);
     const double scale = 1.0 / std::sin(half);

@@ -1,4 +1,4 @@
-// Questions and answers of the tree, without names and without Python.
+// Queries of the tree and their answers, without names and without Python.
 //
 // Thread safety: values.
 #pragma once
@@ -7,7 +7,7 @@
 
 namespace ztf {
 
-// As in zenoh_tf/errors.py, which holds the meaning of each.
+// The numbers of zenoh_tf/errors.py, which documents the meaning of each.
 enum class Code : std::uint8_t {
   ok = 0,
   lookup = 2,
@@ -24,8 +24,8 @@ enum class Code : std::uint8_t {
 enum class Op : std::uint8_t {
   at = 0,             // at Query::stamp
   latest_common = 1,  // at the latest common time
-  latest = 2,         // newest of every link, each link consistent by itself
-  latest_xact = 3,    // newest of every link at one instant
+  latest = 2,         // the newest sample of every link, each link consistent by itself
+  latest_xact = 3,    // the newest sample of every link at one instant
   common_time = 4,    // only the latest common time
   full = 5,           // source at source_stamp, target at stamp, through fixed
 };
@@ -33,26 +33,27 @@ constexpr std::uint8_t kOps = 6;
 
 struct Query {
   Op op;
-  FrameId target, source;  // 0: unknown
-  Stamp stamp = kNoStamp;  // `full`: kNoStamp means latest common
-  FrameId fixed = 0;
-  Stamp source_stamp = kNoStamp;
+  FrameId target, source;  // 0 for an unknown frame
+  Stamp stamp = kNoStamp;  // of `at` and `full`; in `full` kNoStamp is the latest common time
+  FrameId fixed = 0;       // of `full`
+  Stamp source_stamp = kNoStamp;  // of `full`, kNoStamp likewise
 };
 
-// Why there is no transform, in facts.
+// Why there is no transform. Fields that do not apply are 0 or kNoStamp.
 struct Failure {
   Code code = Code::ok;
-  FrameId target = 0, source = 0;            // of the walk that failed
-  FrameId frame = 0, parent = 0;             // the offending link: child, parent
-  FrameId target_root = 0, source_root = 0;  // connectivity: where the two ways up end
-  Stamp stamp = kNoStamp, oldest = kNoStamp, newest = kNoStamp;
+  FrameId target = 0, source = 0;              // of the walk that failed
+  FrameId frame = 0, parent = 0;               // the offending link: child and parent
+  FrameId target_root = 0, source_root = 0;    // connectivity: where the two paths end
+  Stamp stamp = kNoStamp;                      // the time that was asked for
+  Stamp oldest = kNoStamp, newest = kNoStamp;  // of the offending link's history
 };
 
 struct Answer {
   Failure failure = {};
   Pose pose = {};    // X_target_source
-  Stamp stamp = 0;   // latest forms: the oldest used
-  Stamp newest = 0;  // latest forms only
+  Stamp stamp = 0;   // the time of the pose; of the newest samples that of the oldest one used
+  Stamp newest = 0;  // of the newest samples: that of the newest one used
 };
 
 }  // namespace ztf

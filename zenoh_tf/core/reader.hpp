@@ -1,14 +1,16 @@
-// How a question is answered, whatever the concurrency control.
+// How each kind of query is answered, whatever the concurrency control.
 //
-// Thread safety: a reader lives on its thread's stack, for one transaction.
-// Every question is answered in the same steps: find the chain of links between
-// the two frames, compute from it, and ask the guard whether what was read still
-// stands. Failures are answers like others and rest on what was read for them.
+// Every query is answered in the same steps: find the chain of links between the two frames,
+// compute the answer from the chain, and let the guard validate what was read. A failure is an
+// answer, too, and is validated in the same way.
+//
+// Thread safety: a reader belongs to one thread and one transaction.
 #pragma once
 
 #include <algorithm>
 #include <vector>
 
+#include "fast_path.hpp"
 #include "sample_block.hpp"
 
 namespace ztf {
@@ -26,12 +28,8 @@ inline Code code_of(LinkLookup::Status status) noexcept {
   }
 }
 
-inline void give_range(const StampRange& range, Answer& a) noexcept {
-  a.stamp = range.oldest() == kNoStamp ? 0 : range.oldest();
-  a.newest = range.newest() == kNoStamp ? 0 : range.newest();
-}
-
-// Answers questions under one guard. Every function returns false to start over.
+// Answers queries under one guard. Every public function returns false if the transaction must
+// be retried; then its outputs mean nothing.
 template <class Guard>
 class Reader {
  public:
@@ -39,27 +37,28 @@ class Reader {
          const std::atomic<bool>& ever_reparented)
       : frames_(frames), guard_(guard), max_depth_(max_depth), ever_reparented_(ever_reparented) {}
 
+  // Answers one query of any kind.
   ZTF_ALWAYS_INLINE bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;
     if (q.target == 0 || q.source == 0) [[unlikely]]
-      if (q.op != Op::full) return unknown(q.target, q.source, a);
+      if (q.op != Op::full) return report_unknown(q.target, q.source, a);
     switch (q.op) {
       case Op::at:
-        return at(q.target, q.source, q.stamp, a);
+        return lookup_at(q.target, q.source, q.stamp, a);
       case Op::latest_common:
-        return common(q.target, q.source, a);
+        return lookup_latest_common(q.target, q.source, a);
       case Op::latest:
       case Op::latest_xact:
-        return latest(q.target, q.source, a);
+        return lookup_latest(q.target, q.source, a);
       case Op::common_time:
-        return common_time(q.target, q.source, a);
+        return lookup_common_time(q.target, q.source, a);
       case Op::full:
-        return full(q, a);
+        return lookup_full(q, a);
     }
     return true;
   }
 
-  // The frames from target to source.
+  // Lists the frames from the target to the source, at Query::stamp or along the newest links.
   bool chain(const Query& q, std::vector<FrameId>& out, Answer& a) {
     out.clear();
     a = Answer{};
@@ -69,40 +68,43 @@ class Reader {
       return true;
     }
     const auto list = [&](const Chain& chain) {
-      const auto add = [&](const Frame* frame) { out.push_back(id_of(frame)); };
-      for (std::size_t i = 0; i < chain.target.links; ++i) add(chain.target.steps[i].frame);
-      add(chain.common_ancestor);
-      for (std::size_t i = chain.source.links; i-- > 0;) add(chain.source.steps[i].frame);
+      for (const PathStep& step : chain.target) out.push_back(id_of(step.frame));
+      out.push_back(id_of(chain.common_ancestor));
+      for (auto step = chain.source.rbegin(); step != chain.source.rend(); ++step)
+        out.push_back(id_of(step->frame));
       return true;
     };
-    return q.stamp == kNoStamp ? between(q.target, q.source, SelectLatest{}, kNoStamp, a, list)
-                               : between(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
+    if (q.stamp == kNoStamp)
+      return with_chain(q.target, q.source, SelectLatest{}, kNoStamp, a, list);
+    return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
   }
 
-  // A block of times in one go. Where the first has no answer, only that is said.
+  // Answers the rows of a block that one chain serves. If the first row has no answer, only its
+  // failure is reported.
   bool sample(SampleBlock& block) {
     const Query& q = block.first();
     Answer& a = block.first_answer();
     a.failure.code = Code::ok;
-    return between(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
+    return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
       if (never_reparented())
-        block.answer(chain);
+        block.compute(chain);
       else
         block.leave_unanswered();
       return true;
     });
   }
 
-  // The newest of every link, each link consistent by itself and nothing more.
+  // Composes the newest links, each of which is consistent by itself; together they may mix
+  // commits. Returns false also if the path has changed since the walk. Requires NoGuard.
   ZTF_ALWAYS_INLINE bool latest_each(FrameId target, FrameId source, Answer& a) {
-    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       StampRange stamps;
       Pose from_source, from_target;
       if (!compose_each(chain.source, chain.common_ancestor, stamps, from_source) ||
           !compose_each(chain.target, chain.common_ancestor, stamps, from_target))
         return false;
-      a.pose = chain.target.links == 0 ? from_source : inverse(from_target) * from_source;
-      give_range(stamps, a);
+      a.pose = chain.target.empty() ? from_source : inverse(from_target) * from_source;
+      set_stamps(stamps, a);
       return true;
     });
   }
@@ -112,220 +114,117 @@ class Reader {
     return static_cast<FrameId>(frame - frames_);
   }
 
-  // Whether a chain that was found for one time is the way for others, too. Among past links there
-  // can be loops, and one that the chain is a part of has another way round, over what lies above
-  // the meeting point. Not as long as all links have always led where the newest ones lead, which
-  // are a forest. The commit that ends this changes all frames, so what follows from it stands and
-  // falls with the frames of the chain.
+  // True if no frame's history ever had samples of two parents, so that a chain found for one time
+  // serves all times. Otherwise links of past times may form loops, with two chains between the
+  // same frames. The commit that ends this state changes the versions of all frames, so a
+  // conclusion from it is validated together with the frames of the chain.
   [[nodiscard]] bool never_reparented() const noexcept {
     return !ever_reparented_.load(std::memory_order_seq_cst);
   }
 
-  static bool unknown(FrameId target, FrameId source, Answer& a) {
-    a = Answer{.failure = {Code::lookup, target, source}};
-    return true;
-  }
-
-  // Finds the links between two frames and hands them to body(chain), or
-  // explains in `a` why there are none. Then says whether what was read rests.
+  // Finds the chain between two frames and calls body(chain), or reports in `a` why there is none.
+  // Then validates what was read. `stamp` is the time that a failure reports.
   template <class LinkSelector, class Body>
-  ZTF_ALWAYS_INLINE bool between(FrameId target, FrameId source, LinkSelector select, Stamp stamp,
-                                 Answer& a, Body body) {
-    AncestorPath path(frames_ + source);
-    // Mostly the target is above the source, and near.
-    switch (walker(select).extend(path, 16, frames_ + target)) {
-      case WalkResult::reached: {
-        PathStep* const steps = path.steps.begin();
-        const std::size_t links = path.steps.size();
-        return body(Chain{{steps, links}, {nullptr, 0}, path.top}) && guard_.validate(steps, links);
-      }
-      case WalkResult::retry:
-        return false;
-      case WalkResult::exhausted:
-        break;
-    }
-    return between_two_ways(path, target, select, stamp, a, body);
-  }
-
-  template <class LinkSelector, class Body>
-  [[gnu::noinline]] bool between_two_ways(AncestorPath& from_source, FrameId target,
-                                          LinkSelector select, Stamp stamp, Answer& a, Body body) {
-    AncestorPath from_target(frames_ + target);
+  ZTF_ALWAYS_INLINE bool with_chain(FrameId target, FrameId source, LinkSelector select,
+                                    Stamp stamp, Answer& a, Body body) {
+    AncestorPath from_source(frames_ + source), from_target(frames_ + target);
     Chain chain;
-    switch (walker(select).find_common_ancestor(from_source, from_target, chain)) {
+    Walker<Guard, LinkSelector> walker(frames_, guard_, select, max_depth_);
+    switch (walker.find_chain(from_source, from_target, chain)) {
       case WalkResult::reached:
+        if (!body(chain)) return false;
+        // In a loop, a frame above the common ancestor may belong to a second chain.
         if (!LinkSelector::is_forest && !never_reparented())
-          return body(chain) && validate(from_source, from_target);
-        return body(chain) && guard_.validate(chain.source.steps, chain.source.links) &&
-               guard_.validate(chain.target.steps, chain.target.links);
+          return validate(from_source) && validate(from_target);
+        return guard_.validate(chain.source) && guard_.validate(chain.target);
       case WalkResult::retry:
         return false;
       case WalkResult::exhausted:
         break;
     }
     report_failure(from_target, from_source, stamp, a);
-    return validate(from_source, from_target);
+    return validate(from_source) && validate(from_target);
   }
 
-  // On all of two ways: no link, or no meeting, or no other meeting.
-  bool validate(const AncestorPath& from_source, const AncestorPath& from_target) {
-    for (const AncestorPath* path : {&from_source, &from_target}) {
-      if (!guard_.validate(path->steps.begin(), path->steps.size())) return false;
-      const PathStep top{path->top, path->top_version, {}};
-      if (path->end != AncestorPath::End::open && !guard_.validate(&top, 1)) return false;
-    }
-    return true;
+  // Validates a whole path, and the frame that ended it.
+  bool validate(AncestorPath& path) {
+    const PathStep last{path.highest, path.highest_version, {}};
+    return guard_.validate({path.steps.begin(), path.steps.size()}) &&
+           (path.state == AncestorPath::State::open || guard_.validate({&last, 1}));
   }
 
-  template <class LinkSelector>
-  ZTF_ALWAYS_INLINE Walker<Guard, LinkSelector> walker(LinkSelector select) {
-    return {frames_, guard_, select, max_depth_};
-  }
-
-  // The usual lookup of newest samples in one loop, in half the time: the target
-  // is above the source, and near. `one_stamp`: and all samples are of one stamp,
-  // which then is the latest common time. False: it is not so, nothing is said.
-  template <bool one_stamp>
-  ZTF_ALWAYS_INLINE bool ascend(FrameId target, FrameId source, Answer& a) {
-    constexpr std::size_t kNear = 16;
-    PathStep steps[kNear];  // only what rest() asks for
-    const PathStep* const last = steps + std::min<std::size_t>(kNear, max_depth_) - 1;
-    PathStep* step = steps;
-    StampRange stamps;
-    Stamp stamp = kNoStamp;
-    const Frame* const goal = frames_ + target;
-    const Frame* frame = frames_ + source;
-    // One link up; false: not the usual.
-    const auto extend = [&]() __attribute__((always_inline)) {
-      if (!guard_.read_version(*frame, step->version)) return false;
-      step->frame = frame;
-      const auto acquire = std::memory_order_acquire;
-      const FrameId parent = frame->parent.load(acquire);
-      if (parent == 0) return false;
-      if (!frame->is_static.load(acquire)) {
-        const Stamp own = frame->latest.stamp.load(acquire);
-        if (!one_stamp) {
-          stamps.include(own);
-        } else if (own != stamp) {
-          if (stamp != kNoStamp) return false;
-          stamp = own;
-        }
-      }
-      frame = frames_ + parent;
-      return true;
-    };
-    if (!extend()) return false;
-    Pose pose = steps[0].frame->latest.pose.load();
-    while (frame != goal) {
-      if (step == last) return false;
-      ++step;
-      const Frame* const top = frame;
-      if (!extend()) return false;
-      pose = top->latest.pose.load() * pose;
-    }
-    a.pose = pose;
-    if (one_stamp)
-      a.stamp = stamp == kNoStamp ? 0 : stamp;
-    else
-      give_range(stamps, a);
-    return guard_.validate(steps, static_cast<std::size_t>(step - steps) + 1);
-  }
-
-  ZTF_ALWAYS_INLINE bool at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+  ZTF_ALWAYS_INLINE bool lookup_at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
     a.stamp = stamp;
     a.pose = Pose{};
     if (target == source) return true;
-    return between(target, source, SelectAt{stamp}, stamp, a, [&](const Chain& chain) {
-      join(chain, a.pose);
+    return with_chain(target, source, SelectAt{stamp}, stamp, a, [&](const Chain& chain) {
+      compose_chain(chain, a.pose);
       return true;
     });
   }
 
-  ZTF_ALWAYS_INLINE bool common(FrameId target, FrameId source, Answer& a) {
+  ZTF_ALWAYS_INLINE bool lookup_latest_common(FrameId target, FrameId source, Answer& a) {
     if (target == source) return lookup_self(target, 0, a);
-    if (ascend<true>(target, source, a)) return true;
-    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
-      const StampRange stamps(chain);
-      const Stamp oldest = stamps.oldest();
-      a.stamp = oldest == kNoStamp ? 0 : oldest;  // static links only: any time serves
-      // Mostly the links at that time are the newest ones.
-      if (never_reparented() && (oldest == stamps.newest() || (go_back(chain.source, a.stamp) &&
-                                                               go_back(chain.target, a.stamp)))) {
-        join(chain, a.pose);
-        return true;
-      }
-      return at(target, source, a.stamp, a);
-    });
-  }
-
-  // Moves the steps of a newest way to a time; false where one of the links has no sample. They
-  // lead the same way then (never_reparented()).
-  static bool go_back(const PathSegment& side, Stamp stamp) noexcept {
-    for (std::size_t i = 0; i < side.links; ++i) {
-      PathStep& step = side.steps[i];
-      if (step.interval.time == stamp || step.interval.time == kNoStamp) continue;
-      if (find_link(*step.frame, stamp, step.interval).status != LinkLookup::Status::ok)
-        return false;
+    StampRange newest;
+    if (compose_newest_links(frames_, guard_, max_depth_, target, source, true, newest, a.pose)) {
+      a.stamp = oldest_or_zero(newest);
+      return true;
     }
-    return true;
-  }
-
-  ZTF_ALWAYS_INLINE bool latest(FrameId target, FrameId source, Answer& a) {
-    if (target == source) return lookup_self(target, 0, a);
-    if (ascend<false>(target, source, a)) return true;
-    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
-      give_range(StampRange(chain), a);
-      join(chain, a.pose);
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      a.stamp = oldest_or_zero(stamps_of(chain));
+      if (!never_reparented() || !move_to_time(chain.source, a.stamp) ||
+          !move_to_time(chain.target, a.stamp))
+        return lookup_at(target, source, a.stamp, a);
+      compose_chain(chain, a.pose);
       return true;
     });
   }
 
-  ZTF_ALWAYS_INLINE bool compose_each(const PathSegment& side, const Frame* common_ancestor,
-                                      StampRange& stamps, Pose& pose) const {
-    for (std::size_t i = 0; i < side.links; ++i) {
-      const Frame& frame = *side.steps[i].frame;
-      for (;;) {
-        const Version version = frame.version.read_begin();
-        const LatestLink link(frame);
-        const Pose newest = frame.latest.pose.load();
-        yield_point();
-        if (frame.version.load() != version) continue;
-        if (frames_ + link.parent != side.frame_above(i + 1, common_ancestor)) return false;
-        stamps.include(link.stamp);
-        pose = newest * pose;
-        break;
-      }
+  ZTF_ALWAYS_INLINE bool lookup_latest(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return lookup_self(target, 0, a);
+    StampRange newest;
+    if (compose_newest_links(frames_, guard_, max_depth_, target, source, false, newest, a.pose)) {
+      set_stamps(newest, a);
+      return true;
     }
-    return true;
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      set_stamps(stamps_of(chain), a);
+      compose_chain(chain, a.pose);
+      return true;
+    });
   }
 
-  bool common_time(FrameId target, FrameId source, Answer& a) {
+  bool lookup_common_time(FrameId target, FrameId source, Answer& a) {
     a.pose = Pose{};
     if (target == source) return lookup_self(target, kNoStamp, a);
-    return between(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
-      a.stamp = StampRange(chain).oldest();
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      const StampRange stamps = stamps_of(chain);
+      a.stamp = stamps.empty() ? kNoStamp : stamps.oldest();
       return true;
     });
   }
 
-  bool full(const Query& q, Answer& a) {
-    if (q.fixed == 0 || q.source == 0) return unknown(q.fixed, q.source, a);
-    if (q.target == 0) return unknown(q.target, q.fixed, a);
-    const auto leg = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
-      return stamp == kNoStamp ? common(target, source, answer) : at(target, source, stamp, answer);
+  // Source to fixed at the source's stamp, then fixed to target at the target's stamp.
+  bool lookup_full(const Query& q, Answer& a) {
+    if (q.fixed == 0 || q.source == 0) return report_unknown(q.fixed, q.source, a);
+    if (q.target == 0) return report_unknown(q.target, q.fixed, a);
+    const auto lookup = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
+      return stamp == kNoStamp ? lookup_latest_common(target, source, answer)
+                               : lookup_at(target, source, stamp, answer);
     };
     Answer first;
-    if (!leg(q.fixed, q.source, q.source_stamp, first)) return false;
+    if (!lookup(q.fixed, q.source, q.source_stamp, first)) return false;
     if (first.failure.code != Code::ok) {
       a = first;
       return true;
     }
-    if (!leg(q.target, q.fixed, q.stamp, a)) return false;
+    if (!lookup(q.target, q.fixed, q.stamp, a)) return false;
     if (a.failure.code == Code::ok) a.pose = a.pose * first.pose;
     return true;
   }
 
-  // A frame in itself: the identity, as of its own newest sample, if it has one.
+  // A frame in itself: the identity, with the stamp of the frame's newest sample. `timeless_stamp`
+  // is given for a root or a static frame.
   bool lookup_self(FrameId id, Stamp timeless_stamp, Answer& a) {
     const Frame& frame = frames_[id];
     Version version;
@@ -335,38 +234,90 @@ class Reader {
     a.stamp = a.newest = timeless ? timeless_stamp : link.stamp;
     a.pose = Pose{};
     const PathStep step{&frame, version, {}};
-    return guard_.validate(&step, 1);
+    return guard_.validate({&step, 1});
   }
 
-  // X_target_source = inverse(X_meeting_target) * X_meeting_source
-  ZTF_ALWAYS_INLINE void join(const Chain& chain, Pose& pose) const noexcept {
-    const auto [source, target, common_ancestor] = chain;
-    if (source.links != 0) compose(source.steps, source.links, pose);
-    if (target.links == 0) return;
+  // The newest links' stamps.
+  static StampRange stamps_of(const Chain& chain) noexcept {
+    StampRange stamps;
+    for (const PathStep& step : chain.source) stamps.include(step.interval.time);
+    for (const PathStep& step : chain.target) stamps.include(step.interval.time);
+    return stamps;
+  }
+
+  // 0 if all links are static, because any time serves then.
+  static Stamp oldest_or_zero(const StampRange& stamps) noexcept {
+    return stamps.empty() ? 0 : stamps.oldest();
+  }
+  static void set_stamps(const StampRange& stamps, Answer& a) noexcept {
+    a.stamp = oldest_or_zero(stamps);
+    a.newest = stamps.empty() ? 0 : stamps.newest();
+  }
+
+  // Moves steps of newest links to an earlier time. Returns false if a link has no sample then.
+  // Requires never_reparented(): the links must have the same parents at that time.
+  static bool move_to_time(PathSegment steps, Stamp time) noexcept {
+    for (PathStep& step : steps) {
+      if (step.interval.time == time || step.interval.time == kNoStamp) continue;
+      if (find_link(*step.frame, time, step.interval).status != LinkLookup::Status::ok)
+        return false;
+    }
+    return true;
+  }
+
+  // X_target_source = inverse(X_ancestor_target) * X_ancestor_source
+  ZTF_ALWAYS_INLINE static void compose_chain(const Chain& chain, Pose& pose) noexcept {
+    if (!chain.source.empty()) compose(chain.source, pose);
+    if (chain.target.empty()) return;
     Pose from_target;
-    compose(target.steps, target.links, from_target);
-    pose = source.links == 0 ? inverse(from_target) : inverse(from_target) * pose;
+    compose(chain.target, from_target);
+    pose = chain.source.empty() ? inverse(from_target) : inverse(from_target) * pose;
   }
 
-  // Two ways that did not meet: tf2's order of blame.
+  // Reads the steps' newest links again, each consistently, and sets the product of their poses.
+  // Returns false if a link leads to another frame than at the walk.
+  ZTF_ALWAYS_INLINE bool compose_each(PathSegment steps, const Frame* common_ancestor,
+                                      StampRange& stamps, Pose& pose) const {
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+      const Frame& frame = *steps[i].frame;
+      Pose newest;
+      const LatestLink link = frame.version.read_consistent([&](Version) noexcept {
+        newest = frame.latest.pose.load();
+        return LatestLink(frame);
+      });
+      const Frame* const parent = i + 1 < steps.size() ? steps[i + 1].frame : common_ancestor;
+      if (frames_ + link.parent != parent) return false;
+      stamps.include(link.stamp);
+      pose = newest * pose;
+    }
+    return true;
+  }
+
+  static bool report_unknown(FrameId target, FrameId source, Answer& a) {
+    a = Answer{.failure = {Code::lookup, target, source}};
+    return true;
+  }
+
+  // Sets the reason why two complete paths do not meet. If there are several, the choice is tf2's:
+  // a path that is too deep, then a link without a sample, then unconnected trees.
   void report_failure(const AncestorPath& from_target, const AncestorPath& from_source, Stamp stamp,
                       Answer& a) const {
     a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
     a.failure.stamp = stamp;
-    a.failure.target_root = id_of(from_target.top);
-    a.failure.source_root = id_of(from_source.top);
+    a.failure.target_root = id_of(from_target.highest);
+    a.failure.source_root = id_of(from_source.highest);
     for (const AncestorPath* path : {&from_source, &from_target})
-      if (path->end == AncestorPath::End::too_deep) {
+      if (path->state == AncestorPath::State::too_deep) {
         a.failure.code = Code::lookup;
-        a.failure.frame = id_of(path->top);
+        a.failure.frame = id_of(path->highest);
         return;
       }
     for (const AncestorPath* path : {&from_target, &from_source})
-      if (path->end == AncestorPath::End::no_sample) {
-        const Frame& frame = *path->top;
+      if (path->state == AncestorPath::State::no_sample) {
+        const Frame& frame = *path->highest;
         a.failure.code = code_of(path->failure);
-        a.failure.frame = id_of(path->top);
-        // The link as of the end of time that was overstepped.
+        a.failure.frame = id_of(path->highest);
+        // The parent at the end of the history that the time lies beyond.
         a.failure.parent = path->failure == LinkLookup::Status::backward
                                ? oldest_parent(frame)
                                : frame.parent.load(std::memory_order_acquire);
@@ -376,7 +327,7 @@ class Reader {
       }
   }
 
-  const Frame* frames_;
+  const Frame* const frames_;
   Guard& guard_;
   const std::uint32_t max_depth_;
   const std::atomic<bool>& ever_reparented_;

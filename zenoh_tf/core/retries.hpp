@@ -1,7 +1,7 @@
-// How often a call has started over, for builds that measure it.
+// A count of failed attempts, for builds that measure it.
 //
-// With ZTF_COUNT_RETRIES every thread counts the attempts of its lookups and commits that were in
-// vain, but not of blocks of samples. Empty otherwise.
+// With ZTF_COUNT_RETRIES each thread counts the failed attempts of its own lookups and commits.
+// Retries of blocks of samples are not counted. Without ZTF_COUNT_RETRIES the function is empty.
 #pragma once
 
 #ifdef ZTF_COUNT_RETRIES

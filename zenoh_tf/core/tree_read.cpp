@@ -1,9 +1,9 @@
-// Reads: how a question is answered under each concurrency control.
+// The tree's lookups, and reads of a single frame.
 #include "tree_read.hpp"
 
 namespace ztf {
 
-// False where there is no path, or it moved under the feet.
+// Returns false if there is no chain, or if it changed during the lookup.
 ZTF_MULTIVERSION bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
   NoGuard guard;
@@ -13,11 +13,11 @@ ZTF_MULTIVERSION bool Tree::latest_each(const Query& query, Answer& answer) cons
 }
 
 ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {
-  // Errors are decided on consistent data, and latest_each() has none.
+  // An error must be decided on consistent data, so it takes the guarded lookup below.
   if (query.op == Op::latest && options_.concurrency != Concurrency::giant &&
       latest_each(query, answer))
     return;
-  // A lookup in full takes two walks, which must be checked together.
+  // A `full` lookup takes two walks, which must be validated together.
   if (options_.concurrency == Concurrency::optimistic && query.op != Op::full) [[likely]] {
     for (int i = 0; i < kOptimisticAttempts; ++i) {
       WalkGuard guard;
@@ -50,25 +50,22 @@ Failure Tree::chain(const Query& query, std::vector<FrameId>& frames) const {
   return answer.failure;
 }
 
-// One frame is consistent by its version word under every concurrency control.
 FrameId Tree::parent(FrameId id, Stamp stamp) const {
   const Frame& frame = frames_[id];
-  for (;;) {
-    const Version version = frame.version.read_begin();
+  return frame.version.read_consistent([&](Version) noexcept {
     SampleInterval interval;
     const LinkLookup link =
         stamp == kNoStamp ? SelectLatest{}(frame, interval) : SelectAt{stamp}(frame, interval);
-    const FrameId parent = link.status == LinkLookup::Status::ok ? link.parent : 0;
-    if (frame.version.load() == version) return parent;
-  }
+    return link.status == LinkLookup::Status::ok ? link.parent : FrameId{0};
+  });
 }
 
 FrameInfo Tree::info(FrameId id) const {
   const auto acquire = std::memory_order_acquire;
   const Frame& frame = frames_[id];
-  for (;;) {
+  return frame.version.read_consistent([&](Version version) noexcept {
     FrameInfo info;
-    info.version = frame.version.read_begin();
+    info.version = version;
     info.parent = frame.parent.load(acquire);
     info.authority = frame.authority.load(acquire);
     info.is_static = frame.is_static.load(acquire);
@@ -82,8 +79,8 @@ FrameInfo Tree::info(FrameId id) const {
     info.change_authority = events.change_authority.load(acquire);
     info.parent_before = events.parent_before.load(acquire);
     info.static_before = events.static_before.load(acquire);
-    if (frame.version.load() == info.version) return info;
-  }
+    return info;
+  });
 }
 
 Stamp Tree::oldest_possible(Stamp newest) const noexcept {
@@ -95,7 +92,7 @@ Stamp Tree::oldest_possible(Stamp newest) const noexcept {
 bool Tree::may_succeed_later(const Failure& failure) const noexcept {
   switch (failure.code) {
     case Code::lookup:
-      return failure.frame == 0;  // unknown frames may appear; a loop stays
+      return failure.frame == 0;  // an unknown frame may be created, but a loop stays
     case Code::connectivity:
       return true;
     case Code::extrapolation:

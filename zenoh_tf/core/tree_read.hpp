@@ -1,6 +1,7 @@
-// A read as a transaction, whatever the concurrency control.
+// Read-only transactions of the tree, under each concurrency control. Included only by the files
+// that implement the tree's reads.
 //
-// Thread safety: as the tree, all of it. For the files that implement the tree's reads.
+// Thread safety: any thread, like the tree's public functions.
 #pragma once
 
 #include "reader.hpp"
@@ -17,12 +18,13 @@ ZTF_ALWAYS_INLINE Reader<Guard> Tree::reader(Guard& guard) const noexcept {
   return {frames_, guard, options_.max_depth, ever_reparented_};
 }
 
-// Runs body(reader) until what it read was the tree's state at one instant.
+// Runs body(reader) until everything that it read was the tree's state at one instant. `reads` is
+// then the read set. If optimistic attempts fail too often, the frames are locked.
 template <class Body>
 void Tree::read(ReadSet& reads, Body&& body) const {
   const auto attempt = [&](auto& guard) {
-    Reader own = reader(guard);
-    return body(own) && guard.validate_all();
+    Reader attempt_reader = reader(guard);
+    return body(attempt_reader) && guard.validate_all();
   };
   switch (options_.concurrency) {
     case Concurrency::optimistic: {

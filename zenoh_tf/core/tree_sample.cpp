@@ -1,15 +1,15 @@
-// Many lookups, each for itself; those of one pair of frames in blocks.
+// Batches of lookups, each row its own transaction. Many times of one pair of frames go in blocks.
 #include "tree_read.hpp"
 
 namespace ztf {
 
 namespace {
 
-constexpr std::size_t kWorthABlock = 8;  // rows
-constexpr int kBlockAttempts = 3;
+constexpr std::size_t kMinBlockRows = 8;  // fewer rows are faster one by one
+constexpr int kBlockAttempts = 3;         // then row by row, because each row is answered in time
 
-// The rows from the first on that differ in nothing but their time.
-std::size_t same_pair(std::span<const Query> queries) noexcept {
+// Returns how many rows from the first on differ in nothing but their time.
+std::size_t count_same_pair(std::span<const Query> queries) noexcept {
   const Query& first = queries[0];
   std::size_t n = 0;
   while (n < queries.size() && queries[n].op == Op::at && queries[n].target == first.target &&
@@ -22,9 +22,9 @@ std::size_t same_pair(std::span<const Query> queries) noexcept {
 
 void Tree::lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const {
   for (std::size_t i = 0; i < queries.size();) {
-    const std::size_t same = same_pair(queries.subspan(i));
+    const std::size_t same = count_same_pair(queries.subspan(i));
     const Query& first = queries[i];
-    if (same < kWorthABlock || first.target == 0 || first.source == 0 ||
+    if (same < kMinBlockRows || first.target == 0 || first.source == 0 ||
         first.target == first.source) {
       const std::size_t end = i + std::max<std::size_t>(same, 1);
       for (; i < end; ++i) lookup(queries[i], answers[i]);
@@ -38,7 +38,7 @@ void Tree::lookup_batch(std::span<const Query> queries, std::span<Answer> answer
   }
 }
 
-// The number of rows that it has answered, one at least.
+// Answers up to all rows of a block and returns how many, at least one.
 std::size_t Tree::sample(std::span<const Query> queries, std::span<Answer> answers) const {
   SampleBlock block(queries, answers);
   bool valid = false;
@@ -52,7 +52,6 @@ std::size_t Tree::sample(std::span<const Query> queries, std::span<Answer> answe
     read(reads, [&](auto& reader) { return reader.sample(block); });
     valid = true;
   }
-  // Written too often for a block: row by row, each of which can be answered in time.
   if (valid && answers[0].failure.code != Code::ok) return 1;
   for (std::size_t row = 0; row < queries.size(); ++row)
     if (!valid || block.unanswered(row)) lookup(queries[row], answers[row]);

