@@ -13,7 +13,7 @@
 
 // For functions in which arithmetic is most of the work: compiled a second time for processors
 // with fused multiply-add and wide vectors, and chosen when the program is loaded.
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
+#if defined(__x86_64__) && defined(__GLIBC__) && __GNUC__ >= 12 && !defined(__clang__) && \
     !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
 #define ZTF_MULTIVERSION __attribute__((target_clones("default", "arch=x86-64-v3")))
 #else
