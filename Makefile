@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f)
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories anomalies lint format bench figures core-test image-test clean
+.PHONY: help native demo test histories anomalies lint format bench figures core-test platforms wheel image-test clean
 
 help: ## say what there is
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
@@ -47,11 +47,14 @@ histories: native ## 10,000 random histories against the oracle, and against tf2
 anomalies: native ## 1,000,000 concurrent transactions, and every fault that the checker must find
 	@ANOMALIES=1000000 $(BIN)/python -m pytest tests/history -s $(ARGS)
 
-lint: native ## ruff, mypy --strict, clang-format
+WORKFLOWS := $(wildcard .github/workflows/*.yml)
+lint: native ## ruff, mypy --strict, clang-format; actionlint where it is installed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/clang-format --dry-run --Werror $(CPP)
+	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows $(WORKFLOWS)
+	@if command -v actionlint >/dev/null; then actionlint $(WORKFLOWS); fi
 
 format: .venv/requirements.stamp ## format Python and C++, sort imports
 	@$(BIN)/ruff check --select I --fix .
@@ -68,6 +71,12 @@ figures: native ## draw docs/figures from bench/results, without measuring
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address
+
+platforms: .venv/requirements.stamp ## the C++ tests with Clang and GCC 11, on ARM64 and without AVX2 under qemu
+	@$(LOCK) bash scripts/platforms.sh
+
+wheel: ## an sdist and manylinux wheels in dist, each installed and smoke-tested
+	@bash scripts/wheel.sh
 
 image-test: native ## build the container image for real, run it, use it from outside
 	@$(BIN)/python docker/image_test.py
