@@ -1,7 +1,11 @@
 #!/usr/bin/env bash
 # Builds an sdist, and from it one wheel for CPython 3.11 and one for the stable ABI of 3.12+, as
-# far as the interpreters are here. Gives the wheels manylinux tags. Installs each file of dist/
-# into a fresh environment outside the source tree and smoke-tests it there.
+# far as the interpreters are here. Installs each file of dist/ into a fresh environment outside
+# the source tree and smoke-tests it there.
+#
+# The manylinux tag depends on this machine's compiler and C library. For older systems the
+# GitHub workflow builds in a manylinux_2_28 image. A static libstdc++ would not lower the tag:
+# on Debian 12 it requires newer symbols of the C library than the shared one.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
@@ -73,8 +77,8 @@ for python_version in 3.11 3.12 3.13; do
     [ $python_version != 3.11 ] && ls dist/*-abi3-*.whl >/dev/null 2>&1 && continue
     echo "wheel: $("$python" --version)"
     rm -rf build/wheel/plain
-    nice "$python" -m pip wheel --quiet --no-deps --wheel-dir build/wheel/plain "build/wheel/zenoh_tf-$version" \
-        -C cmake.define.CMAKE_MODULE_LINKER_FLAGS="${WHEEL_LINK_FLAGS:-}"
+    nice "$python" -m pip wheel --quiet --no-deps --wheel-dir build/wheel/plain \
+        "build/wheel/zenoh_tf-$version"
     "$tools/auditwheel" repair --wheel-dir dist build/wheel/plain/*.whl
 done
 "$tools/twine" check --strict dist/*
