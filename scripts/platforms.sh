@@ -37,7 +37,7 @@ platform() {
     done
     echo "$name: $("$cxx" --version | head -n 1)"
     mkdir -p build/platforms
-    local log=build/platforms/${name//[^a-z0-9]/-}.log result
+    local log=build/platforms/${name//[^A-Za-z0-9]/-}.log result
     if build_and_test "$log" "$folder" "$cxx" "$emulator" "${@:6}"; then
         result="passed: $(grep -c ' Passed ' "$log") test programs"
     else
@@ -55,8 +55,8 @@ newest=$(tail -n 1 <<<"$clangs")
 
 platform "default compiler" "g++" default "$compiler" ""
 platform "gcc 11" "g++-11" gcc-11 g++-11 ""
-platform "clang, oldest" "clang" "${oldest:-clang}" "${oldest:-clang++}" ""
-[ "$oldest" = "$newest" ] || platform "clang, newest" "clang" "$newest" "$newest" ""
+platform "${oldest:-clang++} (oldest found)" "clang" "${oldest:-clang}" "${oldest:-clang++}" ""
+[ "$oldest" = "$newest" ] || platform "$newest (newest found)" "clang" "$newest" "$newest" ""
 if [ "$machine" = x86_64 ]; then
     # Built once for each kind of processor; a change of the emulator compiles nothing again.
     platform "x86-64 without AVX2 (nehalem)" "qemu-user" default "$compiler" "qemu-x86_64 -cpu Nehalem"
