@@ -3,7 +3,7 @@
 
 BIN := .venv/bin
 export PYTHON
-# make's own default for CXX says nothing about what is installed: scripts/compiler.sh looks.
+# Make's own default for CXX may not be installed, so scripts/compiler.sh searches for a compiler.
 ifneq ($(origin CXX),default)
 export CXX
 endif
@@ -17,7 +17,7 @@ CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 .DEFAULT_GOAL := help
 .PHONY: help native demo test histories anomalies lint format bench figures core-test platforms wheel image-test clean
 
-help: ## say what there is
+help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
 
 native: .venv/native.stamp ## make .venv, build the native module, install it all editable
