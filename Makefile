@@ -3,7 +3,7 @@
 
 BIN := .venv/bin
 export PYTHON
-# make's own default for CXX says nothing about what is installed: scripts/compiler.sh looks.
+# Make's own default for CXX may not be installed, so scripts/compiler.sh searches for a compiler.
 ifneq ($(origin CXX),default)
 export CXX
 endif
@@ -15,9 +15,10 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories anomalies lint format docs bench figures core-test image-test clean
+.PHONY: help native demo test histories anomalies lint format docs bench figures core-test platforms \
+	wheel image-test clean
 
-help: ## say what there is
+help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
 
 native: .venv/native.stamp .venv/requirements.stamp ## make .venv, build the native module, install it all editable
@@ -52,11 +53,14 @@ histories: native ## 10,000 random histories against the oracle, and against tf2
 anomalies: native ## 1,000,000 concurrent transactions, and every fault that the checker must find
 	@ANOMALIES=1000000 $(BIN)/python -m pytest tests/history -s $(ARGS)
 
-lint: native ## ruff, mypy --strict, clang-format
+WORKFLOWS := $(wildcard .github/workflows/*.yml)
+lint: native ## ruff, mypy --strict, clang-format; actionlint where it is installed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/clang-format --dry-run --Werror $(CPP)
+	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows $(WORKFLOWS)
+	@if command -v actionlint >/dev/null; then actionlint $(WORKFLOWS); fi
 
 format: .venv/requirements.stamp ## format Python and C++, sort imports
 	@$(BIN)/ruff check --select I --fix .
@@ -78,6 +82,12 @@ figures: native ## draw docs/figures from bench/results, without measuring
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address
+
+platforms: .venv/requirements.stamp ## the C++ tests with Clang and GCC 11, on ARM64 and without AVX2 under qemu
+	@$(LOCK) bash scripts/platforms.sh
+
+wheel: ## an sdist and manylinux wheels in dist, each installed and smoke-tested
+	@bash scripts/wheel.sh
 
 image-test: native ## build the container image for real, run it, use it from outside
 	@$(BIN)/python docker/image_test.py

@@ -11,7 +11,7 @@ for variant in "$@"; do
     [ "$variant" = plain ] && sanitizer=
     echo "core tests: $variant"
     cmake -S zenoh_tf/core -B "build/core-$variant" -G Ninja --log-level=WARNING \
- -DZTF_BUILD_TESTS=ON -DZTF_WERROR=ON "-DZTF_SANITIZE=$sanitizer"
+        -DZTF_BUILD_TESTS=ON -DZTF_WERROR=ON "-DZTF_SANITIZE=$sanitizer"
     cmake --build "build/core-$variant" -- --quiet
     ctest --test-dir "build/core-$variant" --output-on-failure --no-tests=error
 done

@@ -123,6 +123,7 @@ class CommitNames {
   }
 
   struct New {
+    New() {}  // Clang refuses an implicit one here: the enclosing class is not complete yet.
     std::map<std::string_view, FrameId> ids;  // that they will have
     std::uint32_t frames = 0;                 // how many were never there; the others are hidden
     std::vector<std::pair<FrameId, std::string_view>> in_order;

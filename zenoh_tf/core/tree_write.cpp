@@ -109,8 +109,8 @@ class Commit {
     }
     write(locks);
     std::ranges::sort(changed_);
-    const auto repeated = std::ranges::unique(changed_);
-    changed_.set_size(changed_.size() - repeated.size());
+    const auto end = std::unique(changed_.begin(), changed_.end());
+    changed_.set_size(static_cast<std::size_t>(end - changed_.begin()));
     if (first_of_two_parents_) tree_.ever_reparented_.store(true);
     locks.release(first_of_two_parents_ ? all : changed_);
     count_authority();
