@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
+import statistics
 import textwrap
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,182 +21,129 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.machine import ROOT
-from bench.paper_bars import Row, Table, middle
 
-PUBLISHED = ROOT / "bench/results/published-2022.json"
+PUBLISHED = json.loads((ROOT / "bench/results/published-2022.json").read_text())
 LINKS = 1_000_000
-
-
-@dataclass(frozen=True)
-class Style:
-    """A system's line: measured here, or published."""
-
-    label: str
-    color: str
-    marker: str
-    published: bool = False
-
-    def line(self) -> dict[str, Any]:
-        look: dict[str, Any] = {"color": self.color, "label": self.label, "marker": self.marker}
-        if self.published:
-            return look | {"linestyle": ":", "linewidth": 1.2, "markersize": 3, "alpha": 0.75}
-        return look | {"linestyle": "-", "linewidth": 1.8, "markersize": 6}
-
-
 BLUE, ORANGE = "#0072B2", "#D55E00"
-OURS = Style("zenoh-tf, optimistic", BLUE, "o")
-TF2 = Style("tf2", ORANGE, "s")
-PROPOSAL = Style("proposal, published", BLUE, "^", published=True)
-TF = Style("TF, published", ORANGE, "v", published=True)
-#: Which row of the table is whose.
-SIDES = ((OURS, "optimistic", "latest-xact"), (TF2, "tf2", "latest-common"))
+#: Label, system, way to read, color and marker.
+SERIES = (
+    ("zenoh-tf, optimistic", "optimistic", "latest-xact", BLUE, "o"),
+    ("tf2", "tf2", "latest-common", ORANGE, "s"),
+)
+Cells = list[dict[str, Any]]
 
 
-def throughput(results: dict[str, Any], published: dict[str, Any]) -> Figure:
+def throughput(cells: Cells) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5))
-    for style, name in ((PROPOSAL, "proposal"), (TF, "TF")):
-        left.plot(published["threads"], published[name]["operations_per_s"], **style.line())
-    table = Table.of(results["paper"])
-    for style, side, read in SIDES:
-        rows = _half_readers(table, side, read)
-        _with_range(left, style, rows, _operations)
-        _with_range(
-            right, style, rows, lambda row: [16 * x for x in row.reads_per_s], label="links read"
-        )
-        _with_range(
-            right,
-            style,
-            rows,
-            lambda row: row.links_written_per_s,
-            label="links written",
-            dash=True,
-        )
+    _published(left, "operations_per_s", "operations_per_s", 1)
+    paper = [cell for cell in cells if cell["part"] == "paper"]
+    _measured(left, paper, "operations_per_s")
+    _measured(right, paper, "reads_per_s", "links read", factor=16)
+    _measured(right, paper, "links_written_per_s", "links written", dash=True)
     _threads_axis(left, "operations/s", "As the report counts: tf2's 16 sets are 16 operations")
     _threads_axis(right, "links/s", "The same runs, links counted alike")
     return figure
 
 
-def latency(results: dict[str, Any], published: dict[str, Any]) -> Figure:
+def latency(cells: Cells) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), sharey=True)
-    for style, name in ((PROPOSAL, "proposal"), (TF, "TF")):
-        means = [ms * 1000 for ms in published[name]["read_latency_mean_ms"]]
-        left.plot(published["threads"], means, **style.line())
-    table = Table.of(results["paper"])
+    _published(left, "read_latency_mean_ms", "read_latency_mean_ms", 1000)
+    paper = [cell for cell in cells if cell["part"] == "paper"]
     for axes, links in ((left, LINKS), (right, 1000)):
-        for style, side, read in SIDES:
-            rows = _half_readers(table, side, read, links)
-            for key, label, dash in (("p50", "median", False), ("p999", "99.9 %", True)):
-                _with_range(axes, style, rows, _read_us(key), label=label, dash=dash)
+        _measured(axes, paper, "read_us_p50", "median", links)
+        _measured(axes, paper, "read_us_p999", "99.9 %", links, dash=True)
     _threads_axis(left, "a read of 16 links, µs", "1,000,000 links; published: means")
     _threads_axis(right, "", "1,000 links")
     return figure
 
 
-def delay(results: dict[str, Any], published: dict[str, Any]) -> Figure:
+def delay(cells: Cells) -> Figure:
     figure, axes = plt.subplots(figsize=(7, 5))
-    axes.plot(
-        published["threads"],
-        [ms / 1000 for ms in published["proposal"]["delay_mean_ms"]],
-        **PROPOSAL.line() | {"label": "proposal, published (mean stamp)"},
-    )
-    axes.plot(
-        published["threads"],
-        [ms / 1000 for ms in published["TF"]["delay_oldest_ms"]],
-        **TF.line() | {"label": "TF, published (oldest stamp)"},
-    )
-    table = Table.of(results["delay"])
-    for style, side, read in SIDES:
-        rows = _half_readers(table, side, read)
-        _with_range(axes, style, rows, lambda row: _known(row.delay_oldest_s), label="oldest stamp")
-        _with_range(
-            axes, style, rows, lambda row: _known(row.delay_mean_s), label="mean stamp", dash=True
-        )
-    _threads_axis(axes, "age of the data used, s", "1,000,000 links, runs of a minute")
+    _published(axes, "delay_mean_ms", "delay_oldest_ms", 0.001, ("mean stamp", "oldest stamp"))
+    runs = [cell for cell in cells if cell["part"] == "delay"]
+    _measured(axes, runs, "delay_oldest_s", "oldest stamp")
+    _measured(axes, runs, "delay_mean_s", "mean stamp", dash=True)
+    title = f"1,000,000 links, runs of {runs[0]['seconds']} s"
+    _threads_axis(axes, "age of the data used, s", title)
     return figure
 
 
-def staleness(results: dict[str, Any], _: dict[str, Any]) -> Figure:
+def staleness(cells: Cells) -> Figure:
     figure, axes = plt.subplots(figsize=(7.5, 4.8))
-    rows = [row for row in results["staleness"]["rows"] if row["rate_hz"]]
-    links = list(dict.fromkeys(row["link"] for row in rows))
-    kinds = (
-        ("tf2, latest common time", "tf2", "latest-common", ORANGE),
-        ("zenoh-tf, latest common time", "optimistic", "latest-common", "#7FB8DA"),
-        ("zenoh-tf, latest of every link", "optimistic", "latest-xact", BLUE),
-    )
+    rows = [cell for cell in cells if cell["part"] == "staleness"]
+    links = {row["link"]: row["rate_hz"] for row in rows}
     height = 0.26
-    for i, (label, side, read, color) in enumerate(kinds):
-        own = [row for row in rows if (row["side"], row["read"]) == (side, read)]
-        if not own:
-            continue
-        places = [links.index(row["link"]) + (i - 1) * height for row in own]
-        means = [row["mean_s"] * 1000 for row in own]
-        tails = [row["p99_s"] * 1000 - mean for row, mean in zip(own, means, strict=True)]
-        axes.barh(places, means, height=height * 0.9, color=color, label=label)
-        nothing = [0.0] * len(means)
-        axes.errorbar(
-            means, places, xerr=(nothing, tails), fmt="none", ecolor="#555555", elinewidth=1
+    for i, (label, system, read, color) in enumerate(
+        (
+            ("tf2, latest common time", "tf2", "latest-common", ORANGE),
+            ("zenoh-tf, latest common time", "optimistic", "latest-common", "#7FB8DA"),
+            ("zenoh-tf, latest of every link", "optimistic", "latest-xact", BLUE),
         )
+    ):
+        own = [row for row in rows if (row["system"], row["read"]) == (system, read)]
+        places = [list(links).index(row["link"]) + (i - 1) * height for row in own]
+        means, tails = ([row[key][1] for row in own] for key in ("ms_mean", "ms_p99"))
+        axes.barh(places, means, height=height * 0.9, color=color, label=label)
+        axes.hlines(places, means, tails, color="#555555", linewidth=1)
         for place, mean, tail in zip(places, means, tails, strict=True):
-            axes.text(mean + tail + 1, place, f"{mean:.2g}", va="center", fontsize=8)
-    rates = {row["link"]: row["rate_hz"] for row in rows}
-    axes.set_yticks(range(len(links)), [f"{link}\n{rates[link]:g} Hz" for link in links])
+            axes.text(tail + 1, place, f"{mean:.2g}", va="center", fontsize=8)
+    axes.set_yticks(range(len(links)), [f"{link}\n{rate:g} Hz" for link, rate in links.items()])
     axes.invert_yaxis()
     axes.set_xlabel("age of the data used, ms: mean (number), line to the 99th percentile")
-    axes.grid(axis="x", color="#dddddd")
-    axes.set_axisbelow(True)
-    _legend(axes)
-    axes.set_xlim(right=max(row["p99_s"] for row in rows) * 1080)
+    axes.set_xlim(right=1.08 * max(row["ms_p99"][1] for row in rows))
     axes.set_title("How old each link of one lookup is, by how it is asked", fontsize=10)
+    axes.grid(axis="x", color="#dddddd")
+    _finish(axes)
     return figure
 
 
-def _half_readers(table: Table, side: str, read: str, links: int = LINKS) -> list[Row]:
-    """By threads, half of them writers: the report's workload."""
-    found = [table.find(cell, side, read) for cell in table.cells()]
-    rows = [
-        row
-        for row in found
-        if row and row.readers == row.writers and (row.links, row.direction) == (links, "opposite")
-    ]
-    return sorted(rows, key=lambda row: row.readers)
-
-
-def _operations(row: Row) -> list[float]:
-    writes = row.links_written_per_s if row.side == "tf2" else row.writes_per_s
-    return [a + b for a, b in zip(row.reads_per_s, writes, strict=True)]
-
-
-def _read_us(key: str) -> Callable[[Row], list[float]]:
-    return lambda row: [ns / 1000 for ns in _known(row.read_ns[key])]
-
-
-def _known(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
-
-
-def _with_range(
-    axes: Axes,
-    style: Style,
-    rows: list[Row],
-    of: Callable[[Row], list[float]],
-    label: str = "",
-    dash: bool = False,
+def _published(
+    axes: Axes, of_proposal: str, of_tf: str, factor: float, notes: tuple[str, str] = ("", "")
 ) -> None:
-    """The medians of the turns, with bars from the lowest to the highest."""
-    known = [(row.readers + row.writers, of(row)) for row in rows if of(row)]
-    if not known:
-        return
-    threads = [count for count, _ in known]
-    medians = [middle(values) for _, values in known]
-    below = [median - min(values) for median, (_, values) in zip(medians, known, strict=True)]
-    above = [max(values) - median for median, (_, values) in zip(medians, known, strict=True)]
-    look = style.line() | {"capsize": 3, "elinewidth": 1}
-    if label:
-        look["label"] = f"{style.label}, {label}"
-    if dash:
-        look |= {"linestyle": "--", "markerfacecolor": "white"}
-    axes.errorbar(threads, medians, yerr=(below, above), **look)
+    for name, key, note, color, marker in (
+        ("proposal", of_proposal, notes[0], BLUE, "^"),
+        ("TF", of_tf, notes[1], ORANGE, "v"),
+    ):
+        values = [value * factor for value in PUBLISHED[name][key]]
+        label = f"{name}, published" + (f" ({note})" if note else "")
+        look = {"marker": marker, "markersize": 3, "linestyle": ":", "linewidth": 1.2}
+        axes.plot(PUBLISHED["threads"], values, color=color, label=label, alpha=0.75, **look)
+
+
+def _measured(
+    axes: Axes,
+    cells: Cells,
+    metric: str,
+    note: str = "",
+    links: int = LINKS,
+    dash: bool = False,
+    factor: float = 1,
+) -> None:
+    """Medians with quartiles by threads, half of them writers: the report's workload."""
+    for label, system, read, color, marker in SERIES:
+        rows = [
+            (2 * cell["readers"], [factor * value for value in cell[metric]])
+            for cell in cells
+            if (cell["links"], cell["system"], cell["read"]) == (links, system, read)
+            and cell["readers"] == cell["writers"]
+            and cell.get("direction", "opposite") == "opposite"
+        ]
+        rows.sort()
+        medians = [values[1] for _, values in rows]
+        errors = [[v[1] - v[0] for _, v in rows], [v[2] - v[1] for _, v in rows]]
+        axes.errorbar(
+            [threads for threads, _ in rows],
+            medians,
+            yerr=errors,
+            label=f"{label}, {note}" if note else label,
+            color=color,
+            marker=marker,
+            markerfacecolor="white" if dash else color,
+            linestyle="--" if dash else "-",
+            linewidth=1.8,
+            capsize=3,
+            elinewidth=1,
+        )
 
 
 def _threads_axis(axes: Axes, ylabel: str, title: str) -> None:
@@ -209,65 +154,51 @@ def _threads_axis(axes: Axes, ylabel: str, title: str) -> None:
     axes.set_ylabel(ylabel)
     axes.set_title(title, fontsize=10)
     axes.grid(color="#dddddd", linewidth=0.6)
+    _finish(axes)
+
+
+def _finish(axes: Axes) -> None:
+    """Puts the legend below the axes, where no line runs behind it."""
     axes.set_axisbelow(True)
-    _legend(axes)
-
-
-def _legend(axes: Axes) -> None:
-    """Below the axes: no line runs behind it."""
     axes.legend(fontsize=8, ncols=2, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
-def _caption(results: dict[str, Any], published: dict[str, Any], name: str) -> str:
-    machine = results["machine"]
+def _caption(machine: dict[str, str], cells: Cells, name: str) -> list[str]:
     lines = [
         f"Measured on {machine['cpu']}, {machine['cores']} cores, {machine['compiler']},"
         f" {machine['tf2'].split(',')[0]}; commit {machine['commit']}."
     ]
-    if name != "staleness":
-        lines.append(f"Published: {published['source']}; {published['machine']}.")
     if name in ("throughput", "latency"):
-        lines[0] += " Medians of turns, with the lowest and the highest."
+        lines[0] += " Medians of the trials with their quartiles."
     if name != "staleness":
-        rows = Table.of(results["delay" if name == "delay" else "paper"]).rows
-        others = max(0.0, middle(cores for row in rows for cores in row.others_cores))
-        lines[0] += f" Other programs used {others:.1f} cores meanwhile."
-    return "\n".join(lines)
+        part = "delay" if name == "delay" else "paper"
+        load = [cell["background_cores"][1] for cell in cells if cell["part"] == part]
+        lines[0] += f" Other programs used {statistics.median(load):.1f} cores meanwhile."
+        lines.append(f"Published: {PUBLISHED['source']}; {PUBLISHED['machine']}.")
+    return lines
 
 
-FIGURES: dict[str, Callable[[dict[str, Any], dict[str, Any]], Figure]] = {
-    "throughput": throughput,
-    "latency": latency,
-    "delay": delay,
-    "staleness": staleness,
-}
-
-
-def main() -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.plots", description=__doc__)
     parser.add_argument("results", type=Path)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--format", default="svg", choices=("svg", "png"))
     args = parser.parse_args()
     results = json.loads(args.results.read_text())
-    published = json.loads(PUBLISHED.read_text())
     args.out.mkdir(parents=True, exist_ok=True)
-    # The same picture makes the same file.
-    plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "font.size": 9, "axes.spines.top": False}
-    plt.rcParams |= {"axes.spines.right": False, "savefig.facecolor": "white"}
-    for name, draw in FIGURES.items():
-        figure = draw(results, published)
+    plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+    # The same picture makes the same file; text stays text, which is small and can be searched.
+    plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
+    for draw in (throughput, latency, delay, staleness):
+        figure = draw(results["cells"])
         figure.tight_layout(rect=(0, 0.07, 1, 1))
-        lines = _caption(results, published, name).splitlines()
         width = int(figure.get_figwidth() * 17)
+        lines = _caption(results["machine"], results["cells"], draw.__name__)
         caption = "\n".join(textwrap.fill(line, width) for line in lines)
         figure.text(0.01, 0.01, caption, fontsize=7, color="#444444")
-        path = args.out / f"{name}.{args.format}"
-        figure.savefig(path, dpi=110, metadata={"Date": None} if args.format == "svg" else None)
-        plt.close(figure)
+        path = args.out / f"{draw.__name__}.svg"
+        figure.savefig(path, facecolor="white", metadata={"Date": None})
         print(path)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -8,20 +8,22 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-
-import zenoh
+from typing import Any
 
 from bench.machine import ROOT
 
 
 @contextlib.contextmanager
-def running(module: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A Python module as a process that has said its first line and ends with the block."""
+def running(
+    module: str, *arguments: str, python: str = sys.executable
+) -> Iterator[subprocess.Popen[str]]:
+    """A Python module as a process that has printed its first line and ends with the block."""
     process = subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
+        [python, "-m", module, *arguments],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        text=True,
     )
     with process:
         assert process.stdout is not None
@@ -33,21 +35,19 @@ def running(module: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
             process.terminate()
 
 
+def request(process: subprocess.Popen[str], question: Any) -> Any:
+    """Sends a line, text as it is and all else as JSON; returns the JSON that answers it."""
+    assert process.stdin is not None and process.stdout is not None
+    line = question if isinstance(question, str) else json.dumps(question)
+    if line:
+        print(line, file=process.stdin, flush=True)
+    answer = process.stdout.readline()
+    if not answer:
+        raise SystemExit(f"{process.args!r} ended early")
+    return json.loads(answer)
+
+
 def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def open_session(endpoint: str) -> zenoh.Session:
-    """A Zenoh session, set up as the SDK's is."""
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)

@@ -1,145 +1,177 @@
-"""Thousands of lookups that wait: what they cost while they do, and how soon they are answered."""
+"""Thousands of lookups that wait: what they cost while they do, and how soon they are answered.
+
+As a program, a client process with many of them: ``ENDPOINT KIND FIRST COUNT``. KIND ``single``:
+each lookup is a query of its own. ``batch``: threads send them in batches. It prints a line when
+all are sent, then JSON: for each answer its lookup and when it came (monotonic clock, ns).
+"""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
-import os
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import zenoh
 
-from bench.figures import Bar, Figure
-from bench.machine import ROOT
-from bench.processes import free_endpoint, running
-from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf_client import TransformClient
+from bench.machine import cpu_s
+from bench.processes import free_endpoint, request, running
+from bench.remote import TREE, open_session
+from bench.report import Cell, Report, Target, Trial, ratios
+from zenoh_tf import StampedTransform, Transform, TransformTree, keys, wire
+from zenoh_tf_client import TransformClient, requests
 
-TREE = "main"
-LOOKUPS = 5000
 PROCESSES = 5
 BATCH = 100
 #: Every lookup gives up after this; none should come near it.
 TIMEOUT_S = 120.0
-IDLE_S = 5.0
 BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
-COMMITS = 20_000
 
 
-def frame(index: int) -> str:
-    return f"frame_{index}"
-
-
-def measure() -> Iterator[Figure]:
+def measure(report: Report) -> None:
     """From the commit that brings a transform to the answer of the lookup that waits for it."""
-    yield from _released("single", "each a query of its own")
-    yield from _released("batch", f"in batches of {BATCH}, answered with their last")
-    yield _beside()
+    for kind in ("single", "batch"):
+        _released(report, kind, lookups=500 if report.quick else 5000)
+    _beside(report, waiting=50 if report.quick else 500)
 
 
 def _stamped(index: int, stamp_ns: int) -> StampedTransform:
-    return StampedTransform("map", frame(index), stamp_ns, Transform((float(index), 0.0, 0.0)))
+    return StampedTransform("map", f"frame{index}", stamp_ns, Transform((float(index), 0.0, 0.0)))
 
 
-def _released(kind: str, how: str) -> Iterator[Figure]:
+def _released(report: Report, kind: str, lookups: int) -> None:
     endpoint = free_endpoint()
     with (
-        running("zenoh_tf_server", "--listen", endpoint, "--log-level", "error") as process,
+        running("zenoh_tf_server", "--listen", endpoint, "--log-level", "error") as server,
         TransformClient.connect(endpoint, TREE, timeout_s=30.0) as tf,
         contextlib.ExitStack() as stack,
     ):
-        tf.set_transforms_xact([_stamped(index, BEFORE_NS) for index in range(LOOKUPS)])
-        count = LOOKUPS // PROCESSES
+        tf.set_transforms_xact([_stamped(index, BEFORE_NS) for index in range(lookups)])
+        count = lookups // PROCESSES
         clients = [
-            stack.enter_context(_client(endpoint, kind, process_index * count, count))
-            for process_index in range(PROCESSES)
+            stack.enter_context(running("bench.waiting", endpoint, kind, str(first), str(count)))
+            for first in range(0, lookups, count)
         ]
-        for client in clients:
-            assert client.stdout is not None and client.stdout.readline() == "sent\n"
-        while tf.stats()["waiters"] < LOOKUPS:
+        while tf.stats()["waiters"] < lookups:
             time.sleep(0.1)
+        idle_s, before_s = report.seconds(5.0), cpu_s(server.pid)
+        time.sleep(idle_s)
+        idle_percent = 100 * (cpu_s(server.pid) - before_s) / idle_s
 
-        print(f"{LOOKUPS} lookups waiting from {PROCESSES} processes, {how}")
-        spent_s = _cpu_s(process.pid)
-        time.sleep(IDLE_S)
-        idle = 100 * (_cpu_s(process.pid) - spent_s) / IDLE_S
-        yield Figure(f"server's processor while all wait ({kind})", "%", [idle])
-
-        committed_ns = []
-        for index in range(LOOKUPS):
-            committed_ns.append(time.monotonic_ns())
+        released_ns = np.zeros(lookups)
+        for index in range(lookups):
+            released_ns[index] = time.monotonic_ns()
             tf.set_transform(_stamped(index, WANTED_NS))
-        answered: dict[int, list[int]] = {}
-        for client in clients:
-            assert client.stdout is not None
-            times = json.loads(client.stdout.readline())
-            answered |= {int(index): when for index, when in times.items()}
-        assert sorted(answered) == list(range(LOOKUPS))
-        twice = sum(len(when) > 1 for when in answered.values())
-        never = sum(not when for when in answered.values())
-        assert (never, twice, tf.stats()["waiters"]) == (0, 0, 0), (never, twice)
+        answers = np.concatenate([np.array(request(client, "")) for client in clients])
+        answers = answers[answers[:, 0].argsort()]
+        if [*answers[:, 0]] != [*range(lookups)] or tf.stats()["waiters"] > 0:
+            raise SystemExit("a lookup had no answer, or more than one")
 
-    released_ns = np.array(committed_ns)
     if kind == "batch":  # a batch is released by the last commit that it waits for
         released_ns = released_ns.reshape(-1, BATCH).max(axis=1).repeat(BATCH)
-    came_ns = np.array([answered[index][0] for index in range(LOOKUPS)])
-    delays_us = (came_ns - released_ns) / 1000
-    for share in (50, 99, 100):
-        name = "worst" if share == 100 else f"p{share}"
-        value = float(np.percentile(delays_us, share))
-        yield Figure(f"commit sent to answer, {name} ({kind})", "us", [value])
+    spent_us = (answers[:, 1] - released_ns) / 1000
+    names = ("us_p50", "us_p99", "us_worst")
+    trial = dict(zip(names, map(float, np.percentile(spent_us, (50, 99, 100))), strict=True))
+    labels = {"case": f"{lookups} waiting lookups, from commit to answer", "kind": kind}
+    trial["idle_cpu_percent"] = idle_percent
+    report.add("waiting", [Cell(labels, "zenoh-tf", trials=[trial])])
 
 
-def _beside() -> Figure:
-    """Sets of a frame that nobody waits for, by turns in a tree where many wait for others."""
-    trees = [TransformTree(), TransformTree()]
-    waiting = trees[1]
-    for tree in trees:
-        tree.set_transforms_xact([_stamped(index, BEFORE_NS) for index in range(500)])
+def _beside(report: Report, waiting: int) -> None:
+    """Sets of a frame that nobody waits for, in a tree where many lookups wait for others."""
+    busy, idle = TransformTree(), TransformTree()
+    for tree in (busy, idle):
+        tree.set_transforms_xact([_stamped(index, BEFORE_NS) for index in range(waiting)])
     threads = [
-        threading.Thread(target=waiting.lookup_transform, args=("map", frame(i), WANTED_NS, 60.0))
-        for i in range(500)
+        threading.Thread(
+            target=busy.lookup_transform, args=("map", f"frame{i}", WANTED_NS, TIMEOUT_S)
+        )
+        for i in range(waiting)
     ]
     for thread in threads:
         thread.start()
-    while waiting.stats()["waiters"] < len(threads):
+    while busy.stats()["waiters"] < waiting:
         time.sleep(0.01)
-    spent: list[list[float]] = [[], []]
-    for turn in range(8):
-        for tree, values in zip(trees, spent, strict=True):
-            stamped = [_stamped(LOOKUPS, turn * COMMITS + i) for i in range(COMMITS)]
-            start = time.perf_counter()
-            for one in stamped:
-                tree.set_transform(one)
-            if turn:
-                values.append(1e6 * (time.perf_counter() - start) / COMMITS)
-    waiting.set_transforms_xact([_stamped(index, WANTED_NS) for index in range(500)])
+    sets, stamps_ns = 1000 if report.quick else 20_000, itertools.count()
+
+    def trial(tree: TransformTree) -> Trial:
+        stampeds = [_stamped(waiting, next(stamps_ns)) for _ in range(sets)]
+        start = time.perf_counter()
+        for stamped in stampeds:
+            tree.set_transform(stamped)
+        return {"us_per_call": 1e6 * (time.perf_counter() - start) / sets}
+
+    labels = {"case": "set_transform beside waiting lookups"}
+    cells = [
+        Cell(labels, f"{waiting} wait", run=lambda: trial(busy)),
+        Cell(labels, "none waits", run=lambda: trial(idle)),
+    ]
+    report.measure("waiting", cells, report.repetitions(), baseline="none waits")
+    busy.set_transforms_xact([_stamped(index, WANTED_NS) for index in range(waiting)])
     for thread in threads:
         thread.join()
-    about = "of a frame that nobody waits for, while 500 wait for others; against a tree without"
-    return Figure("set_transform", "us", spent[1], about, spent[0], Bar(1.05, ratio=True))
+    values = ratios(cells[0].values("us_per_call"), cells[1].values("us_per_call"))
+    report.check("waiting", [Target("set beside waiting lookups to set", 1.05, values, False)])
 
 
-def _cpu_s(pid: int) -> float:
-    with open(f"/proc/{pid}/stat") as stat:
-        fields = stat.read().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+def _send_single(endpoint: str, indexes: range, came: Callable[[int], None]) -> Any:
+    session = open_session(endpoint)
+    for index in indexes:
+        lookup = requests.lookup_transform("map", f"frame{index}", WANTED_NS, TIMEOUT_S)
+
+        def on_reply(
+            reply: zenoh.Reply, index: int = index, lookup: requests.Request[Any] = lookup
+        ) -> None:
+            if (sample := reply.ok) is not None:
+                lookup.parse(wire.unpack(sample.payload.to_bytes()))
+                came(index)
+
+        session.get(
+            keys.operation(TREE, "lookup"),
+            on_reply,
+            payload=wire.pack(lookup.body()),
+            timeout=2 * TIMEOUT_S,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+    return session
 
 
-@contextlib.contextmanager
-def _client(endpoint: str, kind: str, first: int, count: int) -> Iterator[subprocess.Popen[str]]:
-    arguments = (endpoint, kind, str(first), str(count), str(WANTED_NS))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "bench.waiting_client", *arguments],
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    try:
-        yield process
-    finally:
-        process.wait(30)
+def _send_batches(endpoint: str, indexes: range, came: Callable[[int], None]) -> Any:
+    tf = TransformClient.connect(endpoint, TREE, timeout_s=30.0)
+
+    def wait_for(part: range) -> None:
+        with tf.batch() as batch:
+            handles = [
+                batch.lookup_transform("map", f"frame{index}", WANTED_NS, timeout_s=TIMEOUT_S)
+                for index in part
+            ]
+        for index, handle in zip(part, handles, strict=True):
+            handle.result()
+            came(index)
+
+    for at in range(0, len(indexes), BATCH):
+        threading.Thread(target=wait_for, args=(indexes[at : at + BATCH],)).start()
+    return tf
+
+
+def main() -> None:
+    endpoint, kind, first, count = sys.argv[1:]
+    answers: list[tuple[int, int]] = []
+    send = _send_single if kind == "single" else _send_batches
+    indexes = range(int(first), int(first) + int(count))
+    with send(endpoint, indexes, lambda index: answers.append((index, time.monotonic_ns()))):
+        print("sent", flush=True)
+        deadline = time.monotonic() + TIMEOUT_S
+        while len(answers) < len(indexes) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(0.5)  # would a second answer come?
+        print(json.dumps(answers), flush=True)
+
+
+if __name__ == "__main__":
+    main()

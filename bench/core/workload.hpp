@@ -1,10 +1,13 @@
-// What is asked and set: frames with ten seconds of history, and the cases.
+// What the systems under test hold and are asked: trees of frames, and random requests.
 //
-// Thread safety: values.
+// Thread safety: values; every thread draws with a Random of its own.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
-#include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -13,44 +16,133 @@
 namespace bench {
 
 using Stamp = std::int64_t;  // ns
+using FrameIndex = std::uint32_t;
 
-constexpr Stamp kStart = 1'700'000'000'000'000'000;
-constexpr Stamp kPeriod = 10'000'000;  // 100 Hz
-constexpr int kSamples = 1000;         // ten seconds: as much as the cache keeps
-constexpr Stamp kCache = kPeriod * kSamples;
+constexpr Stamp kStart = 1'700'000'000'000'000'000;  // of every history
 constexpr unsigned kMaxThreads = 64;
 
-struct Link {
-  std::string parent, child;
-  Stamp offset = 0;  // of its stamps
+// A link is named by its child frame. Parents come before their children; frame 0 is the root.
+struct Forest {
+  std::vector<std::string> names{"root"};
+  std::vector<FrameIndex> parents{0};
+  std::vector<Stamp> offsets{0};  // added to the stamps of the link's history
+
+  [[nodiscard]] FrameIndex size() const { return static_cast<FrameIndex>(names.size()); }
+  // Throws std::out_of_range if there is no such frame.
+  [[nodiscard]] FrameIndex find(const std::string& name) const {
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end()) throw std::out_of_range("no frame " + name);
+    return static_cast<FrameIndex>(found - names.begin());
+  }
+  // Adds `count` links in a row below `top`, named PREFIX0, PREFIX1, ...; returns the last.
+  FrameIndex add_chain(FrameIndex top, const std::string& prefix, unsigned count, Stamp step = 0) {
+    for (unsigned i = 0; i < count; ++i) {
+      names.push_back(prefix + std::to_string(i));
+      parents.push_back(top);
+      offsets.push_back(step * i);
+      top = size() - 1;
+    }
+    return top;
+  }
 };
 
-// A sample of a link. No rotation is the identity, none is around one axis.
-ztf::Pose pose_of(std::size_t link, int sample);
+// "LINKS" (a snake: that many links in a row), "chains" (short ones to look up, and frames for
+// single sets), "humanoid" (5 limbs of 12 links), "fleet" (1,000 robots of 30 frames).
+inline Forest make_forest(const std::string& shape) {
+  Forest forest;
+  if (shape == "chains") {
+    forest.add_chain(0, "link", 4);
+    forest.add_chain(0, "staggered", 4, 2'000'000);
+    for (const char* arm : {"left", "right"}) forest.add_chain(0, arm, 2);
+    for (unsigned i = 0; i < kMaxThreads; ++i) forest.add_chain(0, "set_" + std::to_string(i), 1);
+  } else if (shape == "humanoid") {
+    for (const char* limb : {"head", "left_arm", "right_arm", "left_leg", "right_leg"})
+      forest.add_chain(0, limb, 12);
+  } else if (shape == "fleet") {
+    for (unsigned robot = 0; robot < 1000; ++robot) {
+      const std::string prefix = "robot" + std::to_string(robot) + "/";
+      const FrameIndex base = forest.add_chain(0, prefix + "base", 2);
+      for (const char* chain : {"arm", "head", "camera", "wheel"})
+        forest.add_chain(base, prefix + chain, 7);
+    }
+  } else {
+    forest.add_chain(0, "link", static_cast<unsigned>(std::stoul(shape)));
+  }
+  return forest;
+}
 
-// The links of the tree that both sides hold, and for each thread one to set.
-std::vector<Link> links();
-Link link_to_set(unsigned thread);
+// A link's transform at a time. Every link turns and moves back and forth in small steps; none is
+// the identity.
+inline const ztf::Pose& pose_at(FrameIndex link, Stamp stamp) {
+  constexpr int kClasses = 16, kSteps = 64;
+  static const auto table = [] {
+    std::array<std::array<ztf::Pose, kSteps>, kClasses> result;
+    const double axis[3] = {2.0 / 7, 3.0 / 7, 6.0 / 7};
+    for (int i = 0; i < kClasses; ++i)
+      for (int k = 0; k < kSteps; ++k) {
+        const double half = (0.3 + 0.1 * i + 0.002 * k) / 2, sine = std::sin(half);
+        result[i][k] = {0.5 + 0.25 * i,     -1.0 + 0.001 * k,         0.125 * (i % 3),
+                        axis[i % 3] * sine, axis[(i + 1) % 3] * sine, axis[(i + 2) % 3] * sine,
+                        std::cos(half)};
+      }
+    return result;
+  }();
+  const auto step = static_cast<int>((stamp >> 20) & (2 * kSteps - 1));  // about a millisecond each
+  return table[link % kClasses][step < kSteps ? step : 2 * kSteps - 1 - step];
+}
 
-enum class Kind {
-  common_ids,    // latest common time, ids resolved once
-  common_names,  // the same, both names resolved in every call
-  at_ids,        // a random time in mid-history, between two samples
-  set,           // one transform; every set drops the oldest sample of a full history
+class Random {  // xorshift64
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed * 0x9E3779B97F4A7C15ull | 1) {}
+  // Uniform in [0, end); end is at most 2^32.
+  FrameIndex below(std::uint64_t end) noexcept {
+    state_ ^= state_ << 13;
+    state_ ^= state_ >> 7;
+    state_ ^= state_ << 17;
+    return static_cast<FrameIndex>((state_ >> 32) * end >> 32);
+  }
+
+ private:
+  std::uint64_t state_;
 };
 
-struct Case {
-  const char* name;
-  Kind kind;
-  std::string target, source;  // where it is a lookup
-  double bar = 0;              // times tf2's rate that one thread must reach; 0: none
-  double bar_of_two = 0;       // the same of two threads
+struct Request {
+  FrameIndex target, source;
+  Stamp time = 0;  // for lookups at a time
 };
 
-std::vector<Case> cases();
+// Draws requests: "row" (`length` links of a snake), "root" (the root and any frame), "any" (two
+// frames), or always "TARGET,SOURCE"; times lie in the middle half of a history of `duration` ns.
+struct Draw {
+  Draw(const Forest& forest, const std::string& pairs, unsigned row_length, Stamp duration)
+      : frames(forest.size()), length(row_length), quarter(duration / 4) {
+    const std::size_t comma = pairs.find(',');
+    kind = comma != std::string::npos ? Kind::fixed
+           : pairs == "row"           ? Kind::row
+           : pairs == "root"          ? Kind::root
+                                      : Kind::any;
+    if (kind == Kind::fixed)
+      pair = {forest.find(pairs.substr(0, comma)), forest.find(pairs.substr(comma + 1))};
+    if (length < 1 || length >= frames) throw std::invalid_argument("length of a row");
+  }
 
-// Random times in mid-history; a power of two of them, for a cheap index.
-constexpr std::size_t kTimes = 4096;
-const std::vector<Stamp>& times();
+  Request operator()(Random& random) const noexcept {
+    Request request = pair;
+    if (kind == Kind::row) {
+      request.target = random.below(frames - length);
+      request.source = request.target + length;
+    } else if (kind != Kind::fixed) {
+      request.target = kind == Kind::any ? random.below(frames) : 0;
+      request.source = (request.target + 1 + random.below(frames - 1)) % frames;
+    }
+    request.time = kStart + quarter + 2 * static_cast<Stamp>(random.below(quarter));
+    return request;
+  }
+
+  enum class Kind { row, root, any, fixed } kind;
+  FrameIndex frames, length;
+  Stamp quarter;
+  Request pair{};
+};
 
 }  // namespace bench
