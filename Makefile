@@ -58,7 +58,7 @@ format: .venv/requirements.stamp ## format Python and C++, sort imports
 	@$(BIN)/ruff format .
 	@$(BIN)/clang-format -i $(CPP)
 
-bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON
+bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps the medians as JSON
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
 
 # What `make bench ARGS=core RESULTS=$(FIGURES_FROM)` has written.

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import subprocess
-import timeit
+import sys
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from bench import workload
 from bench.processes import request, running
 from bench.report import Cell, Report, Target, Trial
-from bench.workload import ROWS, SET_FRAME, SOURCE, TARGET
-from zenoh_tf import StampedTransform, Transform, TransformTree
 
 #: Debian's interpreter, for which python3-tf2 is packaged.
 PYTHON_WITH_TF2 = "/usr/bin/python3"
 
 COMMON, AT = "lookup(TARGET, SOURCE, latest)", "lookup(TARGET, SOURCE, next(times))"
+ROWS = workload.ROWS
 #: Our statement, tf2's, lookups or sets of one call of ours, most microseconds each.
 CASES = (
     ("tree.lookup_transform(TARGET, SOURCE)", COMMON, 1, 1.0),
@@ -36,77 +33,49 @@ CASES = (
 
 def measure(report: Report) -> None:
     """Microseconds a lookup or a set."""
-    tree = TransformTree(cache_time_s=workload.CACHE_S)
-    for parent, child, stamp_ns, *pose in workload.history():
-        tree.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
-    names = _names(tree)
-
-    def ours(statement: str, calls: int) -> float:
-        names["built"] = iter([names["build"]() for _ in range(_objects(statement, calls))])
-        return timeit.timeit(statement, number=calls, globals=names)
-
     with contextlib.ExitStack() as stack:
-        try:
-            peer = stack.enter_context(running("bench.tf2_peer", python=PYTHON_WITH_TF2))
-        except (SystemExit, FileNotFoundError):
-            print(f"{PYTHON_WITH_TF2} has no tf2_py (Debian: python3-tf2): no comparison")
-            peer = None
-        else:
-            _check(tree, peer)
-
-        def theirs(statement: str, calls: int) -> float:
-            assert peer is not None
-            built = _objects(statement, calls)
-            asked = {"statement": statement, "calls": calls, "build": built}
-            return float(request(peer, asked))
-
-        for statement, other, rows, limit in CASES:
-            labels = {"case": statement.removeprefix("tree."), "rows": rows}
-            cells = [Cell(labels, "zenoh-tf", run=_trial(ours, statement, rows, report))]
-            if peer is not None:
-                cells.append(Cell(labels, "tf2", run=_trial(theirs, other, 1, report)))
+        systems: dict[str, subprocess.Popen[str]] = {}
+        for name, python in (("zenoh-tf", sys.executable), ("tf2", PYTHON_WITH_TF2)):
+            try:
+                process = running("bench.python_system", name, python=python)
+                systems[name] = stack.enter_context(process)
+            except (SystemExit, FileNotFoundError):
+                print(f"{python} has no {name} (Debian: python3-tf2): no comparison")
+        _check(*systems.values())
+        for ours, theirs, rows, limit in CASES:
+            labels = {"case": ours.removeprefix("tree."), "rows": rows}
+            statements = {"zenoh-tf": (ours, rows), "tf2": (theirs, 1)}
+            cells = [
+                Cell(labels, name, run=_trial(report, process, *statements[name]))
+                for name, process in systems.items()
+            ]
             report.measure("embedded", cells, report.repetitions())
             if limit is not None:
                 spent_us = cells[0].values("us_per_call")
-                report.check("embedded", [Target(f"{statement}, us", limit, spent_us, False)])
-
-
-def _objects(statement: str, calls: int) -> int:
-    """How many transforms a statement finds ready-made."""
-    return calls if "built" in statement else 0
-
-
-def _names(tree: TransformTree) -> dict[str, Any]:
-    """What the statements use."""
-    times_ns, later_ns, pose = workload.times_ns(), workload.later_ns(), workload.pose(0, 0)
-    return {
-        "tree": tree,
-        "TARGET": TARGET,
-        "SOURCE": SOURCE,
-        "targets": [TARGET] * ROWS,
-        "sources": [SOURCE] * ROWS,
-        "times": itertools.cycle(times_ns),
-        "times_array": np.array(times_ns),
-        "build": lambda: StampedTransform(TARGET, SET_FRAME, next(later_ns), Transform(*pose)),
-    }
+                report.check("embedded", [Target(f"{ours}, us", limit, spent_us, False)])
 
 
 def _trial(
-    timed: Callable[[str, int], float], statement: str, rows: int, report: Report
+    report: Report, system: subprocess.Popen[str], statement: str, rows: int
 ) -> Callable[[], Trial]:
     """A trial of as many calls as fill a slice of time; finding out warms up."""
+
+    def spent_s(calls: int) -> float:
+        build = calls if "built" in statement else 0
+        return float(request(system, {"statement": statement, "calls": calls, "build": build}))
+
     calls, slice_s = 10, report.seconds(0.1)
-    while (spent_s := timed(statement, calls)) < slice_s / 4:
+    while (spent := spent_s(calls)) < slice_s / 4:
         calls *= 2
-    calls = max(1, round(calls * slice_s / spent_s))
-    return lambda: {"us_per_call": 1e6 * timed(statement, calls) / calls / rows}
+    calls = max(1, round(calls * slice_s / spent))
+    return lambda: {"us_per_call": 1e6 * spent_s(calls) / calls / rows}
 
 
-def _check(tree: TransformTree, peer: subprocess.Popen[str]) -> None:
-    """Ends the benchmark unless both give one answer, within 1e-9 and up to the rotation's sign."""
+def _check(*systems: subprocess.Popen[str]) -> None:
+    """Ends the benchmark unless all give one answer, within 1e-9 and up to the rotation's sign."""
     for stamp_ns in (None, *workload.times_ns()[:100]):
-        ours = np.array(tree.lookup_transform(TARGET, SOURCE, stamp_ns).transform.pose())
-        theirs = np.array(request(peer, {"ask": stamp_ns}))
-        theirs[3:] *= np.sign(ours[3:] @ theirs[3:])
-        if not np.all(np.abs(ours - theirs) <= 1e-9):
-            raise SystemExit(f"answers differ at {stamp_ns}: {ours}, tf2 {theirs}")
+        poses = [np.array(request(system, {"ask": stamp_ns})) for system in systems]
+        for pose in poses[1:]:
+            pose[3:] *= np.sign(poses[0][3:] @ pose[3:])
+            if not np.all(np.abs(poses[0] - pose) <= 1e-9):
+                raise SystemExit(f"answers differ at {stamp_ns}: {poses}")

@@ -106,8 +106,9 @@ def _published(
     ):
         values = [value * factor for value in PUBLISHED[name][key]]
         label = f"{name}, published" + (f" ({note})" if note else "")
-        look = {"marker": marker, "markersize": 3, "linestyle": ":", "linewidth": 1.2}
-        axes.plot(PUBLISHED["threads"], values, color=color, label=label, alpha=0.75, **look)
+        style = f":{marker}"
+        look = {"linewidth": 1.2, "markersize": 3, "alpha": 0.75}
+        axes.plot(PUBLISHED["threads"], values, style, color=color, label=label, **look)
 
 
 def _measured(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import statistics
 import time
@@ -110,11 +111,13 @@ def _batches(report: Report, tf: TransformClient) -> None:
             call()
         return {"rows_per_s": calls * ROWS / (time.perf_counter() - start)}
 
-    one_pair: Callable[[], object] = lambda: tf.lookup_transforms(TARGET, SOURCE, array)
-    names: Callable[[], object] = lambda: tf.lookup_transforms(targets, sources, array)
-    _rate(report, f"lookup_transforms, {ROWS} rows", lambda: trial(one_pair), 300_000)
-    _rate(report, "the same, names on either side", lambda: trial(names), 300_000)
-    _rate(report, f"a batch of {ROWS} lookup_transform", lambda: trial(recorded))
+    lookup = tf.lookup_transforms
+    for name, call, limit in (
+        (f"lookup_transforms, {ROWS} rows", lambda: lookup(TARGET, SOURCE, array), 300_000),
+        ("the same, names on either side", lambda: lookup(targets, sources, array), 300_000),
+        (f"a batch of {ROWS} lookup_transform", recorded, 0),
+    ):
+        _rate(report, name, functools.partial(trial, call), limit)
 
 
 def _broadcasts(report: Report, tf: TransformClient) -> None:
@@ -144,10 +147,10 @@ def _broadcasts(report: Report, tf: TransformClient) -> None:
 
         name = f"broadcaster, messages of {BROADCAST_ROWS}"
         _rate(report, name, lambda: trial(True), 300_000)
-        _rate(report, f"{name}, with building them", lambda: trial(False))
+        _rate(report, f"{name}, with building them", lambda: trial(False), 0)
 
 
-def _rate(report: Report, name: str, trial: Callable[[], Trial], limit: float = 0) -> None:
+def _rate(report: Report, name: str, trial: Callable[[], Trial], limit: float) -> None:
     trial()  # warms up
     cell = Cell({"case": name}, "zenoh-tf", run=trial)
     report.measure("remote", [cell], report.repetitions())

@@ -1,7 +1,6 @@
 """Thousands of lookups that wait: what they cost while they do, and how soon they are answered.
 
-As a program, a client process with many of them: ``ENDPOINT KIND FIRST COUNT``. KIND ``single``:
-each lookup is a query of its own. ``batch``: threads send them in batches. It prints a line when
+As a program, a client process with many of them: ``ENDPOINT FIRST COUNT``. It prints a line when
 all are sent, then JSON: for each answer its lookup and when it came (monotonic clock, ns).
 """
 
@@ -27,7 +26,6 @@ from zenoh_tf import StampedTransform, Transform, TransformTree, keys, wire
 from zenoh_tf_client import TransformClient, requests
 
 PROCESSES = 5
-BATCH = 100
 #: Every lookup gives up after this; none should come near it.
 TIMEOUT_S = 120.0
 BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
@@ -35,8 +33,7 @@ BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
 
 def measure(report: Report) -> None:
     """From the commit that brings a transform to the answer of the lookup that waits for it."""
-    for kind in ("single", "batch"):
-        _released(report, kind, lookups=500 if report.quick else 5000)
+    _released(report, lookups=500 if report.quick else 5000)
     _beside(report, waiting=50 if report.quick else 500)
 
 
@@ -44,7 +41,7 @@ def _stamped(index: int, stamp_ns: int) -> StampedTransform:
     return StampedTransform("map", f"frame{index}", stamp_ns, Transform((float(index), 0.0, 0.0)))
 
 
-def _released(report: Report, kind: str, lookups: int) -> None:
+def _released(report: Report, lookups: int) -> None:
     endpoint = free_endpoint()
     with (
         running("zenoh_tf_server", "--listen", endpoint, "--log-level", "error") as server,
@@ -54,7 +51,7 @@ def _released(report: Report, kind: str, lookups: int) -> None:
         tf.set_transforms_xact([_stamped(index, BEFORE_NS) for index in range(lookups)])
         count = lookups // PROCESSES
         clients = [
-            stack.enter_context(running("bench.waiting", endpoint, kind, str(first), str(count)))
+            stack.enter_context(running("bench.waiting", endpoint, str(first), str(count)))
             for first in range(0, lookups, count)
         ]
         while tf.stats()["waiters"] < lookups:
@@ -72,13 +69,11 @@ def _released(report: Report, kind: str, lookups: int) -> None:
         if [*answers[:, 0]] != [*range(lookups)] or tf.stats()["waiters"] > 0:
             raise SystemExit("a lookup had no answer, or more than one")
 
-    if kind == "batch":  # a batch is released by the last commit that it waits for
-        released_ns = released_ns.reshape(-1, BATCH).max(axis=1).repeat(BATCH)
     spent_us = (answers[:, 1] - released_ns) / 1000
     names = ("us_p50", "us_p99", "us_worst")
     trial = dict(zip(names, map(float, np.percentile(spent_us, (50, 99, 100))), strict=True))
-    labels = {"case": f"{lookups} waiting lookups, from commit to answer", "kind": kind}
     trial["idle_cpu_percent"] = idle_percent
+    labels = {"case": f"{lookups} waiting lookups, from commit to answer"}
     report.add("waiting", [Cell(labels, "zenoh-tf", trials=[trial])])
 
 
@@ -119,7 +114,7 @@ def _beside(report: Report, waiting: int) -> None:
     report.check("waiting", [Target("set beside waiting lookups to set", 1.05, values, False)])
 
 
-def _send_single(endpoint: str, indexes: range, came: Callable[[int], None]) -> Any:
+def _send(endpoint: str, indexes: range, came: Callable[[int], None]) -> zenoh.Session:
     session = open_session(endpoint)
     for index in indexes:
         lookup = requests.lookup_transform("map", f"frame{index}", WANTED_NS, TIMEOUT_S)
@@ -141,30 +136,11 @@ def _send_single(endpoint: str, indexes: range, came: Callable[[int], None]) -> 
     return session
 
 
-def _send_batches(endpoint: str, indexes: range, came: Callable[[int], None]) -> Any:
-    tf = TransformClient.connect(endpoint, TREE, timeout_s=30.0)
-
-    def wait_for(part: range) -> None:
-        with tf.batch() as batch:
-            handles = [
-                batch.lookup_transform("map", f"frame{index}", WANTED_NS, timeout_s=TIMEOUT_S)
-                for index in part
-            ]
-        for index, handle in zip(part, handles, strict=True):
-            handle.result()
-            came(index)
-
-    for at in range(0, len(indexes), BATCH):
-        threading.Thread(target=wait_for, args=(indexes[at : at + BATCH],)).start()
-    return tf
-
-
 def main() -> None:
-    endpoint, kind, first, count = sys.argv[1:]
+    endpoint, first, count = sys.argv[1:]
     answers: list[tuple[int, int]] = []
-    send = _send_single if kind == "single" else _send_batches
     indexes = range(int(first), int(first) + int(count))
-    with send(endpoint, indexes, lambda index: answers.append((index, time.monotonic_ns()))):
+    with _send(endpoint, indexes, lambda index: answers.append((index, time.monotonic_ns()))):
         print("sent", flush=True)
         deadline = time.monotonic() + TIMEOUT_S
         while len(answers) < len(indexes) and time.monotonic() < deadline:

@@ -1,4 +1,4 @@
-"""What the Python benchmarks ask. The interpreter that runs tf2 imports this too."""
+"""What the Python benchmarks ask; standard library only, for the interpreter that runs tf2."""
 
 from __future__ import annotations
 
