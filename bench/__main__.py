@@ -13,7 +13,7 @@ from bench.report import Report
 #: The parts that need no Python package, and the others; the module of each, and its function.
 CORE = {
     "native": "native:lookups",
-    **{part: f"native:{part}" for part in ("paper", "delay", "shapes", "staleness", "memory")},
+    **{part: f"native:{part}" for part in ("paper", "delay", "staleness", "memory")},
 }
 PARTS = CORE | {part: f"{part}:measure" for part in ("embedded", "remote", "waiting")}
 
@@ -21,8 +21,8 @@ PARTS = CORE | {part: f"{part}:measure" for part in ("embedded", "remote", "wait
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     names = f"of {', '.join(PARTS)}; core: {', '.join(CORE)}; none: all"
-    choices = [*PARTS, "core"]
-    parser.add_argument("parts", nargs="*", metavar="PART", choices=[*choices, []], help=names)
+    choices = [*PARTS, "core", []]
+    parser.add_argument("parts", nargs="*", metavar="PART", choices=choices, help=names)
     parser.add_argument("--quick", action="store_true", help="one tiny trial each: does it work?")
     parser.add_argument("--results", type=Path, metavar="FILE", help="write the medians as JSON")
     args = parser.parse_args()

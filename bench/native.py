@@ -196,31 +196,14 @@ def delay(report: Report) -> None:
     """The age of the data used, on a million links: tf2 takes a minute to set each of them once."""
     links = 10_000 if report.quick else 1_000_000
     many, seconds = (8, 30) if (os.cpu_count() or 1) >= 16 else (4, 60)
+    ways = {("optimistic", XACT), ("tf2", COMMON)}
     for half in (1, many):  # a process each: in a second run the data would begin old
         with Program(str(links), "optimistic", "tf2", samples=17, max_samples=16) as program:
             threads = {"readers": half, "writers": half}
             run = {"length": 16, "seconds": report.seconds(seconds)} | threads
-            ways = {"optimistic": XACT, "tf2": COMMON}
             labels = {"links": links, "seconds": seconds} | threads
             cells = program.cells(labels, XACT, COMMON, **run)
-            cells = [cell for cell in cells if ways[cell.system] == cell.read]
-            report.measure("delay", cells, 1)
-
-
-def shapes(report: Report) -> None:
-    """Lookups in a humanoid, and in a fleet of 1,000 robots."""
-    for name, shape, pairs in (
-        ("humanoid, 60 links, two random frames", "humanoid", "any"),
-        ("fleet, 1,000 robots of 30 frames, from the map", "fleet", "root"),
-        ("fleet, 1,000 robots of 30 frames, two random frames", "fleet", "any"),
-    ):
-        with Program(shape, samples=16) as program:
-            program.check(COMMON, "latest", XACT, pairs=pairs)
-            for threads in (1, 2):
-                run = {"pairs": pairs, "writers": 0, "seconds": report.seconds(0.08)}
-                labels = {"shape": name, "threads": threads}
-                cells = program.cells(labels, XACT, COMMON, readers=threads, **run)
-                report.measure("shapes", cells, report.repetitions())
+            report.measure("delay", [cell for cell in cells if (cell.system, cell.read) in ways], 1)
 
 
 #: Links from the map down to the gripper, and how often they are published, in Hz.

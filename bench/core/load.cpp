@@ -18,7 +18,7 @@ enum class Phase { warm_up, measure, stop };
 // One call of each block is timed. Blocks of this length make the clock readings negligible.
 constexpr auto kBlock = std::chrono::microseconds(4);
 constexpr unsigned kMaxBlock = 256;
-constexpr std::uint64_t kReadsPerDelay = 512;
+constexpr double kReadsPerDelay = 512;
 
 // Pins the calling thread to the nth core that the process may use, if there are `count`.
 void pin(unsigned nth, unsigned count) {
@@ -41,23 +41,10 @@ double percentile(std::vector<T>& values, double share) {
   return static_cast<double>(*nth);
 }
 
+// What the calls of a role did; `done` are reads that found a transform, or links written.
 struct Counts {
-  std::uint64_t reads = 0, unanswered = 0, writes = 0, links_written = 0;
-  std::uint64_t retries = 0, delays = 0;
-  double oldest_s = 0, mean_s = 0;  // sums over `delays`
-  std::vector<std::uint32_t> ns;    // of the timed calls
-
-  void add(const Counts& other) {
-    reads += other.reads;
-    unanswered += other.unanswered;
-    writes += other.writes;
-    links_written += other.links_written;
-    retries += other.retries;
-    delays += other.delays;
-    oldest_s += other.oldest_s;
-    mean_s += other.mean_s;
-    ns.insert(ns.end(), other.ns.begin(), other.ns.end());
-  }
+  double calls = 0, done = 0, retries = 0, delays = 0, oldest_s = 0, mean_s = 0;
+  std::vector<std::uint32_t> ns;  // of the timed calls
 };
 
 class Worker {
@@ -82,7 +69,7 @@ class Worker {
         counts_ = Counts();
         retries_before = ztf::retries;
       }
-      if (reads() && trial_.redraw)
+      if (reads() && (trial_.draw.fixed.source == 0 || trial_.read == Read::at))
         for (unsigned i = 0; i < block; ++i) requests_[i] = trial_.draw(random_);
       const Clock::time_point start = Clock::now();
       call(0, block - 1);
@@ -91,24 +78,20 @@ class Worker {
       const Clock::time_point end = Clock::now();
       counts_.ns.push_back(static_cast<std::uint32_t>((end - timed).count()));
       if (seen == Phase::warm_up && end - start < kBlock && block < kMaxBlock) block *= 2;
-      if (reads() && trial_.writers > 0 && counts_.reads > kReadsPerDelay * counts_.delays)
+      if (reads() && trial_.writers > 0 && counts_.calls > kReadsPerDelay * counts_.delays)
         measure_delay();
     }
-    counts_.retries = ztf::retries - retries_before;
+    counts_.retries = static_cast<double>(ztf::retries - retries_before);
   }
 
  private:
   void call(unsigned begin, unsigned end) {
-    if (!reads()) {
-      counts_.writes += end - begin;
-      for (; begin < end; ++begin) counts_.links_written += write();
-    } else if (begin < end) {
+    counts_.calls += end - begin;
+    if (reads() && begin < end) {
       Reply last;
-      const unsigned found =
-          instance_.system->lookup(trial_.read, &requests_[begin], end - begin, last);
-      counts_.reads += found;
-      counts_.unanswered += end - begin - found;
+      counts_.done += instance_.system->lookup(trial_.read, &requests_[begin], end - begin, last);
     }
+    for (; !reads() && begin < end; ++begin) counts_.done += write();
   }
 
   unsigned write() {
@@ -144,32 +127,22 @@ class Worker {
   alignas(128) Counts counts_;
 };
 
-void add_percentiles(Metrics& metrics, const std::string& name, std::vector<std::uint32_t>& ns) {
-  if (ns.empty()) return;
-  metrics[name + "_p50"] = percentile(ns, 0.5) / 1000;
-  metrics[name + "_p99"] = percentile(ns, 0.99) / 1000;
-  metrics[name + "_p999"] = percentile(ns, 0.999) / 1000;
-}
-
-Metrics summarize(Counts& read, Counts& write, double seconds, bool sets_count_alone) {
-  Metrics metrics;
-  const auto ratio = [&](const char* name, auto value, auto by) {
-    if (by > 0) metrics[name] = static_cast<double>(value) / static_cast<double>(by);
-  };
-  const std::uint64_t asked = read.reads + read.unanswered;
-  if (asked > 0) ratio("reads_per_s", read.reads, seconds);
-  if (write.writes > 0) ratio("links_written_per_s", write.links_written, seconds);
+// Adds the figures of a role, "read" or "write", to those of the trial.
+void summarize(Metrics& metrics, const std::string& role, Counts& counts, double seconds,
+               bool transactions) {
+  const bool reads = role == "read";
+  if (counts.ns.empty()) return;
+  metrics[reads ? "reads_per_s" : "links_written_per_s"] = counts.done / seconds;
   // The report counts each of tf2's sets as an operation, and a transaction of many as one.
-  const std::uint64_t writes = sets_count_alone ? write.links_written : write.writes;
-  ratio("operations_per_s", read.reads + writes, seconds);
-  ratio("unanswered_share", read.unanswered, asked);
-  ratio("retries_per_read", read.retries, asked);
-  ratio("retries_per_write", write.retries, write.writes);
-  ratio("delay_oldest_s", read.oldest_s, read.delays);
-  ratio("delay_mean_s", read.mean_s, read.delays);
-  add_percentiles(metrics, "read_us", read.ns);
-  add_percentiles(metrics, "write_us", write.ns);
-  return metrics;
+  metrics["operations_per_s"] += (reads || !transactions ? counts.done : counts.calls) / seconds;
+  metrics["retries_per_" + role] = counts.retries / counts.calls;
+  metrics[role + "_us_p50"] = percentile(counts.ns, 0.5) / 1000;
+  metrics[role + "_us_p99"] = percentile(counts.ns, 0.99) / 1000;
+  metrics[role + "_us_p999"] = percentile(counts.ns, 0.999) / 1000;
+  if (reads) metrics["unanswered_share"] = 1 - counts.done / counts.calls;
+  if (counts.delays == 0) return;
+  metrics["delay_oldest_s"] = counts.oldest_s / counts.delays;
+  metrics["delay_mean_s"] = counts.mean_s / counts.delays;
 }
 
 }  // namespace
@@ -190,9 +163,24 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
   const double seconds = Seconds(Clock::now() - start).count();
   for (std::thread& thread : threads) thread.join();
   instance.clock.pause();
-  Counts read, write;
-  for (const auto& worker : workers) (worker->reads() ? read : write).add(worker->counts());
-  return summarize(read, write, seconds, instance.system->name() == "tf2");
+  Metrics metrics;
+  for (const bool reads : {true, false}) {
+    Counts sum;
+    for (const auto& worker : workers) {
+      const Counts& own = worker->counts();
+      if (worker->reads() != reads) continue;
+      sum.calls += own.calls;
+      sum.done += own.done;
+      sum.retries += own.retries;
+      sum.delays += own.delays;
+      sum.oldest_s += own.oldest_s;
+      sum.mean_s += own.mean_s;
+      sum.ns.insert(sum.ns.end(), own.ns.begin(), own.ns.end());
+    }
+    summarize(metrics, reads ? "read" : "write", sum, seconds,
+              instance.system->supports(Read::latest_xact));
+  }
+  return metrics;
 }
 
 Metrics measure_staleness(Instance& instance, Read read, const std::vector<double>& rates_hz,

@@ -39,7 +39,6 @@ struct Trial {
   unsigned readers, writers;
   Read read;
   Draw draw;
-  bool redraw;           // false if all requests are equal
   FrameIndex own_links;  // writing thread i sets link own_links + i; 0: random rows of the snake
   Stamp period;          // between two stamps of an own link
   double seconds;

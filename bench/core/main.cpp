@@ -15,50 +15,38 @@ namespace bench {
 
 namespace {
 
-// Throws std::exception if a setting is missing or has no number.
-class Settings {
- public:
+// NAME=VALUE words. Getting one that is missing, or no number, throws std::exception.
+struct Settings : std::map<std::string, std::string> {
   explicit Settings(std::istream& words) {
     for (std::string word; words >> word;)
-      values_[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
+      (*this)[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
   }
-  [[nodiscard]] const std::string& text(const std::string& name) const try {
-    return values_.at(name);
-  } catch (const std::out_of_range&) {
-    throw std::invalid_argument("missing setting: " + name);
-  }
-  [[nodiscard]] double number(const std::string& name) const { return std::stod(text(name)); }
+  [[nodiscard]] double number(const std::string& name) const { return std::stod(at(name)); }
   [[nodiscard]] unsigned count(const std::string& name) const {
-    return static_cast<unsigned>(std::stoul(text(name)));
+    return static_cast<unsigned>(std::stoul(at(name)));
   }
   [[nodiscard]] std::vector<std::string> list(const std::string& name) const {
     std::vector<std::string> items;
-    std::istringstream rest(text(name));
+    std::istringstream rest(at(name));
     for (std::string item; std::getline(rest, item, ',');) items.push_back(item);
     return items;
   }
-  [[nodiscard]] Read read() const {
-    static const std::map<std::string, Read> reads{
-        {"latest-common", Read::latest_common},
-        {"latest-common-by-name", Read::latest_common_by_name},
-        {"latest", Read::latest},
-        {"latest-xact", Read::latest_xact},
-        {"at", Read::at}};
-    return reads.at(text("read"));
-  }
-
- private:
-  std::map<std::string, std::string> values_;
 };
 
+const std::map<std::string, Read> kReads{{"latest-common", Read::latest_common},
+                                         {"latest-common-by-name", Read::latest_common_by_name},
+                                         {"latest", Read::latest},
+                                         {"latest-xact", Read::latest_xact},
+                                         {"at", Read::at}};
+
 void print(const Metrics& metrics) {
-  std::string line;
+  const char* separator = "";
+  std::printf("{");
   for (const auto& [name, value] : metrics) {
-    char text[64];
-    std::snprintf(text, sizeof text, "\"%s\": %.6g", name.c_str(), value);
-    line.append(line.empty() ? "" : ", ").append(text);
+    std::printf("%s\"%s\": %.6g", separator, name.c_str(), value);
+    separator = ", ";
   }
-  std::printf("{%s}\n", line.c_str());
+  std::printf("}\n");
   std::fflush(stdout);
 }
 
@@ -84,10 +72,9 @@ bool equal(const Reply& a, const Reply& b) {
 class Bench {
  public:
   // shape: see make_forest(); samples, period_ns: each link's history; cache_s, max_samples,
-  // child_to_parent: see SystemOptions; systems: names of those wanted. Prints a metric for each
-  // system that there is.
+  // child_to_parent: see SystemOptions; systems: those wanted. Prints which of them there are.
   explicit Bench(const Settings& settings)
-      : forest_(make_forest(settings.text("shape"))),
+      : forest_(make_forest(settings.at("shape"))),
         samples_(settings.count("samples")),
         period_(static_cast<Stamp>(settings.number("period_ns"))),
         options_{static_cast<Stamp>(settings.number("cache_s") * 1e9),
@@ -100,8 +87,9 @@ class Bench {
 #endif
     }
     std::vector<std::future<void>> filled;
+    const FrameIndex row = settings.at("shape") == "chains" ? 1 : 256;
     for (auto& entry : systems_)
-      filled.push_back(std::async(std::launch::async, [&] { fill(entry.second); }));
+      filled.push_back(std::async(std::launch::async, [&] { fill(entry.second, row); }));
     for (auto& one : filled) one.get();
     Metrics metrics{{"bytes_per_frame", (resident_bytes() - before) / forest_.size()}};
     for (const auto& entry : systems_) metrics[entry.first] = 1;
@@ -114,80 +102,74 @@ class Bench {
     words >> command;
     const Settings settings(words);
     if (command == "check") return check(settings);
-    Instance& instance = systems_.at(settings.text("system"));
-    if (command == "trial") return print(run_trial(instance, trial_of(settings)));
+    Instance& instance = systems_.at(settings.at("system"));
+    const Read read = kReads.at(settings.at("read"));
+    const double seconds = settings.number("seconds");
+    if (command == "trial") {
+      const bool own = settings.at("write") == "own";
+      const Trial trial{settings.count("readers"),
+                        settings.count("writers"),
+                        read,
+                        draw_of(settings),
+                        own ? forest_.find("set_00") : 0,
+                        period_,
+                        seconds};
+      if (trial.readers + trial.writers > kMaxThreads) throw std::invalid_argument("threads");
+      return print(run_trial(instance, trial));
+    }
     std::vector<double> rates_hz;
     for (const std::string& rate : settings.list("rates_hz")) rates_hz.push_back(std::stod(rate));
-    print(measure_staleness(instance, settings.read(), rates_hz, settings.number("seconds")));
+    print(measure_staleness(instance, read, rates_hz, seconds));
   }
 
  private:
-  // Creates the frames in the wanted order, then adds the rest of the history in rows of links.
-  void fill(Instance& instance) const {
+  // Creates the frames in the wanted order, then adds the rest of the history, `row` links at once.
+  void fill(Instance& instance, FrameIndex row) const {
+    System& system = *instance.system;
+    const std::vector<Stamp>& offsets = forest_.offsets;
     const FrameIndex size = forest_.size();
-    const auto& parents = forest_.parents;
-    const auto& offsets = forest_.offsets;
     for (FrameIndex i = 1; i < size; ++i) {
       const FrameIndex link = options_.child_to_parent ? size - i : i;
-      if (instance.system->write(link, 1, kStart + offsets[link]) != 1)
-        throw std::runtime_error(instance.system->name() + " did not store a link");
+      if (!system.write(link, 1, kStart + offsets[link])) throw std::runtime_error("not stored");
     }
-    instance.system->resolve_ids();
+    system.resolve_ids();
     for (unsigned sample = 1; sample < samples_; ++sample)
-      for (FrameIndex first = 1, end = 1; first < size; first = end) {
-        const auto in_row = [&](FrameIndex link) {
-          return parents[link] == link - 1 && offsets[link] == offsets[first];
-        };
-        do ++end;
-        while (end < size && end - first < 256 && in_row(first) && in_row(end));
-        instance.system->write(first, end - first, kStart + offsets[first] + sample * period_);
-      }
-    std::fill(std::begin(instance.next_stamp), std::end(instance.next_stamp), kStart + duration());
+      for (FrameIndex link = 1; link < size; link += row)
+        system.write(link, std::min(row, size - link), kStart + offsets[link] + sample * period_);
+    std::fill(std::begin(instance.next_stamp), std::end(instance.next_stamp), end());
   }
 
-  [[nodiscard]] Stamp duration() const { return samples_ * period_; }
+  [[nodiscard]] Stamp end() const { return kStart + samples_ * period_; }
+
   [[nodiscard]] Draw draw_of(const Settings& settings) const {
-    return {forest_, settings.text("pairs"), settings.count("length"), duration()};
-  }
-
-  Trial trial_of(const Settings& settings) const {
-    const Draw draw = draw_of(settings);
-    const Read read = settings.read();
-    const Trial trial{.readers = settings.count("readers"),
-                      .writers = settings.count("writers"),
-                      .read = read,
-                      .draw = draw,
-                      .redraw = draw.kind != Draw::Kind::fixed || read == Read::at,
-                      .own_links = settings.text("write") == "own" ? forest_.find("set_00") : 0,
-                      .period = period_,
-                      .seconds = settings.number("seconds")};
-    if (trial.readers + trial.writers < 1 || trial.readers + trial.writers > kMaxThreads)
-      throw std::invalid_argument("threads must be from 1 to 64");
-    return trial;
+    Draw draw{forest_.size(), settings.count("length"), (end() - kStart) / 4};
+    if (draw.length < 1 || draw.length >= draw.frames) throw std::invalid_argument("length");
+    if (const auto pair = settings.list("pairs"); pair.size() == 2)
+      draw.fixed = {forest_.find(pair[0]), forest_.find(pair[1])};
+    return draw;
   }
 
   // Compares the answers of all systems to `count` requests; throws if they differ. With vary=1,
   // first writes a part of each second row, so that the links of a request differ in age.
   void check(const Settings& settings) {
-    const Read read = settings.read();
+    const Read read = kReads.at(settings.at("read"));
     const Draw draw = draw_of(settings);
     Random random(42);
     std::vector<Request> requests;
     for (unsigned i = 0; i < settings.count("count"); ++i) {
       requests.push_back(draw(random));
       if (settings.count("vary") && i % 2)
-        for (auto& [name, instance] : systems_)
-          instance.system->write(requests.back().target + 1, draw.length / 2 + 1,
-                                 kStart + duration() + 1000 * (i + Stamp{1}));
+        for (auto& entry : systems_)
+          entry.second.system->write(requests[i].target + 1, draw.length / 2 + 1, end() + 1000 * i);
     }
     for (const Request& request : requests) {
       std::vector<Reply> replies;
       for (auto& [name, instance] : systems_) {
         if (!instance.system->supports(read)) continue;
         if (!instance.system->lookup(read, &request, 1, replies.emplace_back()))
-          throw std::runtime_error(name + ": no answer to " + settings.text("read"));
+          throw std::runtime_error(name + ": no answer to " + settings.at("read"));
         if (!equal(replies.front(), replies.back()))
-          throw std::runtime_error(name + ": another answer to " + settings.text("read"));
+          throw std::runtime_error(name + ": another answer to " + settings.at("read"));
       }
     }
     print({});

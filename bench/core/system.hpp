@@ -4,7 +4,6 @@
 #pragma once
 
 #include <memory>
-#include <string>
 
 #include "workload.hpp"
 
@@ -27,7 +26,6 @@ class System {
  public:
   virtual ~System() = default;
 
-  [[nodiscard]] virtual std::string name() const = 0;
   [[nodiscard]] virtual bool supports(Read read) const = 0;
 
   // Requires that every link was written; must be called before the first lookup.

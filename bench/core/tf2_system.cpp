@@ -20,7 +20,6 @@ class Tf2System final : public System {
     console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);
   }
 
-  std::string name() const override { return "tf2"; }
   bool supports(Read read) const override {
     return read != Read::latest && read != Read::latest_xact;
   }

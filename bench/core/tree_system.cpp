@@ -8,30 +8,18 @@ namespace bench {
 
 namespace {
 
-ztf::Op op_of(Read read) {
-  switch (read) {
-    case Read::latest:
-      return ztf::Op::latest;
-    case Read::latest_xact:
-      return ztf::Op::latest_xact;
-    case Read::at:
-      return ztf::Op::at;
-    default:
-      return ztf::Op::latest_common;
-  }
-}
+// By Read.
+constexpr ztf::Op kOps[] = {ztf::Op::latest_common, ztf::Op::latest_common, ztf::Op::latest,
+                            ztf::Op::latest_xact, ztf::Op::at};
 
 class TreeSystem final : public System {
  public:
-  TreeSystem(std::string name, const Forest& forest, bool child_to_parent,
-             const ztf::Options& options)
-      : name_(std::move(name)),
-        forest_(forest),
+  TreeSystem(const Forest& forest, bool child_to_parent, const ztf::Options& options)
+      : forest_(forest),
         child_to_parent_(child_to_parent),
         tree_(options),
         names_(forest.names.begin(), forest.names.end()) {}
 
-  std::string name() const override { return name_; }
   bool supports(Read) const override { return true; }
 
   void resolve_ids() override {
@@ -40,7 +28,7 @@ class TreeSystem final : public System {
 
   unsigned lookup(Read read, const Request* requests, unsigned count, Reply& last) override {
     const bool by_name = read == Read::latest_common_by_name;
-    const ztf::Op op = op_of(read);
+    const ztf::Op op = kOps[static_cast<int>(read)];
     unsigned found = 0;
     ztf::Answer answer;
     for (unsigned i = 0; i < count; ++i) {
@@ -76,7 +64,6 @@ class TreeSystem final : public System {
     return std::accumulate(stored.begin(), stored.end(), 0u);
   }
 
-  const std::string name_;
   const Forest& forest_;
   const bool child_to_parent_;
   ztf::Tree tree_;
@@ -95,7 +82,7 @@ std::unique_ptr<System> make_tree_system(const std::string& concurrency, const F
   tree.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
                      : concurrency == "2pl" ? ztf::Concurrency::two_phase
                                             : ztf::Concurrency::optimistic;
-  return std::make_unique<TreeSystem>(concurrency, forest, options.child_to_parent, tree);
+  return std::make_unique<TreeSystem>(forest, options.child_to_parent, tree);
 }
 
 }  // namespace bench

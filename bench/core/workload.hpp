@@ -46,28 +46,17 @@ struct Forest {
   }
 };
 
-// "LINKS" (a snake: that many links in a row), "chains" (short ones to look up, and frames for
-// single sets), "humanoid" (5 limbs of 12 links), "fleet" (1,000 robots of 30 frames).
+// "LINKS": a snake, that many links in a row. "chains": short ones, and links for single sets.
 inline Forest make_forest(const std::string& shape) {
   Forest forest;
-  if (shape == "chains") {
-    forest.add_chain(0, "link", 4);
-    forest.add_chain(0, "staggered", 4, 2'000'000);
-    for (const char* arm : {"left", "right"}) forest.add_chain(0, arm, 2);
-    for (unsigned i = 0; i < kMaxThreads; ++i) forest.add_chain(0, "set_" + std::to_string(i), 1);
-  } else if (shape == "humanoid") {
-    for (const char* limb : {"head", "left_arm", "right_arm", "left_leg", "right_leg"})
-      forest.add_chain(0, limb, 12);
-  } else if (shape == "fleet") {
-    for (unsigned robot = 0; robot < 1000; ++robot) {
-      const std::string prefix = "robot" + std::to_string(robot) + "/";
-      const FrameIndex base = forest.add_chain(0, prefix + "base", 2);
-      for (const char* chain : {"arm", "head", "camera", "wheel"})
-        forest.add_chain(base, prefix + chain, 7);
-    }
-  } else {
+  if (shape != "chains") {
     forest.add_chain(0, "link", static_cast<unsigned>(std::stoul(shape)));
+    return forest;
   }
+  forest.add_chain(0, "link", 4);
+  forest.add_chain(0, "staggered", 4, 2'000'000);
+  for (const char* arm : {"left", "right"}) forest.add_chain(0, arm, 2);
+  for (unsigned i = 0; i < kMaxThreads; ++i) forest.add_chain(0, "set_" + std::to_string(i), 1);
   return forest;
 }
 
@@ -111,38 +100,22 @@ struct Request {
   Stamp time = 0;  // for lookups at a time
 };
 
-// Draws requests: "row" (`length` links of a snake), "root" (the root and any frame), "any" (two
-// frames), or always "TARGET,SOURCE"; times lie in the middle half of a history of `duration` ns.
+// Draws requests for `length` links of a snake in a row, or always for the same frames; times lie
+// in the middle half of the history.
 struct Draw {
-  Draw(const Forest& forest, const std::string& pairs, unsigned row_length, Stamp duration)
-      : frames(forest.size()), length(row_length), quarter(duration / 4) {
-    const std::size_t comma = pairs.find(',');
-    kind = comma != std::string::npos ? Kind::fixed
-           : pairs == "row"           ? Kind::row
-           : pairs == "root"          ? Kind::root
-                                      : Kind::any;
-    if (kind == Kind::fixed)
-      pair = {forest.find(pairs.substr(0, comma)), forest.find(pairs.substr(comma + 1))};
-    if (length < 1 || length >= frames) throw std::invalid_argument("length of a row");
-  }
+  FrameIndex frames, length;
+  Stamp quarter;    // of the history's duration
+  Request fixed{};  // if its source is not the root
 
   Request operator()(Random& random) const noexcept {
-    Request request = pair;
-    if (kind == Kind::row) {
+    Request request = fixed;
+    if (fixed.source == 0) {
       request.target = random.below(frames - length);
       request.source = request.target + length;
-    } else if (kind != Kind::fixed) {
-      request.target = kind == Kind::any ? random.below(frames) : 0;
-      request.source = (request.target + 1 + random.below(frames - 1)) % frames;
     }
     request.time = kStart + quarter + 2 * static_cast<Stamp>(random.below(quarter));
     return request;
   }
-
-  enum class Kind { row, root, any, fixed } kind;
-  FrameIndex frames, length;
-  Stamp quarter;
-  Request pair{};
 };
 
 }  // namespace bench
