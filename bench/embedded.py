@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -61,8 +62,8 @@ def _trial(
     """A trial of as many calls as fill a slice of time; finding out warms up."""
 
     def spent_s(calls: int) -> float:
-        build = calls if "built" in statement else 0
-        return float(request(system, {"statement": statement, "calls": calls, "build": build}))
+        asked = {"statement": statement, "calls": calls}
+        return float(request(system, json.dumps(asked)))
 
     calls, slice_s = 10, report.seconds(0.1)
     while (spent := spent_s(calls)) < slice_s / 4:
@@ -74,7 +75,8 @@ def _trial(
 def _check(*systems: subprocess.Popen[str]) -> None:
     """Ends the benchmark unless all give one answer, within 1e-9 and up to the rotation's sign."""
     for stamp_ns in (None, *workload.times_ns()[:100]):
-        poses = [np.array(request(system, {"ask": stamp_ns})) for system in systems]
+        asked = json.dumps({"ask": stamp_ns})
+        poses = [np.array(request(system, asked)) for system in systems]
         for pose in poses[1:]:
             pose[3:] *= np.sign(poses[0][3:] @ pose[3:])
             if not np.all(np.abs(poses[0] - pose) <= 1e-9):

@@ -18,14 +18,8 @@ def running(
     module: str, *arguments: str, python: str = sys.executable
 ) -> Iterator[subprocess.Popen[str]]:
     """A Python module as a process that has printed its first line and ends with the block."""
-    process = subprocess.Popen(
-        [python, "-m", module, *arguments],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    with process:
+    command, pipe = [python, "-m", module, *arguments], subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdout is not None
         if not process.stdout.readline():
             raise SystemExit(f"{module} did not start")
@@ -35,16 +29,14 @@ def running(
             process.terminate()
 
 
-def request(process: subprocess.Popen[str], question: Any) -> Any:
-    """Sends a line, text as it is and all else as JSON; returns the JSON that answers it."""
+def request(process: subprocess.Popen[str], line: str) -> Any:
+    """Sends a line, unless it is empty; returns the JSON that answers it."""
     assert process.stdin is not None and process.stdout is not None
-    line = question if isinstance(question, str) else json.dumps(question)
     if line:
         print(line, file=process.stdin, flush=True)
-    answer = process.stdout.readline()
-    if not answer:
-        raise SystemExit(f"{process.args!r} ended early")
-    return json.loads(answer)
+    if answer := process.stdout.readline():
+        return json.loads(answer)
+    raise SystemExit(f"{process.args!r} ended early")
 
 
 def free_endpoint() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import statistics
 import time
@@ -19,11 +18,6 @@ from zenoh_tf import StampedTransform, Transform, keys, wire
 from zenoh_tf_client import TransformClient, requests
 
 TREE = "main"
-#: Round trips of one trial. A round trip waits for the processor four times, so trials are short
-#: and many: other work on the machine then meets all of them.
-CALLS = 100
-#: Transforms in a broadcaster's message.
-BROADCAST_ROWS = 100
 
 
 def measure(report: Report) -> None:
@@ -34,8 +28,7 @@ def measure(report: Report) -> None:
         for parent, child, stamp_ns, *pose in workload.history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
-        _batches(report, tf)
-        _broadcasts(report, tf)
+        _rates(report, tf)
 
 
 def open_session(endpoint: str) -> zenoh.Session:
@@ -73,9 +66,11 @@ def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
 
 
 def _round_trip(call: Callable[[], object]) -> Callable[[], Trial]:
+    """Short trials and many: a round trip waits for the processor four times."""
+
     def trial() -> Trial:
         spent_s = []
-        for _ in range(CALLS):
+        for _ in range(100):
             start = time.perf_counter()
             call()
             spent_s.append(time.perf_counter() - start)
@@ -93,11 +88,11 @@ def _ask(session: zenoh.Session, key: str, payload: bytes) -> int:
     raise SystemExit(f"no answer on {key}")
 
 
-def _batches(report: Report, tf: TransformClient) -> None:
-    times_ns = workload.times_ns()
-    array = np.array(times_ns)
-    targets, sources = [TARGET] * ROWS, [SOURCE] * ROWS
-    calls = 2 if report.quick else 40
+def _rates(report: Report, tf: TransformClient) -> None:
+    """Lookups a second; transforms a second until the server has counted the last."""
+    times_ns, later_ns = workload.times_ns(), workload.later_ns()
+    array, targets, sources = np.array(times_ns), [TARGET] * ROWS, [SOURCE] * ROWS
+    calls, transform = 2 if report.quick else 40, Transform(*workload.pose(0, 0))
 
     def recorded() -> None:
         with tf.batch() as batch:
@@ -105,54 +100,40 @@ def _batches(report: Report, tf: TransformClient) -> None:
         for handle in handles:
             handle.result()
 
-    def trial(call: Callable[[], object]) -> Trial:
-        start = time.perf_counter()
-        for _ in range(calls):
-            call()
-        return {"rows_per_s": calls * ROWS / (time.perf_counter() - start)}
-
-    lookup = tf.lookup_transforms
-    for name, call, limit in (
-        (f"lookup_transforms, {ROWS} rows", lambda: lookup(TARGET, SOURCE, array), 300_000),
-        ("the same, names on either side", lambda: lookup(targets, sources, array), 300_000),
-        (f"a batch of {ROWS} lookup_transform", recorded, 0),
-    ):
-        _rate(report, name, functools.partial(trial, call), limit)
-
-
-def _broadcasts(report: Report, tf: TransformClient) -> None:
-    """Transforms a second from the first message until the server has counted the last."""
-    transform, stamps_ns = Transform(*workload.pose(0, 0)), workload.later_ns()
-    frames = [f"joint{i}" for i in range(BROADCAST_ROWS)]
-    messages = 10 if report.quick else 1000
-
-    def message() -> list[StampedTransform]:
-        stamp_ns = next(stamps_ns)
-        return [StampedTransform(TARGET, frame, stamp_ns, transform) for frame in frames]
+    def message(at_ns: int) -> list[StampedTransform]:
+        return [StampedTransform(TARGET, f"joint{i}", at_ns, transform) for i in range(ROWS // 10)]
 
     with tf.broadcaster("bench") as sender:
+        built: list[list[StampedTransform]] = []
+        expected = tf.stats()["put_transforms"]
 
-        def trial(built: bool) -> Trial:
-            ready = [message() for _ in range(messages)] if built else None
-            rows = messages * BROADCAST_ROWS
-            expected = tf.stats()["put_transforms"] + rows
+        def trial(call: Callable[[], object], awaited: int) -> Trial:
+            nonlocal expected
+            built[:] = [message(next(later_ns)) for _ in range(10 * calls)]
+            expected += awaited * calls
             start = time.perf_counter()
-            for i in range(messages):
-                sender.send(ready[i] if ready else message())
+            for _ in range(calls):
+                call()
             while tf.stats()["put_transforms"] < expected:
                 if time.perf_counter() > start + 60:
                     raise SystemExit(f"transforms were lost: {tf.stats()}")
                 time.sleep(0.001)
-            return {"rows_per_s": rows / (time.perf_counter() - start)}
+            return {"rows_per_s": calls * ROWS / (time.perf_counter() - start)}
 
-        name = f"broadcaster, messages of {BROADCAST_ROWS}"
-        _rate(report, name, lambda: trial(True), 300_000)
-        _rate(report, f"{name}, with building them", lambda: trial(False), 0)
+        def send() -> None:
+            for _ in range(10):
+                sender.send(built.pop())
 
-
-def _rate(report: Report, name: str, trial: Callable[[], Trial], limit: float) -> None:
-    trial()  # warms up
-    cell = Cell({"case": name}, "zenoh-tf", run=trial)
-    report.measure("remote", [cell], report.repetitions())
-    if limit:
-        report.check("remote", [Target(f"{name}, rows/s", limit, cell.values("rows_per_s"))])
+        lookup = tf.lookup_transforms
+        for name, call, awaited, limit in (
+            (f"lookup_transforms, {ROWS} rows", lambda: lookup(TARGET, SOURCE, array), 0, 300_000),
+            ("the same, names on either side", lambda: lookup(targets, sources, array), 0, 300_000),
+            (f"a batch of {ROWS} lookup_transform", recorded, 0, 0),
+            (f"broadcaster, messages of {ROWS // 10}", send, ROWS, 300_000),
+        ):
+            cell = Cell({"case": name}, "zenoh-tf", run=lambda c=call, a=awaited: trial(c, a))
+            cell.run()  # warms up
+            report.measure("remote", [cell], report.repetitions())
+            if limit:
+                target = Target(f"{name}, rows/s", limit, cell.values("rows_per_s"))
+                report.check("remote", [target])
