@@ -22,5 +22,5 @@ if __name__ == "__main__":
         print("ready", flush=True)
         while True:  # until the benchmark ends it
             with queryable.handler.recv() as query:
-                query.payload.to_bytes()
+                bytes(query.payload or b"")
                 query.reply(zenoh.KeyExpr(KEY), reply)

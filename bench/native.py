@@ -24,25 +24,26 @@ def build() -> None:
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
     compiler = subprocess.check_output(["sh", "scripts/compiler.sh"], cwd=ROOT, text=True).strip()
     environment = os.environ | {"PATH": path, "CXX": compiler}
-    configure = f"cmake -S bench/core -B {BUILD} -G Ninja --log-level=WARNING"
-    for command in (configure, f"cmake --build {BUILD} -- --quiet"):
+    configure = "cmake -S bench/core -B build/bench -G Ninja --log-level=WARNING"
+    for command in (configure, "cmake --build build/bench -- --quiet"):
         subprocess.run(command.split(), cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
 
 
-class Program:
-    """bench_core with a tree of a shape, in each of the systems that are installed."""
+#: Of a trial: rows of one link at random, not always the same frames.
+DEFAULTS = {"length": 1, "target": 0, "source": 0, "own_links": 0, "vary": 0}
 
-    def __init__(self, shape: str, *systems: str, **settings: float) -> None:
+
+class Program:
+    """bench_core with a snake of links, or with chains (0), in each system that is installed."""
+
+    def __init__(self, links: int, *systems: str, **settings: float) -> None:
         build()
         wanted = systems or ("optimistic", "2pl", "giant", "tf2")
         defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
-        words = _words(defaults | {"child_to_parent": 0} | settings)
-        self._process = subprocess.Popen(
-            [BUILD / "bench_core", f"shape={shape}", f"systems={','.join(wanted)}", *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        words = _words({"links": links, "systems": ",".join(wanted)} | defaults | settings)
+        command = [str(BUILD / "bench_core"), "child_to_parent=0", *words]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
         started = request(self._process, "")
         self.bytes_per_frame: float = started["bytes_per_frame"]
         self.systems = [system for system in wanted if system in started]
@@ -54,22 +55,20 @@ class Program:
         self._process.communicate()  # closes its input, at which it ends
 
     def ask(self, command: str, **settings: Any) -> Trial:
-        answer: Trial = request(self._process, " ".join((command, *_words(settings))))
-        return answer
+        return dict(request(self._process, " ".join((command, *_words(settings)))))
 
     def trial(self, **settings: Any) -> Trial:
         load = BackgroundLoad(self._process.pid)
-        answer = self.ask("trial", **settings)
-        return answer | {"background_cores": load.cores()}
+        return self.ask("trial", **settings) | {"background_cores": load.cores()}
 
-    def check(self, *reads: str, pairs: str = "row", length: int = 1, vary: int = 0) -> None:
+    def check(self, *reads: str, **settings: int) -> None:
         """Compares the answers of all systems; ends the benchmark if they differ."""
         for read in reads:
-            self.ask("check", pairs=pairs, read=read, length=length, count=500, vary=vary)
+            self.ask("check", read=read, count=500, **(DEFAULTS | settings))
 
     def cells(self, labels: dict[str, Any], *reads: str, **settings: Any) -> list[Cell]:
         """A cell for each system and each way to read that it supports."""
-        run = {"pairs": "row", "write": "row", "length": 1} | settings
+        run = DEFAULTS | settings
         return [
             Cell(
                 labels, system, read, functools.partial(self.trial, system=system, read=read, **run)
@@ -86,25 +85,25 @@ def _words(settings: dict[str, Any]) -> list[str]:
 
 #: Name, frames, lookup, and how many times tf2's rate 1 and 2 threads must reach.
 CASES = (
-    ("latest common, ids", "root,link3", COMMON, (10, 35)),
-    ("latest common, names", "root,link3", "latest-common-by-name", (4,)),
-    ("at a time, ids", "root,link3", "at", (10,)),
-    ("siblings, latest common, ids", "left1,right1", COMMON, ()),
-    ("siblings, at a time, ids", "left1,right1", "at", ()),
-    ("stamps differ, latest common, ids", "root,staggered3", COMMON, ()),
-    ("set, full history", "root,link3", COMMON, ()),
+    ("latest common, ids", (0, 4), COMMON, (10, 35)),
+    ("latest common, names", (0, 4), "latest-common-by-name", (4,)),
+    ("at a time, ids", (0, 4), "at", (10,)),
+    ("siblings, latest common, ids", (10, 12), COMMON, ()),
+    ("siblings, at a time, ids", (10, 12), "at", ()),
+    ("stamps differ, latest common, ids", (0, 8), COMMON, ()),
+    ("set, full history", (0, 4), COMMON, ()),
 )
 
 
 def lookups(report: Report) -> None:
     """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
-    with Program("chains", samples=1000, period_ns=10_000_000, cache_s=10) as program:
-        for name, pairs, read, limits in CASES:
-            program.check(read, pairs=pairs)
+    with Program(0, samples=1000, period_ns=10_000_000, cache_s=10) as program:
+        for name, (target, source), read, limits in CASES:
+            program.check(read, target=target, source=source)
             for threads in (1, 2):
                 readers = 0 if name.startswith("set") else threads
-                settings = {"readers": readers, "writers": threads - readers, "write": "own"}
-                settings |= {"pairs": pairs, "seconds": report.seconds(0.05)}
+                settings = {"readers": readers, "writers": threads - readers, "own_links": 1}
+                settings |= {"target": target, "source": source, "seconds": report.seconds(0.05)}
                 cells = program.cells({"case": name, "threads": threads}, read, **settings)
                 report.measure("native", cells, report.repetitions(15))
                 rates = {cell.system: cell.values("operations_per_s") for cell in cells}
@@ -139,7 +138,7 @@ def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, in
     cache_s, samples = (3600, 16) if links > 100_000 else (1, 64)
     settings = {"cache_s": cache_s, "max_samples": samples, "samples": samples + 1}
     cells = []
-    with Program(str(links), **settings, child_to_parent=int(direction == "same")) as program:
+    with Program(links, **settings, child_to_parent=int(direction == "same")) as program:
         for writing in (False, True):  # first without writers, while all links are of one age
             program.check(COMMON, XACT, length=16, vary=int(writing))
             plan = []
@@ -198,7 +197,7 @@ def delay(report: Report) -> None:
     many, seconds = (8, 30) if (os.cpu_count() or 1) >= 16 else (4, 60)
     ways = {("optimistic", XACT), ("tf2", COMMON)}
     for half in (1, many):  # a process each: in a second run the data would begin old
-        with Program(str(links), "optimistic", "tf2", samples=17, max_samples=16) as program:
+        with Program(links, "optimistic", "tf2", samples=17, max_samples=16) as program:
             threads = {"readers": half, "writers": half}
             run = {"length": 16, "seconds": report.seconds(seconds)} | threads
             labels = {"links": links, "seconds": seconds} | threads
@@ -213,7 +212,7 @@ SOURCES = {"map to odom": 10, "odom to base": 50, "base to arm": 200, "arm to gr
 def staleness(report: Report) -> None:
     """Publishers at fixed rates: how old the data of a lookup is, link by link."""
     run = {"seconds": report.seconds(3), "rates_hz": ",".join(map(str, SOURCES.values()))}
-    with Program(str(len(SOURCES)), "optimistic", "tf2") as program:
+    with Program(len(SOURCES), "optimistic", "tf2") as program:
         ways = [cell for cell in program.cells({}, COMMON, "latest", XACT)]
         for _ in range(report.repetitions(3)):
             for cell in ways:
@@ -233,7 +232,7 @@ def memory(report: Report) -> None:
     frames = 10_000 if report.quick else 100_000
     for samples in (1, 2, 4, 8, 16, 64):
         for system in ("optimistic", "tf2"):
-            with Program(str(frames), system, samples=samples) as program:
+            with Program(frames, system, samples=samples) as program:
                 trials = [{"bytes_per_frame": program.bytes_per_frame}]
                 if program.systems:
                     report.add("memory", [Cell({"samples": samples}, system, trials=trials)])

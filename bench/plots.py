@@ -11,7 +11,7 @@ import json
 import statistics
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib
 
@@ -25,21 +25,15 @@ from bench.machine import ROOT
 PUBLISHED = json.loads((ROOT / "bench/results/published-2022.json").read_text())
 LINKS = 1_000_000
 BLUE, ORANGE = "#0072B2", "#D55E00"
-#: Label, system, way to read, color and marker.
-SERIES = (
-    ("zenoh-tf, optimistic", "optimistic", "latest-xact", BLUE, "o"),
-    ("tf2", "tf2", "latest-common", ORANGE, "s"),
-)
 Cells = list[dict[str, Any]]
 
 
 def throughput(cells: Cells) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5))
     _published(left, "operations_per_s", "operations_per_s", 1)
-    paper = [cell for cell in cells if cell["part"] == "paper"]
-    _measured(left, paper, "operations_per_s")
-    _measured(right, paper, "reads_per_s", "links read", factor=16)
-    _measured(right, paper, "links_written_per_s", "links written", dash=True)
+    _measured(left, cells, "operations_per_s")
+    _measured(right, cells, "reads_per_s", "links read", factor=16)
+    _measured(right, cells, "links_written_per_s", "links written", dash=True)
     _threads_axis(left, "operations/s", "As the report counts: tf2's 16 sets are 16 operations")
     _threads_axis(right, "links/s", "The same runs, links counted alike")
     return figure
@@ -48,10 +42,9 @@ def throughput(cells: Cells) -> Figure:
 def latency(cells: Cells) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), sharey=True)
     _published(left, "read_latency_mean_ms", "read_latency_mean_ms", 1000)
-    paper = [cell for cell in cells if cell["part"] == "paper"]
     for axes, links in ((left, LINKS), (right, 1000)):
-        _measured(axes, paper, "read_us_p50", "median", links)
-        _measured(axes, paper, "read_us_p999", "99.9 %", links, dash=True)
+        _measured(axes, cells, "read_us_p50", "median", links=links)
+        _measured(axes, cells, "read_us_p999", "99.9 %", links=links, dash=True)
     _threads_axis(left, "a read of 16 links, µs", "1,000,000 links; published: means")
     _threads_axis(right, "", "1,000 links")
     return figure
@@ -59,12 +52,11 @@ def latency(cells: Cells) -> Figure:
 
 def delay(cells: Cells) -> Figure:
     figure, axes = plt.subplots(figsize=(7, 5))
-    _published(axes, "delay_mean_ms", "delay_oldest_ms", 0.001, ("mean stamp", "oldest stamp"))
-    runs = [cell for cell in cells if cell["part"] == "delay"]
-    _measured(axes, runs, "delay_oldest_s", "oldest stamp")
-    _measured(axes, runs, "delay_mean_s", "mean stamp", dash=True)
-    title = f"1,000,000 links, runs of {runs[0]['seconds']} s"
-    _threads_axis(axes, "age of the data used, s", title)
+    _published(axes, "delay_mean_ms", "delay_oldest_ms", 0.001, " (mean stamp)", " (oldest stamp)")
+    _measured(axes, cells, "delay_oldest_s", "oldest stamp", part="delay")
+    _measured(axes, cells, "delay_mean_s", "mean stamp", part="delay", dash=True)
+    seconds = next(cell["seconds"] for cell in cells if cell["part"] == "delay")
+    _threads_axis(axes, "age of the data used, s", f"1,000,000 links, runs of {seconds} s")
     return figure
 
 
@@ -72,18 +64,15 @@ def staleness(cells: Cells) -> Figure:
     figure, axes = plt.subplots(figsize=(7.5, 4.8))
     rows = [cell for cell in cells if cell["part"] == "staleness"]
     links = {row["link"]: row["rate_hz"] for row in rows}
-    height = 0.26
-    for i, (label, system, read, color) in enumerate(
-        (
-            ("tf2, latest common time", "tf2", "latest-common", ORANGE),
-            ("zenoh-tf, latest common time", "optimistic", "latest-common", "#7FB8DA"),
-            ("zenoh-tf, latest of every link", "optimistic", "latest-xact", BLUE),
-        )
+    for offset, label, series, color in (
+        (-0.26, "tf2, latest common time", ("tf2", "latest-common"), ORANGE),
+        (0, "zenoh-tf, latest common time", ("optimistic", "latest-common"), "#7FB8DA"),
+        (0.26, "zenoh-tf, latest of every link", ("optimistic", "latest-xact"), BLUE),
     ):
-        own = [row for row in rows if (row["system"], row["read"]) == (system, read)]
-        places = [list(links).index(row["link"]) + (i - 1) * height for row in own]
+        own = [row for row in rows if (row["system"], row["read"]) == series]
+        places = [list(links).index(row["link"]) + offset for row in own]
         means, tails = ([row[key][1] for row in own] for key in ("ms_mean", "ms_p99"))
-        axes.barh(places, means, height=height * 0.9, color=color, label=label)
+        axes.barh(places, means, height=0.23, color=color, label=label)
         axes.hlines(places, means, tails, color="#555555", linewidth=1)
         for place, mean, tail in zip(places, means, tails, strict=True):
             axes.text(tail + 1, place, f"{mean:.2g}", va="center", fontsize=8)
@@ -91,24 +80,19 @@ def staleness(cells: Cells) -> Figure:
     axes.invert_yaxis()
     axes.set_xlabel("age of the data used, ms: mean (number), line to the 99th percentile")
     axes.set_xlim(right=1.08 * max(row["ms_p99"][1] for row in rows))
-    axes.set_title("How old each link of one lookup is, by how it is asked", fontsize=10)
-    axes.grid(axis="x", color="#dddddd")
-    _finish(axes)
+    _finish(axes, "How old each link of one lookup is, by how it is asked", "x")
     return figure
 
 
-def _published(
-    axes: Axes, of_proposal: str, of_tf: str, factor: float, notes: tuple[str, str] = ("", "")
-) -> None:
-    for name, key, note, color, marker in (
-        ("proposal", of_proposal, notes[0], BLUE, "^"),
-        ("TF", of_tf, notes[1], ORANGE, "v"),
+def _published(axes: Axes, ours: str, tf: str, factor: float, *notes: str) -> None:
+    of_ours, of_tf = notes or ("", "")
+    for name, key, note, color, style in (
+        ("proposal", ours, of_ours, BLUE, ":^"),
+        ("TF", tf, of_tf, ORANGE, ":v"),
     ):
         values = [value * factor for value in PUBLISHED[name][key]]
-        label = f"{name}, published" + (f" ({note})" if note else "")
-        style = f":{marker}"
-        look = {"linewidth": 1.2, "markersize": 3, "alpha": 0.75}
-        axes.plot(PUBLISHED["threads"], values, style, color=color, label=label, **look)
+        lines = axes.plot(PUBLISHED["threads"], values, style, color=color, markersize=3)
+        plt.setp(lines, label=f"{name}, published{note}", alpha=0.75, linewidth=1.2)
 
 
 def _measured(
@@ -116,35 +100,31 @@ def _measured(
     cells: Cells,
     metric: str,
     note: str = "",
+    *,
+    part: str = "paper",
     links: int = LINKS,
     dash: bool = False,
     factor: float = 1,
 ) -> None:
     """Medians with quartiles by threads, half of them writers: the report's workload."""
-    for label, system, read, color, marker in SERIES:
-        rows = [
-            (2 * cell["readers"], [factor * value for value in cell[metric]])
+    for label, series, color, marker in (
+        ("zenoh-tf, optimistic", ("optimistic", "latest-xact"), BLUE, "o"),
+        ("tf2", ("tf2", "latest-common"), ORANGE, "s"),
+    ):
+        rows = sorted(
+            (2 * cell["readers"], *(factor * value for value in cell[metric]))
             for cell in cells
-            if (cell["links"], cell["system"], cell["read"]) == (links, system, read)
-            and cell["readers"] == cell["writers"]
-            and cell.get("direction", "opposite") == "opposite"
-        ]
-        rows.sort()
-        medians = [values[1] for _, values in rows]
-        errors = [[v[1] - v[0] for _, v in rows], [v[2] - v[1] for _, v in rows]]
-        axes.errorbar(
-            [threads for threads, _ in rows],
-            medians,
-            yerr=errors,
-            label=f"{label}, {note}" if note else label,
-            color=color,
-            marker=marker,
-            markerfacecolor="white" if dash else color,
-            linestyle="--" if dash else "-",
-            linewidth=1.8,
-            capsize=3,
-            elinewidth=1,
+            if cell["part"] == part and (cell["links"], cell["readers"]) == (links, cell["writers"])
+            if (cell["system"], cell["read"]) == series and cell.get("direction") != "same"
         )
+        threads, lows, medians, highs = zip(*rows, strict=True)
+        below = [median - low for median, low in zip(medians, lows, strict=True)]
+        above = [high - median for median, high in zip(medians, highs, strict=True)]
+        drawn = axes.errorbar(threads, medians, (below, above), capsize=3, elinewidth=1)
+        drawn.set_label(f"{label}, {note}" if note else label)
+        plt.setp(drawn.get_children(), color=color)
+        plt.setp(drawn[0], marker=marker, linewidth=1.8, linestyle="--" if dash else "-")
+        plt.setp(drawn[0], markerfacecolor="white" if dash else color)
 
 
 def _threads_axis(axes: Axes, ylabel: str, title: str) -> None:
@@ -153,30 +133,27 @@ def _threads_axis(axes: Axes, ylabel: str, title: str) -> None:
     axes.xaxis.set_major_formatter(matplotlib.ticker.ScalarFormatter())
     axes.set_xlabel("threads, half of them writers")
     axes.set_ylabel(ylabel)
-    axes.set_title(title, fontsize=10)
-    axes.grid(color="#dddddd", linewidth=0.6)
-    _finish(axes)
+    _finish(axes, title, "both")
 
 
-def _finish(axes: Axes) -> None:
+def _finish(axes: Axes, title: str, grid: Literal["x", "both"]) -> None:
     """Puts the legend below the axes, where no line runs behind it."""
+    axes.set_title(title, fontsize=10)
+    axes.grid(axis=grid, color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.legend(fontsize=8, ncols=2, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
 def _caption(machine: dict[str, str], cells: Cells, name: str) -> list[str]:
-    lines = [
-        f"Measured on {machine['cpu']}, {machine['cores']} cores, {machine['compiler']},"
-        f" {machine['tf2'].split(',')[0]}; commit {machine['commit']}."
-    ]
-    if name in ("throughput", "latency"):
-        lines[0] += " Medians of the trials with their quartiles."
-    if name != "staleness":
-        part = "delay" if name == "delay" else "paper"
-        load = [cell["background_cores"][1] for cell in cells if cell["part"] == part]
-        lines[0] += f" Other programs used {statistics.median(load):.1f} cores meanwhile."
-        lines.append(f"Published: {PUBLISHED['source']}; {PUBLISHED['machine']}.")
-    return lines
+    caption = f"Measured on {machine['cpu']}, {machine['cores']} cores, {machine['compiler']},"
+    caption += f" {machine['tf2'].split(',')[0]}; commit {machine['commit']}."
+    if name == "staleness":
+        return [caption]
+    if name != "delay":
+        caption += " Medians of the trials with their quartiles."
+    load = [cell["background_cores"][1] for cell in cells if "background_cores" in cell]
+    caption += f" Other programs used {statistics.median(load):.1f} cores meanwhile."
+    return [caption, f"Published: {PUBLISHED['source']}; {PUBLISHED['machine']}."]
 
 
 def main() -> None:
@@ -185,17 +162,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
     results = json.loads(args.results.read_text())
-    args.out.mkdir(parents=True, exist_ok=True)
     plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
     # The same picture makes the same file; text stays text, which is small and can be searched.
     plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
     for draw in (throughput, latency, delay, staleness):
         figure = draw(results["cells"])
         figure.tight_layout(rect=(0, 0.07, 1, 1))
-        width = int(figure.get_figwidth() * 17)
         lines = _caption(results["machine"], results["cells"], draw.__name__)
-        caption = "\n".join(textwrap.fill(line, width) for line in lines)
-        figure.text(0.01, 0.01, caption, fontsize=7, color="#444444")
+        wrapped = [textwrap.fill(line, int(figure.get_figwidth() * 17)) for line in lines]
+        figure.text(0.01, 0.01, "\n".join(wrapped), fontsize=7, color="#444444")
         path = args.out / f"{draw.__name__}.svg"
         figure.savefig(path, facecolor="white", metadata={"Date": None})
         print(path)

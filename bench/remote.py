@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import statistics
 import time
@@ -131,7 +132,8 @@ def _rates(report: Report, tf: TransformClient) -> None:
             (f"a batch of {ROWS} lookup_transform", recorded, 0, 0),
             (f"broadcaster, messages of {ROWS // 10}", send, ROWS, 300_000),
         ):
-            cell = Cell({"case": name}, "zenoh-tf", run=lambda c=call, a=awaited: trial(c, a))
+            run = functools.partial(trial, call, awaited)
+            cell = Cell({"case": name}, "zenoh-tf", run=run)
             cell.run()  # warms up
             report.measure("remote", [cell], report.repetitions())
             if limit:

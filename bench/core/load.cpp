@@ -95,9 +95,9 @@ class Worker {
   }
 
   unsigned write() {
-    if (trial_.own_links != 0) {
+    if (trial_.own_links) {
       Stamp& stamp = instance_.next_stamp[thread_];
-      return instance_.system->write(trial_.own_links + thread_, 1, stamp += trial_.period);
+      return instance_.system->write(kOwnLinks + thread_, 1, stamp += trial_.period);
     }
     const FrameIndex top = random_.below(trial_.draw.frames - trial_.draw.length);
     return instance_.system->write(top + 1, trial_.draw.length, instance_.clock.now());

@@ -39,8 +39,8 @@ struct Trial {
   unsigned readers, writers;
   Read read;
   Draw draw;
-  FrameIndex own_links;  // writing thread i sets link own_links + i; 0: random rows of the snake
-  Stamp period;          // between two stamps of an own link
+  bool own_links;  // each writing thread sets a link of its own; else random rows of the snake
+  Stamp period;    // between two stamps of an own link
   double seconds;
 };
 

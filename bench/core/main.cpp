@@ -71,10 +71,10 @@ bool equal(const Reply& a, const Reply& b) {
 
 class Bench {
  public:
-  // shape: see make_forest(); samples, period_ns: each link's history; cache_s, max_samples,
+  // links: see make_forest(); samples, period_ns: each link's history; cache_s, max_samples,
   // child_to_parent: see SystemOptions; systems: those wanted. Prints which of them there are.
   explicit Bench(const Settings& settings)
-      : forest_(make_forest(settings.at("shape"))),
+      : forest_(make_forest(settings.count("links"))),
         samples_(settings.count("samples")),
         period_(static_cast<Stamp>(settings.number("period_ns"))),
         options_{static_cast<Stamp>(settings.number("cache_s") * 1e9),
@@ -87,7 +87,7 @@ class Bench {
 #endif
     }
     std::vector<std::future<void>> filled;
-    const FrameIndex row = settings.at("shape") == "chains" ? 1 : 256;
+    const FrameIndex row = settings.count("links") == 0 ? 1 : 256;
     for (auto& entry : systems_)
       filled.push_back(std::async(std::launch::async, [&] { fill(entry.second, row); }));
     for (auto& one : filled) one.get();
@@ -106,12 +106,11 @@ class Bench {
     const Read read = kReads.at(settings.at("read"));
     const double seconds = settings.number("seconds");
     if (command == "trial") {
-      const bool own = settings.at("write") == "own";
       const Trial trial{settings.count("readers"),
                         settings.count("writers"),
                         read,
                         draw_of(settings),
-                        own ? forest_.find("set_00") : 0,
+                        settings.count("own_links") != 0,
                         period_,
                         seconds};
       if (trial.readers + trial.writers > kMaxThreads) throw std::invalid_argument("threads");
@@ -144,8 +143,7 @@ class Bench {
   [[nodiscard]] Draw draw_of(const Settings& settings) const {
     Draw draw{forest_.size(), settings.count("length"), (end() - kStart) / 4};
     if (draw.length < 1 || draw.length >= draw.frames) throw std::invalid_argument("length");
-    if (const auto pair = settings.list("pairs"); pair.size() == 2)
-      draw.fixed = {forest_.find(pair[0]), forest_.find(pair[1])};
+    draw.fixed = {settings.count("target"), settings.count("source")};
     return draw;
   }
 
