@@ -57,9 +57,9 @@ class Program:
     def ask(self, command: str, **settings: Any) -> Trial:
         return dict(request(self._process, " ".join((command, *_words(settings)))))
 
-    def trial(self, **settings: Any) -> Trial:
+    def trial(self, system: str, **settings: Any) -> Trial:
         load = BackgroundLoad(self._process.pid)
-        return self.ask("trial", **settings) | {"background_cores": load.cores()}
+        return self.ask("trial", system=system, **settings) | {"background_cores": load.cores()}
 
     def check(self, *reads: str, **settings: int) -> None:
         """Compares the answers of all systems; ends the benchmark if they differ."""
@@ -70,9 +70,7 @@ class Program:
         """A cell for each system and each way to read that it supports."""
         run = DEFAULTS | settings
         return [
-            Cell(
-                labels, system, read, functools.partial(self.trial, system=system, read=read, **run)
-            )
+            Cell(labels, system, read, functools.partial(self.trial, system, read=read, **run))
             for read in reads
             for system in self.systems
             if system != "tf2" or read not in ("latest", XACT)
@@ -102,9 +100,10 @@ def lookups(report: Report) -> None:
             program.check(read, target=target, source=source)
             for threads in (1, 2):
                 readers = 0 if name.startswith("set") else threads
-                settings = {"readers": readers, "writers": threads - readers, "own_links": 1}
-                settings |= {"target": target, "source": source, "seconds": report.seconds(0.05)}
-                cells = program.cells({"case": name, "threads": threads}, read, **settings)
+                roles = {"readers": readers, "writers": threads - readers, "own_links": 1}
+                run = {"target": target, "source": source, "seconds": report.seconds(0.05)}
+                labels = {"case": name, "threads": threads}
+                cells = program.cells(labels, read, **roles, **run)
                 report.measure("native", cells, report.repetitions(15))
                 rates = {cell.system: cell.values("operations_per_s") for cell in cells}
                 if "tf2" in rates and threads <= len(limits):
@@ -213,26 +212,26 @@ def staleness(report: Report) -> None:
     """Publishers at fixed rates: how old the data of a lookup is, link by link."""
     run = {"seconds": report.seconds(3), "rates_hz": ",".join(map(str, SOURCES.values()))}
     with Program(len(SOURCES), "optimistic", "tf2") as program:
-        ways = [cell for cell in program.cells({}, COMMON, "latest", XACT)]
+        ways = program.cells({}, COMMON, "latest", XACT)
         for _ in range(report.repetitions(3)):
-            for cell in ways:
-                cell.trials.append(
-                    program.ask("staleness", system=cell.system, read=cell.read, **run)
-                )
+            for way in ways:
+                way.trials.append(program.ask("staleness", system=way.system, read=way.read, **run))
     for i, (link, rate) in enumerate(SOURCES.items()):
-        metrics = ("ms_mean", "ms_p99")
+        cells = []
         for way in ways:
-            trials = [{name: trial[f"link{i}_{name}"] for name in metrics} for trial in way.trials]
-            labels = {"link": link, "rate_hz": rate}
-            report.add("staleness", [Cell(labels, way.system, way.read, trials=trials)])
+            means, tails = way.values(f"link{i}_ms_mean"), way.values(f"link{i}_ms_p99")
+            trials = [{"ms_mean": a, "ms_p99": b} for a, b in zip(means, tails, strict=True)]
+            cells.append(Cell({"link": link, "rate_hz": rate}, way.system, way.read, trials=trials))
+        report.measure("staleness", cells, 0)
 
 
 def memory(report: Report) -> None:
     """Bytes for a frame, by the samples that it holds."""
     frames = 10_000 if report.quick else 100_000
     for samples in (1, 2, 4, 8, 16, 64):
+        cells = []
         for system in ("optimistic", "tf2"):
             with Program(frames, system, samples=samples) as program:
                 trials = [{"bytes_per_frame": program.bytes_per_frame}]
-                if program.systems:
-                    report.add("memory", [Cell({"samples": samples}, system, trials=trials)])
+                cells += [Cell({"samples": samples}, s, trials=trials) for s in program.systems]
+        report.measure("memory", cells, 0)

@@ -70,10 +70,6 @@ class Target:
         median = quartiles(self.values)[1]
         return median >= self.limit if self.at_least else median <= self.limit
 
-    def __str__(self) -> str:
-        sign = ">=" if self.at_least else "<="
-        return f"{self.name} {sign} {self.limit:,g}"
-
 
 class Report:
     """All that is measured in this run. ``quick``: one short trial each, to see that it works."""
@@ -93,18 +89,12 @@ class Report:
     def measure(
         self, part: str, cells: Sequence[Cell], repetitions: int, baseline: str = "tf2"
     ) -> None:
-        """Runs all cells by turns, in the given order, and adds them."""
+        """Runs all cells by turns, in the given order; prints and keeps them."""
         for _ in range(repetitions):
             for cell in cells:
                 cell.trials.append(cell.run())
-        self.add(part, cells, baseline)
-
-    def add(self, part: str, cells: Iterable[Cell], baseline: str = "tf2") -> None:
-        """Prints and keeps cells that have their trials."""
-        groups: dict[str, list[Cell]] = {}
-        for cell in cells:
-            groups.setdefault(repr(cell.labels), []).append(cell)
-        for group in groups.values():
+        for labels in dict.fromkeys(json.dumps(cell.labels) for cell in cells):
+            group = [cell for cell in cells if json.dumps(cell.labels) == labels]
             base = next((cell for cell in group if cell.system == baseline), None)
             records = [cell.record(part, base) for cell in group]
             self.cells += records
@@ -114,9 +104,10 @@ class Report:
         """Prints and keeps those targets that have values."""
         for target in targets:
             if found := quartiles(target.values):
+                name = f"{target.name} {'>=' if target.at_least else '<='} {target.limit:,g}"
                 verdict = "reached" if target.reached else "MISSED"
-                print(f"{verdict:<8}{target}: {found[1]:.4g}", flush=True)
-                row = {"part": part, "target": str(target), "median": float(f"{found[1]:.4g}")}
+                print(f"{verdict:<8}{name}: {found[1]:.4g}", flush=True)
+                row = {"part": part, "target": name, "median": float(f"{found[1]:.4g}")}
                 self.targets.append(row | {"reached": target.reached})
 
     def write(self, path: Path) -> None:
@@ -130,8 +121,8 @@ class Report:
 
 def _print(labels: dict[str, Any], records: list[dict[str, Any]]) -> None:
     """Medians with quartiles, a system a row."""
-    metrics = dict.fromkeys(key for record in records for key in record)
-    columns = [key for key in metrics if any(isinstance(r.get(key), list) for r in records)]
+    metrics = [key for record in records for key in record if isinstance(record[key], list)]
+    columns = list(dict.fromkeys(metrics))
     rows = [["system", *columns]]
     for record in records:
         name = f"{record['system']} {record.get('read', '')}"
@@ -139,19 +130,11 @@ def _print(labels: dict[str, Any], records: list[dict[str, Any]]) -> None:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     print("\n" + ", ".join(f"{key}: {value}" for key, value in labels.items()))
     for row in rows:
-        line = "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True))
-        print(line.rstrip(), flush=True)
+        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
+        print("  ".join(cells).rstrip(), flush=True)
 
 
 def _text(values: list[float]) -> str:
-    if not values:
-        return ""
-    low, median, high = (
-        f"{value / 1e6:.3g}M"
-        if value >= 1e6
-        else f"{value:.3g}"
-        if value < 1e4
-        else f"{value:,.0f}"
-        for value in values
-    )
-    return median if low == high else f"{median} [{low}-{high}]"
+    """The median, [the quartiles]."""
+    texts = [f"{value / 1e6:.3g}M" if value >= 1e6 else f"{value:,.4g}" for value in values]
+    return f"{texts[1]} [{texts[0]}-{texts[2]}]" if len({*texts}) > 1 else "".join(texts[:1])

@@ -64,7 +64,7 @@ def measure(report: Report) -> None:
     p50, p99, worst = map(float, np.percentile(spent_us, (50, 99, 100)))
     trial = {"us_p50": p50, "us_p99": p99, "us_worst": worst, "idle_cpu_percent": idle_percent}
     labels = {"case": f"{lookups} waiting lookups, from commit to answer"}
-    report.add("waiting", [Cell(labels, "zenoh-tf", trials=[trial])])
+    report.measure("waiting", [Cell(labels, "zenoh-tf", trials=[trial])], 0)
 
 
 def _stamped(frame: str, stamp_ns: int) -> StampedTransform:

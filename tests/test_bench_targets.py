@@ -116,9 +116,9 @@ def test_a_run_alternates_prints_and_keeps_small_results(
     order: list[str] = []
     trial = native.Program.trial
 
-    def spied(self: native.Program, **settings: Any) -> dict[str, float]:
-        order.append(settings["system"])
-        return trial(self, **settings)
+    def spied(self: native.Program, system: str, **settings: Any) -> dict[str, float]:
+        order.append(system)
+        return trial(self, system, **settings)
 
     monkeypatch.setattr(native.Program, "trial", spied)
     report = Report({"cpu": "test"})
