@@ -64,7 +64,7 @@ bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE 
 # What `make bench ARGS=core RESULTS=$(FIGURES_FROM)` has written.
 FIGURES_FROM ?= bench/results/core-2-cores-amd-epyc.json
 figures: native ## draw docs/figures from bench/results, without measuring
-	@$(BIN)/python -m bench.plots $(FIGURES_FROM) --out docs/figures
+	@$(BIN)/python -m bench.plots $(FIGURES_FROM) docs/figures
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address

@@ -58,7 +58,8 @@ class BackgroundLoad:
 def _output(*command: str) -> str:
     """The first line that a command prints; empty if it is missing or fails."""
     try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        return subprocess.check_output(
+            command, cwd=ROOT, text=True, stderr=subprocess.DEVNULL
+        ).split("\n")[0]
     except (OSError, subprocess.CalledProcessError):
         return ""
-    return done.stdout.split("\n")[0].strip()

@@ -1,4 +1,4 @@
-"""``python -m bench.plots RESULTS --out FOLDER``: the figures of the documentation.
+"""``python -m bench.plots RESULTS FOLDER``: the figures of the documentation.
 
 From results that ``python -m bench core --results RESULTS`` has written, beside the curves that
 were published; nothing is measured here.
@@ -6,9 +6,9 @@ were published; nothing is measured here.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
+import sys
 import textwrap
 from pathlib import Path
 from typing import Any, Literal
@@ -157,11 +157,8 @@ def _caption(machine: dict[str, str], cells: Cells, name: str) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m bench.plots", description=__doc__)
-    parser.add_argument("results", type=Path)
-    parser.add_argument("--out", type=Path, required=True)
-    args = parser.parse_args()
-    results = json.loads(args.results.read_text())
+    source, folder = map(Path, sys.argv[1:])
+    results = json.loads(source.read_text())
     plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
     # The same picture makes the same file; text stays text, which is small and can be searched.
     plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
@@ -171,7 +168,7 @@ def main() -> None:
         lines = _caption(results["machine"], results["cells"], draw.__name__)
         wrapped = [textwrap.fill(line, int(figure.get_figwidth() * 17)) for line in lines]
         figure.text(0.01, 0.01, "\n".join(wrapped), fontsize=7, color="#444444")
-        path = args.out / f"{draw.__name__}.svg"
+        path = folder / f"{draw.__name__}.svg"
         figure.savefig(path, facecolor="white", metadata={"Date": None})
         print(path)
 

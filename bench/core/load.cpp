@@ -41,9 +41,10 @@ double percentile(std::vector<T>& values, double share) {
   return static_cast<double>(*nth);
 }
 
-// What the calls of a role did; `done` are reads that found a transform, or links written.
+// What the calls of a role did. Done are reads that found a transform, or links written.
+enum { kCalls, kDone, kRetries, kDelays, kOldest_s, kMean_s, kCounts };
 struct Counts {
-  double calls = 0, done = 0, retries = 0, delays = 0, oldest_s = 0, mean_s = 0;
+  std::array<double, kCounts> sums{};
   std::vector<std::uint32_t> ns;  // of the timed calls
 };
 
@@ -78,20 +79,22 @@ class Worker {
       const Clock::time_point end = Clock::now();
       counts_.ns.push_back(static_cast<std::uint32_t>((end - timed).count()));
       if (seen == Phase::warm_up && end - start < kBlock && block < kMaxBlock) block *= 2;
-      if (reads() && trial_.writers > 0 && counts_.calls > kReadsPerDelay * counts_.delays)
+      if (reads() && trial_.writers > 0 &&
+          counts_.sums[kCalls] > kReadsPerDelay * counts_.sums[kDelays])
         measure_delay();
     }
-    counts_.retries = static_cast<double>(ztf::retries - retries_before);
+    counts_.sums[kRetries] = static_cast<double>(ztf::retries - retries_before);
   }
 
  private:
   void call(unsigned begin, unsigned end) {
-    counts_.calls += end - begin;
+    counts_.sums[kCalls] += end - begin;
     if (reads() && begin < end) {
       Reply last;
-      counts_.done += instance_.system->lookup(trial_.read, &requests_[begin], end - begin, last);
+      counts_.sums[kDone] +=
+          instance_.system->lookup(trial_.read, &requests_[begin], end - begin, last);
     }
-    for (; !reads() && begin < end; ++begin) counts_.done += write();
+    for (; !reads() && begin < end; ++begin) counts_.sums[kDone] += write();
   }
 
   unsigned write() {
@@ -109,13 +112,14 @@ class Worker {
     Reply reply;
     const Stamp now = instance_.clock.now();
     if (!instance_.system->lookup(trial_.read, &row, 1, reply)) return;
-    ++counts_.delays;
-    counts_.oldest_s += static_cast<double>(now - reply.stamp) * 1e-9;
+    ++counts_.sums[kDelays];
+    counts_.sums[kOldest_s] += static_cast<double>(now - reply.stamp) * 1e-9;
     for (FrameIndex frame = row.target; frame < row.source; ++frame) {
       const Request link{frame, frame + 1};
       const Stamp asked = instance_.clock.now();
       if (instance_.system->lookup(Read::latest_common, &link, 1, reply))
-        counts_.mean_s += static_cast<double>(asked - reply.stamp) * 1e-9 / trial_.draw.length;
+        counts_.sums[kMean_s] +=
+            static_cast<double>(asked - reply.stamp) * 1e-9 / trial_.draw.length;
     }
   }
 
@@ -127,22 +131,22 @@ class Worker {
   alignas(128) Counts counts_;
 };
 
-// Adds the figures of a role, "read" or "write", to those of the trial.
+// Adds the figures of readers or of writers to those of the trial.
 void summarize(Metrics& metrics, const std::string& role, Counts& counts, double seconds,
                bool transactions) {
-  const bool reads = role == "read";
   if (counts.ns.empty()) return;
-  metrics[reads ? "reads_per_s" : "links_written_per_s"] = counts.done / seconds;
+  const auto& sums = counts.sums;
+  const bool reads = role == "read";
+  metrics[reads ? "reads_per_s" : "links_written_per_s"] = sums[kDone] / seconds;
   // The report counts each of tf2's sets as an operation, and a transaction of many as one.
-  metrics["operations_per_s"] += (reads || !transactions ? counts.done : counts.calls) / seconds;
-  metrics["retries_per_" + role] = counts.retries / counts.calls;
-  metrics[role + "_us_p50"] = percentile(counts.ns, 0.5) / 1000;
-  metrics[role + "_us_p99"] = percentile(counts.ns, 0.99) / 1000;
-  metrics[role + "_us_p999"] = percentile(counts.ns, 0.999) / 1000;
-  if (reads) metrics["unanswered_share"] = 1 - counts.done / counts.calls;
-  if (counts.delays == 0) return;
-  metrics["delay_oldest_s"] = counts.oldest_s / counts.delays;
-  metrics["delay_mean_s"] = counts.mean_s / counts.delays;
+  metrics["operations_per_s"] += sums[reads || !transactions ? kDone : kCalls] / seconds;
+  metrics["retries_per_" + role] = sums[kRetries] / sums[kCalls];
+  for (const auto& [name, share] : {std::pair("p50", 0.5), {"p99", 0.99}, {"p999", 0.999}})
+    metrics[role + "_us_" + name] = percentile(counts.ns, share) / 1000;
+  if (reads) metrics["unanswered_share"] = 1 - sums[kDone] / sums[kCalls];
+  if (sums[kDelays] == 0) return;
+  metrics["delay_oldest_s"] = sums[kOldest_s] / sums[kDelays];
+  metrics["delay_mean_s"] = sums[kMean_s] / sums[kDelays];
 }
 
 }  // namespace
@@ -165,19 +169,14 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
   instance.clock.pause();
   Metrics metrics;
   for (const bool reads : {true, false}) {
-    Counts sum;
+    Counts all;
     for (const auto& worker : workers) {
-      const Counts& own = worker->counts();
       if (worker->reads() != reads) continue;
-      sum.calls += own.calls;
-      sum.done += own.done;
-      sum.retries += own.retries;
-      sum.delays += own.delays;
-      sum.oldest_s += own.oldest_s;
-      sum.mean_s += own.mean_s;
-      sum.ns.insert(sum.ns.end(), own.ns.begin(), own.ns.end());
+      const auto& [sums, ns] = worker->counts();
+      for (int i = 0; i < kCounts; ++i) all.sums[i] += sums[i];
+      all.ns.insert(all.ns.end(), ns.begin(), ns.end());
     }
-    summarize(metrics, reads ? "read" : "write", sum, seconds,
+    summarize(metrics, reads ? "read" : "write", all, seconds,
               instance.system->supports(Read::latest_xact));
   }
   return metrics;

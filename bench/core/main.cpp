@@ -8,6 +8,7 @@
 #include <future>
 #include <iostream>
 #include <sstream>
+#include <utility>
 
 #include "load.hpp"
 
@@ -41,21 +42,17 @@ const std::map<std::string, Read> kReads{{"latest-common", Read::latest_common},
 
 void print(const Metrics& metrics) {
   const char* separator = "";
-  std::printf("{");
-  for (const auto& [name, value] : metrics) {
-    std::printf("%s\"%s\": %.6g", separator, name.c_str(), value);
-    separator = ", ";
-  }
-  std::printf("}\n");
-  std::fflush(stdout);
+  std::cout << '{';
+  for (const auto& [name, value] : metrics)
+    std::cout << std::exchange(separator, ", ") << '"' << name << "\": " << value;
+  std::cout << '}' << std::endl;
 }
 
 // The bytes of this process in the machine's memory.
 double resident_bytes() {
   malloc_trim(0);
-  std::ifstream statm("/proc/self/statm");
   double all, pages;
-  statm >> all >> pages;
+  std::ifstream("/proc/self/statm") >> all >> pages;
   return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 

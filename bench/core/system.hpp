@@ -45,24 +45,21 @@ inline Forest make_forest(FrameIndex links) {
   return forest;
 }
 
-// A link's transform at a time. Every link turns and moves back and forth in small steps; none is
-// the identity.
+// A link's transform at a time: every link turns and moves back and forth, none is the identity.
 inline const ztf::Pose& pose_at(FrameIndex link, Stamp stamp) {
-  constexpr int kClasses = 16, kSteps = 64;
   static const auto table = [] {
-    std::array<std::array<ztf::Pose, kSteps>, kClasses> result;
-    const double axis[3] = {2.0 / 7, 3.0 / 7, 6.0 / 7};
-    for (int i = 0; i < kClasses; ++i)
-      for (int k = 0; k < kSteps; ++k) {
-        const double half = (0.3 + 0.1 * i + 0.002 * k) / 2, sine = std::sin(half);
-        result[i][k] = {0.5 + 0.25 * i,     -1.0 + 0.001 * k,         0.125 * (i % 3),
-                        axis[i % 3] * sine, axis[(i + 1) % 3] * sine, axis[(i + 2) % 3] * sine,
-                        std::cos(half)};
+    std::array<std::array<ztf::Pose, 64>, 16> result;
+    for (int i = 0; i < 16; ++i)
+      for (int k = 0; k < 64; ++k) {
+        const double half = 0.15 + 0.05 * i + 0.001 * k, sine = std::sin(half) / 7;
+        const double axis[] = {2 * sine, 3 * sine, 6 * sine, 2 * sine, 3 * sine};
+        const double *a = axis + i % 3, x = 0.5 + 0.25 * i, y = 0.001 * k - 1;
+        result[i][k] = {x, y, 0.125 * i, a[0], a[1], a[2], std::cos(half)};
       }
     return result;
   }();
-  const auto step = static_cast<int>((stamp >> 20) & (2 * kSteps - 1));  // about a millisecond each
-  return table[link % kClasses][step < kSteps ? step : 2 * kSteps - 1 - step];
+  const auto step = static_cast<unsigned>(stamp >> 20) % 128;  // about a millisecond each
+  return table[link % 16][step < 64 ? step : 127 - step];
 }
 
 class Random {  // xorshift64

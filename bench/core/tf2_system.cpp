@@ -4,6 +4,8 @@
 #include <tf2/buffer_core.h>
 #include <tf2/exceptions.h>
 
+#include <tuple>
+
 #include "system.hpp"
 
 namespace bench {
@@ -49,17 +51,14 @@ class Tf2System final : public System {
     unsigned stored = 0;
     for (unsigned i = 0; i < links; ++i) {
       const FrameIndex link = first + (child_to_parent_ ? links - 1 - i : i);
-      const ztf::Pose& pose = pose_at(link, stamp);
+      const auto& [x, y, z, qx, qy, qz, qw] = pose_at(link, stamp);
       m.header.frame_id = forest_.names[forest_.parents[link]];
       m.child_frame_id = forest_.names[link];
       m.header.stamp = to_time(stamp);
-      m.transform.translation.x = pose.x;
-      m.transform.translation.y = pose.y;
-      m.transform.translation.z = pose.z;
-      m.transform.rotation.x = pose.qx;
-      m.transform.rotation.y = pose.qy;
-      m.transform.rotation.z = pose.qz;
-      m.transform.rotation.w = pose.qw;
+      auto& t = m.transform.translation;
+      auto& q = m.transform.rotation;
+      std::tie(t.x, t.y, t.z) = std::tie(x, y, z);
+      std::tie(q.x, q.y, q.z, q.w) = std::tie(qx, qy, qz, qw);
       stored += buffer_.setTransform(m, authority_);
     }
     return stored;
