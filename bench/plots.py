@@ -120,9 +120,9 @@ def _measured(
         threads, lows, medians, highs = zip(*rows, strict=True)
         below = [median - low for median, low in zip(medians, lows, strict=True)]
         above = [high - median for median, high in zip(medians, highs, strict=True)]
-        drawn = axes.errorbar(threads, medians, (below, above), capsize=3, elinewidth=1)
+        errors = (below, above)
+        drawn = axes.errorbar(threads, medians, errors, color=color, capsize=3, elinewidth=1)
         drawn.set_label(f"{label}, {note}" if note else label)
-        plt.setp(drawn.get_children(), color=color)
         plt.setp(drawn[0], marker=marker, linewidth=1.8, linestyle="--" if dash else "-")
         plt.setp(drawn[0], markerfacecolor="white" if dash else color)
 
