@@ -72,13 +72,13 @@ docs: .venv/requirements.stamp ## the documentation and the API reference, in bu
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation: build/site/index.html"
 
-bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps them as JSON
+bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps the medians as JSON
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
 
 # What `make bench ARGS=core RESULTS=$(FIGURES_FROM)` has written.
 FIGURES_FROM ?= bench/results/core-2-cores-amd-epyc.json
 figures: native ## draw docs/figures from bench/results, without measuring
-	@$(BIN)/python -m bench.plots $(FIGURES_FROM) --out docs/figures
+	@$(BIN)/python -m bench.plots $(FIGURES_FROM) docs/figures
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address

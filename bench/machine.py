@@ -1,32 +1,31 @@
-"""What the figures were measured on."""
+"""What the benchmarks ran on, and what else it did meanwhile."""
 
 from __future__ import annotations
 
 import os
 import platform
-import shutil
+import re
 import subprocess
-from importlib.metadata import version
+import time
 from pathlib import Path
 
-import numpy as np
-
 ROOT = Path(__file__).resolve().parent.parent
+TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 
 def describe() -> dict[str, str]:
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    packages = ("libtf2-dev", "python3-tf2")
+    versions = (_output("dpkg-query", "-W", "-f", "${Package} ${Version}", p) for p in packages)
     return {
-        "cpu": _cpu(),
+        "cpu": model[1] if model else platform.machine(),
         "cores": str(os.cpu_count()),
         "load": load(),
         "system": platform.platform(),
         "compiler": _output("sh", "-c", '"$(sh scripts/compiler.sh)" --version'),
         "python": platform.python_version(),
-        "zenoh_tf": version("zenoh-tf"),
         "commit": _output("git", "describe", "--always", "--dirty"),
-        "eclipse_zenoh": version("eclipse-zenoh"),
-        "numpy": np.__version__,
-        "tf2": _tf2(),
+        "tf2": ", ".join(filter(None, versions)) or "no Debian package",
     }
 
 
@@ -35,28 +34,32 @@ def load() -> str:
     return " ".join(f"{average:.2f}" for average in os.getloadavg())
 
 
-def _cpu() -> str:
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        for line in information.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
+def cpu_s(pid: int) -> float:
+    """The processor time that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * TICK_S
 
 
-def _tf2() -> str:
-    packages = [
-        f"{name} {found}"
-        for name in ("libtf2-dev", "python3-tf2")
-        if (found := _output("dpkg-query", "-W", "-f", "${Version}", name))
-    ]
-    return ", ".join(packages) or "no package of Debian's"
+class BackgroundLoad:
+    """The processor time that all programs but one use from now on."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid, self._start = pid, time.monotonic()
+        self._before_s = self._others_s()
+
+    def cores(self) -> float:
+        return max(0.0, self._others_s() - self._before_s) / (time.monotonic() - self._start)
+
+    def _others_s(self) -> float:
+        ticks = [int(word) for word in Path("/proc/stat").read_text().split()[1:9]]
+        return (sum(ticks) - sum(ticks[3:5])) * TICK_S - cpu_s(self._pid)  # less idle and waiting
 
 
 def _output(*command: str) -> str:
-    """The first line that a command prints; empty where it is missing or fails."""
-    if shutil.which(command[0]) is None:
+    """The first line that a command prints; empty if it is missing or fails."""
+    try:
+        return subprocess.check_output(
+            command, cwd=ROOT, text=True, stderr=subprocess.DEVNULL
+        ).split("\n")[0]
+    except (OSError, subprocess.CalledProcessError):
         return ""
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    lines = done.stdout.splitlines()
-    return lines[0].strip() if done.returncode == 0 and lines else ""

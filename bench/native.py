@@ -1,49 +1,237 @@
-"""The core without Python, beside the real tf2: builds and runs bench/core."""
+"""The core without Python, beside the real tf2: builds bench/core, and orders its trials."""
 
 from __future__ import annotations
 
 import functools
-import json
 import os
 import subprocess
 import sys
-import tempfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.machine import ROOT
+from bench.machine import ROOT, BackgroundLoad
+from bench.processes import request
+from bench.report import Cell, Report, Target, Trial, ratios
 
-_BUILD = ROOT / "build/bench"
-
-
-def measure() -> Any:
-    """Lookups at depth 4. Prints its own table; the driver's JSON."""
-    return run("lookups")
-
-
-def run(part: str, *flags: str) -> Any:
-    """The JSON of one part of the driver, which is built first where that is needed."""
-    _build()
-    with tempfile.TemporaryDirectory() as folder:
-        raw = Path(folder, "raw.json")
-        subprocess.run([_BUILD / "bench_core", part, *flags, "--json", raw], check=True)
-        return json.loads(raw.read_text())
+BUILD = ROOT / "build/bench"
+COMMON, XACT = "latest-common", "latest-xact"
 
 
 @functools.cache
-def _build() -> None:
-    """Once: all parts of a run are of the same program."""
-    scripts = Path(sys.executable).parent
-    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"}
+def build() -> None:
+    """Once: all parts of a run measure the same program."""
+    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
     compiler = subprocess.check_output(["sh", "scripts/compiler.sh"], cwd=ROOT, text=True).strip()
-    for command in (
-        ["cmake", "-S", "bench/core", "-B", str(_BUILD), "-G", "Ninja", "--log-level=WARNING"],
-        ["cmake", "--build", str(_BUILD), "--", "--quiet"],
-    ):
-        subprocess.run(
-            command,
-            cwd=ROOT,
-            env=environment | {"CXX": compiler},
-            check=True,
-            stdout=sys.stderr,
-        )
+    environment = os.environ | {"PATH": path, "CXX": compiler}
+    configure = "cmake -S bench/core -B build/bench -G Ninja --log-level=WARNING"
+    for command in (configure, "cmake --build build/bench -- --quiet"):
+        subprocess.run(command.split(), cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
+
+
+#: Of a trial: rows of one link at random, not always the same frames.
+DEFAULTS = {"length": 1, "target": 0, "source": 0, "own_links": 0, "vary": 0}
+
+
+class Program:
+    """bench_core with a snake of links, or with chains (0), in each system that is installed."""
+
+    def __init__(self, links: int, *systems: str, **settings: float) -> None:
+        build()
+        wanted = systems or ("optimistic", "2pl", "giant", "tf2")
+        defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
+        words = _words({"links": links, "systems": ",".join(wanted)} | defaults | settings)
+        command = [str(BUILD / "bench_core"), "child_to_parent=0", *words]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        started = request(self._process, "")
+        self.bytes_per_frame: float = started["bytes_per_frame"]
+        self.systems = [system for system in wanted if system in started]
+
+    def __enter__(self) -> Program:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.communicate()  # closes its input, at which it ends
+
+    def ask(self, command: str, **settings: Any) -> Trial:
+        return dict(request(self._process, " ".join((command, *_words(settings)))))
+
+    def trial(self, system: str, **settings: Any) -> Trial:
+        load = BackgroundLoad(self._process.pid)
+        return self.ask("trial", system=system, **settings) | {"background_cores": load.cores()}
+
+    def check(self, *reads: str, **settings: int) -> None:
+        """Compares the answers of all systems; ends the benchmark if they differ."""
+        for read in reads:
+            self.ask("check", read=read, count=500, **(DEFAULTS | settings))
+
+    def cells(self, labels: dict[str, Any], *reads: str, **settings: Any) -> list[Cell]:
+        """A cell for each system and each way to read that it supports."""
+        run = DEFAULTS | settings
+        return [
+            Cell(labels, system, read, functools.partial(self.trial, system, read=read, **run))
+            for read in reads
+            for system in self.systems
+            if system != "tf2" or read not in ("latest", XACT)
+        ]
+
+
+def _words(settings: dict[str, Any]) -> list[str]:
+    return [f"{name}={value}" for name, value in settings.items()]
+
+
+#: Name, frames, lookup, and how many times tf2's rate 1 and 2 threads must reach.
+CASES = (
+    ("latest common, ids", (0, 4), COMMON, (10, 35)),
+    ("latest common, names", (0, 4), "latest-common-by-name", (4,)),
+    ("at a time, ids", (0, 4), "at", (10,)),
+    ("siblings, latest common, ids", (10, 12), COMMON, ()),
+    ("siblings, at a time, ids", (10, 12), "at", ()),
+    ("stamps differ, latest common, ids", (0, 8), COMMON, ()),
+    ("set, full history", (0, 4), COMMON, ()),
+)
+
+
+def lookups(report: Report) -> None:
+    """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
+    with Program(0, samples=1000, period_ns=10_000_000, cache_s=10) as program:
+        for name, (target, source), read, limits in CASES:
+            program.check(read, target=target, source=source)
+            for threads in (1, 2):
+                readers = 0 if name.startswith("set") else threads
+                roles = {"readers": readers, "writers": threads - readers, "own_links": 1}
+                run = {"target": target, "source": source, "seconds": report.seconds(0.05)}
+                labels = {"case": name, "threads": threads}
+                cells = program.cells(labels, read, **roles, **run)
+                report.measure("native", cells, report.repetitions(15))
+                rates = {cell.system: cell.values("operations_per_s") for cell in cells}
+                if "tf2" in rates and threads <= len(limits):
+                    title = f"{name}, {threads} threads: to tf2's"
+                    values = ratios(rates["optimistic"], rates["tf2"])
+                    report.check("native", [Target(title, limits[threads - 1], values)])
+
+
+def paper(report: Report) -> None:
+    """Readers and writers on a snake of links, after Kawashima 2022."""
+    cores = max(2, os.cpu_count() or 2)
+    counts = [n for n in (1, 2, 4, 8, 16) if n <= cores or n == 8]
+    half = min(cores, 16) // 2
+    cells: list[Cell] = []
+    for direction, roles in (("opposite", mixes(counts)), ("same", [(half, half)])):
+        for links in (1000, 10_000 if report.quick else 1_000_000):
+            cells += _snake(report, links, direction, roles)
+    report.check("paper", paper_targets(cells, cores))
+
+
+def mixes(counts: list[int]) -> list[tuple[int, int]]:
+    """Readers and writers: half and half for every number of threads; for the lowest numbers and
+    the highest also without writers, and for the highest with one."""
+    read_only = [(n, 0) for n in (*(n for n in counts if n <= 2), counts[-1])]
+    return [*read_only, *((n // 2, n // 2) for n in counts if n > 1), (counts[-1] - 1, 1)]
+
+
+def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, int]]) -> list[Cell]:
+    # With fewer samples, or a shorter history, more reads at a common time find that a link has
+    # dropped its sample of that time.
+    cache_s, samples = (3600, 16) if links > 100_000 else (1, 64)
+    settings = {"cache_s": cache_s, "max_samples": samples, "samples": samples + 1}
+    cells = []
+    with Program(links, **settings, child_to_parent=int(direction == "same")) as program:
+        for writing in (False, True):  # first without writers, while all links are of one age
+            program.check(COMMON, XACT, length=16, vary=int(writing))
+            plan = []
+            for readers, writers in roles:
+                if (writers > 0) == writing:
+                    threads = {"readers": readers, "writers": writers}
+                    run = {"length": 16, "seconds": report.seconds(0.15)} | threads
+                    labels = {"links": links, "direction": direction} | threads
+                    plan += program.cells(labels, XACT, COMMON, **run)
+            report.measure("paper", plan, report.repetitions())
+            cells += plan
+    return cells
+
+
+def paper_targets(cells: Iterable[Cell], cores: int) -> Iterator[Target]:
+    """Every target that these cells can say anything about."""
+    found = {(*cell.labels.values(), cell.system, cell.read): cell for cell in cells}
+    for (links, direction, readers, writers, system, read), cell in found.items():
+        for other, roles, name, limit, metrics in _goals(links, readers, writers, cores):
+            base = found.get((links, direction, *roles, other, COMMON if other == "tf2" else read))
+            if system == "optimistic" and base:
+                where = f"{links:,} links, {direction}, {readers} readers, {writers} writers"
+                values = ratios(cell.values(metrics[0]), base.values(metrics[-1]))
+                tail = metrics[0].startswith("read_us")
+                yield Target(f"{where}, {read}: {name}", limit, values, at_least=not tail)
+
+
+def _goals(
+    links: int, readers: int, writers: int, cores: int
+) -> Iterator[tuple[str, tuple[int, int], str, float, tuple[str, ...]]]:
+    """For a cell of ours: another system, its readers and writers, what is compared, the limit,
+    and the metrics of both."""
+    own, one, half = (readers, writers), (1, 0), (cores // 2, cores // 2)
+    reads, writes = ("reads_per_s",), ("links_written_per_s",)
+    yield "2pl", own, "reads to 2pl's", 1, reads
+    yield "2pl", own, "link writes to 2pl's", 1, writes
+    if own == (1, 1):
+        large = links > 100_000
+        yield "tf2", own, "reads to tf2's", 8 if large else 12, reads
+        yield "tf2", own, "link writes to tf2's", 80 if large else 120, writes
+        yield "tf2", own, "read p99.9 to tf2's p50", 1, ("read_us_p999", "read_us_p50")
+    if readers == writers > half[0]:
+        yield "optimistic", half, f"reads to {cores} threads'", 0.8, reads
+        yield "optimistic", half, f"link writes to {cores} threads'", 0.8, writes
+    if own == (2, 0):
+        yield "optimistic", one, "reads to 1 thread's", 1.9, reads
+    if readers + writers == 16 and cores >= 16:  # what the report reached with 224 threads
+        yield "tf2", own, "operations to tf2's", 143, ("operations_per_s",)
+        if writers == 0:
+            yield "optimistic", one, "reads to 1 thread's", 14, reads
+
+
+def delay(report: Report) -> None:
+    """The age of the data used, on a million links: tf2 takes a minute to set each of them once."""
+    links = 10_000 if report.quick else 1_000_000
+    many, seconds = (8, 30) if (os.cpu_count() or 1) >= 16 else (4, 60)
+    ways = {("optimistic", XACT), ("tf2", COMMON)}
+    for half in (1, many):  # a process each: in a second run the data would begin old
+        with Program(links, "optimistic", "tf2", samples=17, max_samples=16) as program:
+            threads = {"readers": half, "writers": half}
+            run = {"length": 16, "seconds": report.seconds(seconds)} | threads
+            labels = {"links": links, "seconds": seconds} | threads
+            cells = program.cells(labels, XACT, COMMON, **run)
+            report.measure("delay", [cell for cell in cells if (cell.system, cell.read) in ways], 1)
+
+
+#: Links from the map down to the gripper, and how often they are published, in Hz.
+SOURCES = {"map to odom": 10, "odom to base": 50, "base to arm": 200, "arm to gripper": 200}
+
+
+def staleness(report: Report) -> None:
+    """Publishers at fixed rates: how old the data of a lookup is, link by link."""
+    run = {"seconds": report.seconds(3), "rates_hz": ",".join(map(str, SOURCES.values()))}
+    with Program(len(SOURCES), "optimistic", "tf2") as program:
+        ways = program.cells({}, COMMON, "latest", XACT)
+        for _ in range(report.repetitions(3)):
+            for way in ways:
+                way.trials.append(program.ask("staleness", system=way.system, read=way.read, **run))
+    for i, (link, rate) in enumerate(SOURCES.items()):
+        cells = []
+        for way in ways:
+            means, tails = way.values(f"link{i}_ms_mean"), way.values(f"link{i}_ms_p99")
+            trials = [{"ms_mean": a, "ms_p99": b} for a, b in zip(means, tails, strict=True)]
+            cells.append(Cell({"link": link, "rate_hz": rate}, way.system, way.read, trials=trials))
+        report.measure("staleness", cells, 0)
+
+
+def memory(report: Report) -> None:
+    """Bytes for a frame, by the samples that it holds."""
+    frames = 10_000 if report.quick else 100_000
+    for samples in (1, 2, 4, 8, 16, 64):
+        cells = []
+        for system in ("optimistic", "tf2"):
+            with Program(frames, system, samples=samples) as program:
+                trials = [{"bytes_per_frame": program.bytes_per_frame}]
+                cells += [Cell({"samples": samples}, s, trials=trials) for s in program.systems]
+        report.measure("memory", cells, 0)

@@ -1,4 +1,4 @@
-"""What is asked, in plain Python: the interpreter that runs tf2 imports this too."""
+"""What the Python benchmarks ask; standard library only, for the interpreter that runs tf2."""
 
 from __future__ import annotations
 
@@ -41,6 +41,11 @@ def history() -> Iterator[Row]:
         for link, (parent, child) in enumerate(itertools.pairwise(FRAMES)):
             yield parent, child, stamp_ns, *pose(link, sample)
         yield TARGET, SET_FRAME, stamp_ns, *pose(len(FRAMES), sample)
+
+
+def later_ns() -> Iterator[int]:
+    """Stamps of samples that follow the history."""
+    return itertools.count(END_NS + PERIOD_NS, PERIOD_NS)
 
 
 def times_ns() -> list[int]:

@@ -1,0 +1,142 @@
+// What is compared: systems that hold a forest of frames, and the requests that they are asked.
+// C++17, because tf2 needs it.
+//
+// Thread safety: lookup() and write() from any thread; all else are values.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "pose.hpp"
+
+namespace bench {
+
+using Stamp = std::int64_t;  // ns
+using FrameIndex = std::uint32_t;
+
+constexpr Stamp kStart = 1'700'000'000'000'000'000;  // of every history
+constexpr unsigned kMaxThreads = 64;
+
+// Frame 0 is the root. Every other frame names the link to its parent, which comes before it.
+struct Forest {
+  std::vector<std::string> names;
+  std::vector<FrameIndex> parents;
+  std::vector<Stamp> offsets;  // added to the stamps of the link's history
+
+  [[nodiscard]] FrameIndex size() const { return static_cast<FrameIndex>(names.size()); }
+};
+
+// A snake: `links` links in a row; or, if that is 0, chains below the root: links 1 to 4; 5 to 8,
+// with samples at different times; 9 to 10 and 11 to 12; and from kOwnLinks on one for each thread.
+constexpr FrameIndex kOwnLinks = 13;
+inline Forest make_forest(FrameIndex links) {
+  const bool chains = links == 0;
+  Forest forest;
+  for (FrameIndex i = 0; i <= (chains ? kOwnLinks + kMaxThreads : links); ++i) {
+    const bool top = i == 0 || (chains && (i == 5 || i == 9 || i == 11 || i >= kOwnLinks));
+    forest.names.push_back("link" + std::to_string(i));
+    forest.parents.push_back(top ? 0 : i - 1);
+    forest.offsets.push_back(chains && i >= 5 && i < 9 ? 2'000'000 * (i - 5) : 0);
+  }
+  return forest;
+}
+
+// A link's transform at a time: every link turns and moves back and forth, none is the identity.
+inline const ztf::Pose& pose_at(FrameIndex link, Stamp stamp) {
+  static const auto table = [] {
+    std::array<std::array<ztf::Pose, 64>, 16> result;
+    for (int i = 0; i < 16; ++i)
+      for (int k = 0; k < 64; ++k) {
+        const double half = 0.15 + 0.05 * i + 0.001 * k, sine = std::sin(half) / 7;
+        const double axis[] = {2 * sine, 3 * sine, 6 * sine, 2 * sine, 3 * sine};
+        const double *a = axis + i % 3, x = 0.5 + 0.25 * i, y = 0.001 * k - 1;
+        result[i][k] = {x, y, 0.125 * i, a[0], a[1], a[2], std::cos(half)};
+      }
+    return result;
+  }();
+  const auto step = static_cast<unsigned>(stamp >> 20) % 128;  // about a millisecond each
+  return table[link % 16][step < 64 ? step : 127 - step];
+}
+
+class Random {  // xorshift64
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed * 0x9E3779B97F4A7C15ull | 1) {}
+  // Uniform in [0, end); end is at most 2^32.
+  FrameIndex below(std::uint64_t end) noexcept {
+    state_ ^= state_ << 13;
+    state_ ^= state_ >> 7;
+    state_ ^= state_ << 17;
+    return static_cast<FrameIndex>((state_ >> 32) * end >> 32);
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+struct Request {
+  FrameIndex target, source;
+  Stamp time = 0;  // for lookups at a time
+};
+
+// Draws requests for `length` links of a snake in a row, or always for the same frames; times lie
+// in the middle half of the history.
+struct Draw {
+  FrameIndex frames, length;
+  Stamp quarter;    // of the history's duration
+  Request fixed{};  // if its source is not the root
+
+  Request operator()(Random& random) const noexcept {
+    Request request = fixed;
+    if (fixed.source == 0) {
+      request.target = random.below(frames - length);
+      request.source = request.target + length;
+    }
+    request.time = kStart + quarter + 2 * static_cast<Stamp>(random.below(quarter));
+    return request;
+  }
+};
+
+enum class Read { latest_common, latest_common_by_name, latest, latest_xact, at };
+
+struct Reply {
+  ztf::Pose pose;
+  Stamp stamp = 0;  // the oldest used
+};
+
+struct SystemOptions {
+  Stamp cache = 0;               // how far history reaches back, ns
+  unsigned max_samples = 0;      // of a link; tf2 has no such limit
+  bool child_to_parent = false;  // the order in which frames are created and links written
+};
+
+class System {
+ public:
+  virtual ~System() = default;
+
+  [[nodiscard]] virtual bool supports(Read read) const = 0;
+
+  // Requires that every link was written; must be called before the first lookup.
+  virtual void resolve_ids() {}
+
+  // Looks up `count` requests one by one, by ids where the system has ids. Returns how many found a
+  // transform; `last` is the last of these.
+  virtual unsigned lookup(Read read, const Request* requests, unsigned count, Reply& last) = 0;
+
+  // Sets `links` links in a row from `first` on, by names; in one transaction where the system has
+  // transactions. Returns how many it stored.
+  virtual unsigned write(FrameIndex first, unsigned links, Stamp stamp) = 0;
+};
+
+// `concurrency`: "optimistic", "2pl" or "giant". The forest must outlive the system.
+std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Forest& forest,
+                                         const SystemOptions& options);
+std::unique_ptr<System> make_tf2_system(const Forest& forest, const SystemOptions& options);
+
+// Keeps a result from being optimised away.
+inline void keep(const double& value) { asm volatile("" : : "m"(value) : "memory"); }
+
+}  // namespace bench

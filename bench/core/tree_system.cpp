@@ -1,0 +1,88 @@
+// zenoh-tf's tree, called as the Python module calls it.
+#include <numeric>
+
+#include "system.hpp"
+#include "tree.hpp"
+
+namespace bench {
+
+namespace {
+
+// By Read.
+constexpr ztf::Op kOps[] = {ztf::Op::latest_common, ztf::Op::latest_common, ztf::Op::latest,
+                            ztf::Op::latest_xact, ztf::Op::at};
+
+class TreeSystem final : public System {
+ public:
+  TreeSystem(const Forest& forest, bool child_to_parent, const ztf::Options& options)
+      : forest_(forest),
+        child_to_parent_(child_to_parent),
+        tree_(options),
+        names_(forest.names.begin(), forest.names.end()) {}
+
+  bool supports(Read) const override { return true; }
+
+  void resolve_ids() override {
+    for (const std::string_view name : names_) ids_.push_back(tree_.find(name));
+  }
+
+  unsigned lookup(Read read, const Request* requests, unsigned count, Reply& last) override {
+    const bool by_name = read == Read::latest_common_by_name;
+    const ztf::Op op = kOps[static_cast<int>(read)];
+    unsigned found = 0;
+    ztf::Answer answer;
+    for (unsigned i = 0; i < count; ++i) {
+      const auto& [target, source, time] = requests[i];
+      tree_.lookup({op, by_name ? tree_.find(names_[target]) : ids_[target],
+                    by_name ? tree_.find(names_[source]) : ids_[source], time},
+                   answer);
+      keep(answer.pose.x);
+      found += answer.failure.code == ztf::Code::ok;
+    }
+    last = {answer.pose, answer.stamp};
+    return found;
+  }
+
+  unsigned write(FrameIndex first, unsigned links, Stamp stamp) override {
+    if (links == 1) {
+      const std::string_view names[2] = {names_[forest_.parents[first]], names_[first]};
+      const ztf::Row row{0, 1, stamp, pose_at(first, stamp)};
+      return commit(names, {&row, 1});
+    }
+    static thread_local std::vector<ztf::Row> rows;
+    rows.resize(links);
+    for (unsigned i = 0; i < links; ++i)
+      rows[child_to_parent_ ? links - 1 - i : i] = {i, i + 1, stamp, pose_at(first + i, stamp)};
+    return commit(std::span(names_).subspan(first - 1, links + 1), rows);
+  }
+
+ private:
+  unsigned commit(std::span<const std::string_view> names, std::span<const ztf::Row> rows) {
+    static thread_local std::vector<std::uint8_t> stored;
+    stored.resize(rows.size());
+    tree_.commit({.names = names, .rows = rows, .authority = "bench", .drop_old = true}, stored);
+    return std::accumulate(stored.begin(), stored.end(), 0u);
+  }
+
+  const Forest& forest_;
+  const bool child_to_parent_;
+  ztf::Tree tree_;
+  const std::vector<std::string_view> names_;
+  std::vector<ztf::FrameId> ids_;
+};
+
+}  // namespace
+
+std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Forest& forest,
+                                         const SystemOptions& options) {
+  ztf::Options tree;
+  tree.cache_ns = static_cast<std::uint64_t>(options.cache);
+  tree.max_frames = forest.size();
+  tree.max_samples_per_frame = options.max_samples;
+  tree.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
+                     : concurrency == "2pl" ? ztf::Concurrency::two_phase
+                                            : ztf::Concurrency::optimistic;
+  return std::make_unique<TreeSystem>(forest, options.child_to_parent, tree);
+}
+
+}  // namespace bench

@@ -1,0 +1,152 @@
+"""How the benchmark checks its targets, what it keeps, and that its parts fit together."""
+
+from __future__ import annotations
+
+import json
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench import native
+from bench.report import Cell, Report, Target, quartiles, ratios
+
+RESULTS = Path(__file__).parents[1] / "bench" / "results"
+READS, WRITES, P50, P999 = "reads_per_s", "links_written_per_s", "read_us_p50", "read_us_p999"
+
+
+def cell(system: str, readers: int, writers: int, **values: list[float]) -> Cell:
+    labels = {"links": 1000, "direction": "opposite", "readers": readers, "writers": writers}
+    defaults = {READS: 3 * [1.0], P50: 3 * [0.1], P999: 3 * [0.3], "operations_per_s": 3 * [1.0]}
+    metrics = defaults | ({WRITES: 3 * [1.0]} if writers else {}) | values
+    trials = [dict(zip(metrics, row, strict=True)) for row in zip(*metrics.values(), strict=True)]
+    return Cell(labels, system, "latest-common", trials=trials)
+
+
+@pytest.fixture
+def check() -> Callable[..., dict[str, bool]]:
+    def checked(*cells: Cell, cores: int = 2) -> dict[str, bool]:
+        report = Report({})
+        report.check("paper", native.paper_targets(cells, cores))
+        return {row["target"].partition(": ")[2]: row["reached"] for row in report.targets}
+
+    return checked
+
+
+def test_ratios_are_trial_by_trial() -> None:
+    assert ratios([10.0, 20.0, 30.0], [1.0, 10.0, 2.0]) == [10.0, 2.0, 15.0]
+    assert ratios([10.0, 20.0], [0.0, 10.0]) == [2.0]
+    assert ratios([10.0, float("nan")], [5.0, 1.0]) == [2.0]
+
+
+def test_quartiles_are_of_what_was_measured() -> None:
+    assert quartiles([float("nan"), 5.0, 1.0, 2.0, 3.0, 4.0]) == [2.0, 3.0, 4.0]
+    assert quartiles([7.0]) == [7.0, 7.0, 7.0]
+    assert quartiles([float("nan")]) == []
+
+
+def test_target_compares_the_median() -> None:
+    assert Target("", 2, [1.0, 2.0, 90.0]).reached
+    assert not Target("", 2.1, [1.0, 2.0, 90.0]).reached
+    assert Target("", 2, [1.0, 2.0, 90.0], at_least=False).reached
+    assert not Target("", 1.9, [1.0, 2.0, 90.0], at_least=False).reached
+
+
+def test_beside_tf2(check: Callable[..., dict[str, bool]]) -> None:
+    ours = cell("optimistic", 1, 1, **{READS: [11.0, 12.0, 90.0], WRITES: [119.0] * 3})
+    reached = check(ours, cell("tf2", 1, 1))
+    assert reached["reads to tf2's >= 12"]
+    assert not reached["link writes to tf2's >= 120"]
+    assert not reached["read p99.9 to tf2's p50 <= 1"]
+    slow = cell("tf2", 1, 1, **{P50: [0.3] * 3, P999: [1e3] * 3})
+    assert check(ours, slow)["read p99.9 to tf2's p50 <= 1"]
+    assert check(ours) == {}  # without tf2 nothing can be said
+
+
+def test_more_threads(check: Callable[..., dict[str, bool]]) -> None:
+    few, many = cell("optimistic", 1, 1), cell("optimistic", 4, 4, **{READS: [0.7, 0.7, 0.9]})
+    reached = check(few, many)
+    assert not reached["reads to 2 threads' >= 0.8"]
+    assert reached["link writes to 2 threads' >= 0.8"]
+    one, two = cell("optimistic", 1, 0), cell("optimistic", 2, 0, **{READS: [1.95] * 3})
+    assert check(one, two) == {"reads to 1 thread's >= 1.9": True}
+
+
+def test_beside_2pl(check: Callable[..., dict[str, bool]]) -> None:
+    reached = check(cell("optimistic", 2, 0), cell("2pl", 2, 0, **{READS: [1.1] * 3}))
+    assert reached == {"reads to 2pl's >= 1": False}
+
+
+def test_sixteen_cores(check: Callable[..., dict[str, bool]]) -> None:
+    ours = cell("optimistic", 16, 0, **{READS: [13.9] * 3, "operations_per_s": [143.0] * 3})
+    cells = (cell("optimistic", 1, 0), ours, cell("tf2", 16, 0))
+    wanted = {"reads to 1 thread's >= 14": False, "operations to tf2's >= 143": True}
+    assert check(*cells, cores=16) == wanted
+    assert check(*cells, cores=8) == {}
+
+
+def test_thread_counts() -> None:
+    small, large = native.mixes([1, 2, 8]), native.mixes([1, 2, 4, 8, 16])
+    assert small == [(1, 0), (2, 0), (8, 0), (1, 1), (4, 4), (7, 1)]
+    assert {(16, 0), (15, 1), (8, 8), (2, 2), (1, 0)} <= {*large}
+
+
+#: Stands in for bench_core, and answers each command as that did once.
+STUB = """#!{python}
+import sys
+print('{{"bytes_per_frame": 550.5, "optimistic": 1, "2pl": 1, "giant": 1, "tf2": 1}}', flush=True)
+for line in sys.stdin:
+    tf2, trial = "system=tf2" in line, line.startswith("trial")
+    rates = '{{"reads_per_s": %d, "operations_per_s": 3.0}}' % (5 if tf2 else 60)
+    print(rates if trial else "{{}}", flush=True)
+"""
+
+
+def test_a_run_alternates_prints_and_keeps_small_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = tmp_path / "bench_core"
+    program.write_text(STUB.format(python=sys.executable))
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setattr(native, "BUILD", tmp_path)
+    monkeypatch.setattr(native, "build", lambda: None)
+    order: list[str] = []
+    trial = native.Program.trial
+
+    def spied(self: native.Program, system: str, **settings: Any) -> dict[str, float]:
+        order.append(system)
+        return trial(self, system, **settings)
+
+    monkeypatch.setattr(native.Program, "trial", spied)
+    report = Report({"cpu": "test"})
+    native.lookups(report)
+    native.memory(report)
+    first = order[: 15 * 4]
+    assert first == 15 * ["optimistic", "2pl", "giant", "tf2"]
+    path = tmp_path / "results" / "small.json"
+    report.write(path)
+    results = json.loads(path.read_text())
+    ours = results["cells"][0]
+    assert (ours["part"], ours["system"], ours["trials"]) == ("native", "optimistic", 15)
+    assert ours["reads_per_s"] == [60, 60, 60]
+    assert ours["reads_per_s_to_tf2"] == [12, 12, 12]
+    target = {"part": "native", "target": "latest common, ids, 1 threads: to tf2's >= 10"}
+    assert results["targets"][0] == target | {"median": 1, "reached": False}
+    assert results["cells"][-1]["bytes_per_frame"] == [550.5] * 3
+    assert "MISSED  latest common, ids, 1 threads: to tf2's >= 10: 1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("file", sorted(RESULTS.glob("core-*.json")), ids=lambda file: file.stem)
+def test_kept_results_are_small_and_make_all_figures(file: Path) -> None:
+    plots = pytest.importorskip("bench.plots")
+    cells = json.loads(file.read_text())["cells"]
+    assert file.stat().st_size < 200_000
+    assert {cell["system"] for cell in cells} == {"optimistic", "2pl", "giant", "tf2"}
+    metrics = [value for cell in cells for value in cell.values() if isinstance(value, list)]
+    assert {len(values) for values in metrics} == {3}
+    for draw in (plots.throughput, plots.latency, plots.delay, plots.staleness):
+        assert draw(cells).axes
+        plots.plt.close()
