@@ -1,5 +1,5 @@
 // The rules of history.hpp on one frame: order, pruning, searching.
-#include "history.hpp"
+#include "history_insert.hpp"
 
 #include <map>
 #include <memory>

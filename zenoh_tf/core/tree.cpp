@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "history_insert.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {

@@ -3,6 +3,7 @@
 
 #include "commit_names.hpp"
 #include "commit_validation.hpp"
+#include "history_insert.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
