@@ -186,7 +186,7 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
     std::atomic<int> lookups{0};
     ThreadGroup crowd;
     for (const auto& [parent, child] : {std::pair{"a", "b"}, std::pair{"b", "c"}})
-      crowd.background([&, parent, child](const auto& stop) {
+      crowd.background([&, parent = parent, child = child](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(*child));
         for (int commits = 0; !stop; ++commits) {
           // No faster than the readers: all samples would be gone before they are asked for.

@@ -1,80 +1,48 @@
-// Putting a sample at its place among older and newer ones.
+// The rare parts of an insert: a larger ring, a sample among older and newer ones, a second parent.
 #include "history_insert.hpp"
 
 namespace ztf {
 
-namespace {
-
-// How often the parent changes between a sample and its neighbours.
-std::uint32_t changes_at(Ring ring, std::uint32_t first, std::uint32_t count,
-                         std::uint32_t place) noexcept {
-  const FrameId parent = ring.parent(first + place);
-  return (place > 0 && ring.parent(first + place - 1) != parent) +
-         (place + 1 < count && ring.parent(first + place + 1) != parent);
+void grow_ring(Frame& frame, std::uint64_t wanted, RingArena& memory) {
+  const auto relaxed = std::memory_order_relaxed;
+  const Ring ring = frame.ring.load(relaxed);
+  std::uint32_t capacity = ring ? ring.capacity() : 4;
+  while (capacity < wanted) capacity *= 2;
+  const Ring bigger = Ring::make(capacity, memory);
+  const std::uint32_t first = frame.first.load(relaxed), count = frame.count.load(relaxed);
+  const bool has_parents = frame.parent_changes.load(relaxed) != 0;
+  for (std::uint32_t i = first; i != first + count; ++i) {
+    bigger.copy(i, ring, i);
+    if (has_parents) bigger.store_parent(i, ring.parent(i));
+  }
+  frame.ring.store(bigger, std::memory_order_release);
 }
 
-}  // namespace
+std::uint32_t RingEdit::place_of(Stamp stamp) const noexcept {
+  // From the newest on: late samples are mostly late by a few.
+  std::uint32_t place = count_;
+  while (place > 0 && this->stamp(place - 1) > stamp) --place;
+  return place;
+}
 
-InsertResult insert_out_of_order(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
-                                 const HistoryLimits& limits) noexcept {
-  const auto relaxed = std::memory_order_relaxed;  // the writer's own words
-  const auto release = std::memory_order_release;
-  const Ring ring = frame.ring.load(relaxed);
-  std::uint32_t first = frame.first.load(relaxed);
-  std::uint32_t count = frame.count.load(relaxed);
-  std::uint32_t changes = count == 0 ? 0 : frame.parent_changes.load(relaxed);
-  const bool one_parent = changes == 0 && (count == 0 || frame.parent.load(relaxed) == parent);
-  if (!one_parent && changes == 0)  // so far nobody has asked for them
-    for (std::uint32_t i = 0; i < count; ++i)
-      ring.store_parent(first + i, frame.parent.load(relaxed));
-  bool is_rewritten = false, is_evicted = false;
-  frame.is_static.store(false, release);
+void RingEdit::fill_in_parents(FrameId parent) const noexcept {
+  for (std::uint32_t i = 0; i < count_; ++i) ring_.store_parent(first_ + i, parent);
+}
 
-  // Mostly it is the newest. Else back to its place.
-  const Stamp newest_before = frame.latest.stamp.load(relaxed);
-  const bool is_newest = count == 0 || stamp > newest_before;
-  std::uint32_t place = count;
-  while (!is_newest && place > 0 && ring.stamp(first + place - 1) > stamp) --place;
-  if (!is_newest && place > 0 && ring.stamp(first + place - 1) == stamp) {
-    --place;
-    if (!one_parent) changes -= changes_at(ring, first, count, place);
-    is_rewritten = true;
-  } else {
-    if (count == limits.max_samples) {
-      if (place == 0) return InsertResult::rejected;
-      if (!one_parent) changes -= changes_at(ring, first, count, 0);
-      ++first;
-      --count;
-      --place;
-      is_evicted = true;
-      increment(frame.evicted);
-    }
-    if (!one_parent && place > 0 && place < count)
-      changes -= ring.parent(first + place - 1) != ring.parent(first + place);
-    for (std::uint32_t i = count; i > place; --i) ring.copy(first + i, ring, first + i - 1);
-    ++count;
+void RingEdit::move_up(std::uint32_t i) noexcept {
+  // The new sample comes between i - 1 and i: store() counts the changes on both of its sides.
+  if (has_parents_ && i > 0)
+    parent_changes_ -= ring_.parent(first_ + i - 1) != ring_.parent(first_ + i);
+  for (std::uint32_t to = first_ + count_; to != first_ + i; --to) {
+    ring_.copy(to, ring_, to - 1);
+    if (has_parents_) ring_.store_parent(to, ring_.parent(to - 1));
   }
-  ring.store(first + place, stamp, pose);
-  if (!one_parent) {
-    ring.store_parent(first + place, parent);
-    changes += changes_at(ring, first, count, place);
-  }
-  if (place == count - 1) store_latest(frame, stamp, parent, pose);
+}
 
-  const Stamp newest = place == count - 1 ? stamp : newest_before;
-  Stamp oldest = place == 0   ? stamp
-                 : is_evicted ? ring.stamp(first)
-                              : frame.oldest_stamp.load(relaxed);
-  while (too_old(oldest, newest, limits.cache_ns)) {
-    if (!one_parent) changes -= changes_at(ring, first, count, 0);
-    ++first;
-    --count;
-    oldest = ring.stamp(first);
-  }
-  frame.parent_changes.store(changes, release);
-  publish_range(frame, first, count, oldest,
-                changes == 0 ? mean_sample_rate(count, oldest, newest) : 0);
-  return is_rewritten ? InsertResult::replaced : InsertResult::added;
+std::uint32_t RingEdit::changes_around(std::uint32_t i) const noexcept {
+  const FrameId parent = ring_.parent(first_ + i);
+  return (i > 0 && ring_.parent(first_ + i - 1) != parent) +
+         (i + 1 < count_ && ring_.parent(first_ + i + 1) != parent);
 }
 
 }  // namespace ztf
