@@ -1,4 +1,5 @@
 // Commits: atomic, in order of time, within the limits.
+#include "commit_validation.hpp"
 #include "fixture.hpp"
 
 using namespace ztf;
@@ -144,6 +145,31 @@ TEST(the_frame_limit) {
   CHECK(w.set("b", "c", 1));
   check_refused(w, Code::limit, "max_frames", {{"c", "d", 1}});
   CHECK(w.set("b", "c", 2));
+}
+
+TEST(messages_name_the_value_and_the_limit) {
+  CHECK_EQ(grouped(0), "0");
+  CHECK_EQ(grouped(999), "999");
+  CHECK_EQ(grouped(1'048'576), "1,048,576");
+  World w(
+      Options{.cache_ns = 10, .max_frames = 3, .max_samples_per_frame = 2, .max_authorities = 1});
+  w.set("a", "b", 100);
+  const auto message = [&](const std::vector<Set>& sets, const SetOptions& options = {}) {
+    const auto rejected = w.commit(sets, options);
+    return rejected ? rejected->message : std::string();
+  };
+  CHECK_EQ(message({{"b", "c", 1}, {"c", "d", 1}}),
+           "cannot create frame 'd': the limit of 3 frames is reached (max_frames)");
+  CHECK_EQ(message({{"a", "b", 89}}),
+           "cannot set the transform of child 'b' in parent 'a': the stamp 89 ns is older than the "
+           "newest sample's, 100 ns, by more than the cache time of 10 ns");
+  w.set("a", "b", 101);
+  CHECK_EQ(message({{"a", "b", 99}}),
+           "cannot set the transform of child 'b' in parent 'a': the stamp 99 ns is older than all "
+           "samples of the frame, which is full: it has 2 (max_samples_per_frame), from 100 ns on");
+  CHECK_EQ(w.refusal({{"a", "b", 102}}, {.authority = "one"}), Code::ok);
+  CHECK_EQ(message({{"a", "b", 103}}, {.authority = "two"}),
+           "cannot add authority 'two': the limit of 1 authorities is reached (max_authorities)");
 }
 
 TEST(one_authority_per_frame) {

@@ -35,17 +35,20 @@ void CommitExecution::clear_samples(const FrameList& all) noexcept {
 
 // Returns whether the frame has changed.
 bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
+  if (!group.is_append) [[unlikely]]
+    return apply_rows(group);
+  const RowWrite& write = plan_.write(group.begin);
+  insert(*group.frame, write.stamp, write.parent, plan_.pose(write.row), plan_.limits());
+  ++tally_.stored;
+  return true;
+}
+
+bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   Frame& frame = *group.frame;
-  if (group.is_append) [[likely]] {
-    const RowWrite& write = plan_.write(group.begin);
-    insert(frame, write.stamp, write.parent, plan_.pose(write.row), plan_.limits());
-    ++tally_.stored;
-    return true;
-  }
   const FrameId parent_before = frame.parent.load(std::memory_order_relaxed);
   const bool static_before = frame.is_static.load(std::memory_order_relaxed);
   const std::uint32_t stored_before = tally_.stored;
-  apply_rows(group);
+  store_rows(group);
   if (tally_.stored == stored_before) return false;
   if (group.new_parent != 0)
     tree_.frames_[group.new_parent].has_had_children.store(true, std::memory_order_relaxed);
@@ -53,7 +56,7 @@ bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
   return true;
 }
 
-void CommitExecution::apply_rows(const FrameWrites& group) noexcept {
+void CommitExecution::store_rows(const FrameWrites& group) noexcept {
   FrameEvents& events = tree_.events_[group.child];
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const RowWrite& write = plan_.write(i);

@@ -19,8 +19,9 @@ class CommitExecution {
   // that readers already wait (WriteLocks::begin_write).
   void apply(const WriteLocks& locks) noexcept;
 
-  // The frames that get a new version when they are unlocked, ascending.
-  [[nodiscard]] const FrameList& frames_to_version(const WriteLocks& locks) const noexcept {
+  // The frames that get a new version when they are unlocked, ascending: all of them on the first
+  // reparenting (CommitPlan::decide).
+  [[nodiscard]] const FrameList& frames_with_new_version(const WriteLocks& locks) const noexcept {
     return plan_.is_first_reparenting() ? locks.frames() : changed_;
   }
 
@@ -31,7 +32,8 @@ class CommitExecution {
  private:
   void clear_samples(const FrameList& all) noexcept;
   bool apply_group(const FrameWrites& group) noexcept;
-  void apply_rows(const FrameWrites& group) noexcept;
+  bool apply_rows(const FrameWrites& group) noexcept;
+  void store_rows(const FrameWrites& group) noexcept;
   void record_link_change(const FrameWrites& group, FrameId parent_before,
                           bool static_before) noexcept;
   void count_authority() const noexcept;

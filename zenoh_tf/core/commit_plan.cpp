@@ -6,7 +6,11 @@
 namespace ztf {
 
 CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
-    : tree_(tree), request_(request), stored_(stored), names_(tree, request) {
+    : tree_(tree),
+      request_(request),
+      stored_(stored),
+      limits_{tree.options_.cache_ns, tree.options_.max_samples_per_frame},
+      names_(tree, request) {
   const auto rows = static_cast<std::uint32_t>(request.rows.size());
   RowWrite* const writes = writes_.append(rows);
   Pose* const poses = poses_.append(rows);
@@ -67,14 +71,19 @@ void CommitPlan::sort_rows() {
 void CommitPlan::group_rows() {
   groups_.clear();
   children_.clear();
+  FrameWrites* const groups = groups_.reserve(writes_.size());
+  FrameId* const children = children_.reserve(writes_.size());
+  std::size_t n = 0;
   for (std::uint32_t i = 0; i < writes_.size(); ++i) {
     const FrameId child = writes_[i].child;
-    if (i == 0 || child != writes_[i - 1].child) {
-      groups_.push_back({&tree_.frames_[child], child, i, i});
-      children_.push_back(child);
+    if (n == 0 || child != children[n - 1]) {
+      groups[n] = FrameWrites{&tree_.frames_[child], child, i, i};
+      children[n++] = child;
     }
-    groups_.back().end = i + 1;
+    groups[n - 1].end = i + 1;
   }
+  groups_.set_size(n);
+  children_.set_size(n);
 }
 
 void CommitPlan::list_all_frames(FrameList& all) const {
@@ -126,8 +135,7 @@ bool CommitPlan::is_time_set_back() const noexcept {
   for (const FrameWrites& group : groups_) {
     const Frame& frame = *group.frame;
     if (!frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0 &&
-        too_old(writes_[group.begin].stamp, frame.latest.stamp.load(relaxed),
-                tree_.options_.cache_ns))
+        too_old(writes_[group.begin].stamp, frame.latest.stamp.load(relaxed), limits_.cache_ns))
       return true;
   }
   return false;
@@ -162,8 +170,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
   Stamp newest = frame.latest.stamp.load(relaxed);
   FrameId parent = parent_before;
   // Rows come by stamp: those for which a full frame has no room come first.
-  const bool is_full =
-      has_samples && frame.count.load(relaxed) == tree_.options_.max_samples_per_frame;
+  const bool is_full = has_samples && frame.count.load(relaxed) == limits_.max_samples;
   const Stamp oldest = is_full ? oldest_stamp(frame) : kNoStamp;
   group.wakes_all = request_.is_static || was_static;
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
@@ -185,7 +192,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
     group.wakes_all |= write.parent != parent || (has_samples && write.stamp <= newest);
     // A newest sample so old that this row prunes it takes all samples of the old parent with it.
     if (!request_.is_static && has_samples && write.parent != parent &&
-        !too_old(newest, write.stamp, tree_.options_.cache_ns))
+        !too_old(newest, write.stamp, limits_.cache_ns))
       is_first_reparenting_ |= !tree_.ever_reparented_.load();
     if (!has_samples || request_.is_static || write.stamp >= newest) {
       newest = write.stamp;
@@ -201,7 +208,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
 CommitPlan::RowFate CommitPlan::fate_of(const RowWrite& write, bool has_samples, Stamp newest,
                                         Stamp oldest_of_full) const noexcept {
   if (request_.is_static) return RowFate::stored;
-  if (has_samples && too_old(write.stamp, newest, tree_.options_.cache_ns)) return RowFate::too_old;
+  if (has_samples && too_old(write.stamp, newest, limits_.cache_ns)) return RowFate::too_old;
   return write.stamp < oldest_of_full ? RowFate::no_room : RowFate::stored;
 }
 
@@ -220,12 +227,10 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
   if (fate == RowFate::too_old)
     reject(request_, row, "stamp_ns",
            stamp + "the newest sample's, " + std::to_string(newest) +
-               " ns, by more than the cache time of " + std::to_string(tree_.options_.cache_ns) +
-               " ns");
+               " ns, by more than the cache time of " + std::to_string(limits_.cache_ns) + " ns");
   reject(request_, row, "stamp_ns",
-         stamp + "all samples of the frame, which is full: it has " +
-             grouped(tree_.options_.max_samples_per_frame) + " (max_samples_per_frame), from " +
-             std::to_string(oldest) + " ns on");
+         stamp + "all samples of the frame, which is full: it has " + grouped(limits_.max_samples) +
+             " (max_samples_per_frame), from " + std::to_string(oldest) + " ns on");
 }
 
 // Rejects if the newest parents, with all of this commit's applied at once, would form a cycle.
@@ -261,16 +266,12 @@ void CommitPlan::reserve_memory() {
   names_.reserve();
   if (request_.is_static) return;
   for (const FrameWrites& group : groups_)
-    reserve(*group.frame, group.end - group.begin, limits(), tree_.ring_arena_);
+    reserve(*group.frame, group.end - group.begin, limits_, tree_.ring_arena_);
 }
 
 const FrameWrites* CommitPlan::group_of(FrameId child) const noexcept {
   const FrameId* const at = std::lower_bound(children_.begin(), children_.end(), child);
   return at != children_.end() && *at == child ? &groups_[at - children_.begin()] : nullptr;
-}
-
-HistoryLimits CommitPlan::limits() const noexcept {
-  return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
 }
 
 }  // namespace ztf

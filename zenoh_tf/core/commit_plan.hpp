@@ -89,7 +89,7 @@ class CommitPlan {
   [[nodiscard]] const Pose& pose(std::uint32_t row) const noexcept { return poses_[row]; }
   [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept { return stored_[row] != 0; }
   [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
-  [[nodiscard]] HistoryLimits limits() const noexcept;
+  [[nodiscard]] const HistoryLimits& limits() const noexcept { return limits_; }
   // True if time was set back: all dynamic samples are dropped before the rows are stored.
   [[nodiscard]] bool clears_samples() const noexcept { return clears_samples_; }
   // True if this commit is the first in the tree's life that leaves a frame with two parents.
@@ -119,6 +119,7 @@ class CommitPlan {
   Tree& tree_;
   const CommitRequest& request_;
   const std::span<std::uint8_t> stored_;  // by row of the request
+  const HistoryLimits limits_;
   CommitNames names_;
   bool found_time_jump_ = false;  // by this attempt or an earlier one
   bool clears_samples_ = false;

@@ -1,4 +1,4 @@
-// The rare parts of an insert: a larger ring, a sample among older and newer ones, a second parent.
+// The rare parts of inserting: a larger ring, a late sample, a second parent.
 #include "history_insert.hpp"
 
 namespace ztf {
@@ -18,31 +18,55 @@ void grow_ring(Frame& frame, std::uint64_t wanted, RingArena& memory) {
   frame.ring.store(bigger, std::memory_order_release);
 }
 
-std::uint32_t RingEdit::place_of(Stamp stamp) const noexcept {
-  // From the newest on: late samples are mostly late by a few.
-  std::uint32_t place = count_;
-  while (place > 0 && this->stamp(place - 1) > stamp) --place;
+InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                         const HistoryLimits& limits) noexcept {
+  const Stamp newest = frame.latest.stamp.load(std::memory_order_relaxed);
+  RingEdit ring(frame, parent);
+  std::uint32_t place = ring.place_of(stamp);
+  const bool replaces = place > 0 && ring.stamp(place - 1) == stamp;
+  if (replaces) {
+    ring.forget_parent(--place);
+  } else {
+    if (ring.count() == limits.max_samples) {
+      if (place == 0) return InsertResult::rejected;
+      ring.drop_oldest();
+      --place;
+      increment(frame.evicted);
+    }
+    ring.open_slot(place);
+  }
+  ring.store(place, stamp, parent, pose);
+  if (stamp == newest) store_latest(frame, stamp, parent, pose);
+  ring.prune_and_publish(frame, newest, limits.cache_ns);
+  return replaces ? InsertResult::replaced : InsertResult::added;
+}
+
+std::uint32_t RingEdit::find_place(Ring ring, std::uint32_t first, std::uint32_t count,
+                                   Stamp stamp) noexcept {
+  // From the newest sample on, as most late samples are newer than all but a few.
+  std::uint32_t place = count;
+  while (place > 0 && ring.stamp(first + place - 1) > stamp) --place;
   return place;
 }
 
-void RingEdit::fill_in_parents(FrameId parent) const noexcept {
-  for (std::uint32_t i = 0; i < count_; ++i) ring_.store_parent(first_ + i, parent);
+void RingEdit::fill_in_parents(Ring ring, std::uint32_t first, std::uint32_t count,
+                               FrameId parent) noexcept {
+  for (std::uint32_t i = 0; i < count; ++i) ring.store_parent(first + i, parent);
 }
 
-void RingEdit::move_up(std::uint32_t i) noexcept {
-  // The new sample comes between i - 1 and i: store() counts the changes on both of its sides.
-  if (has_parents_ && i > 0)
-    parent_changes_ -= ring_.parent(first_ + i - 1) != ring_.parent(first_ + i);
-  for (std::uint32_t to = first_ + count_; to != first_ + i; --to) {
-    ring_.copy(to, ring_, to - 1);
-    if (has_parents_) ring_.store_parent(to, ring_.parent(to - 1));
+void RingEdit::move_up(Ring ring, std::uint32_t begin, std::uint32_t end,
+                       bool with_parents) noexcept {
+  for (std::uint32_t to = end; to != begin; --to) {
+    ring.copy(to, ring, to - 1);
+    if (with_parents) ring.store_parent(to, ring.parent(to - 1));
   }
 }
 
-std::uint32_t RingEdit::changes_around(std::uint32_t i) const noexcept {
-  const FrameId parent = ring_.parent(first_ + i);
-  return (i > 0 && ring_.parent(first_ + i - 1) != parent) +
-         (i + 1 < count_ && ring_.parent(first_ + i + 1) != parent);
+std::uint32_t RingEdit::changes_around(Ring ring, std::uint32_t first, std::uint32_t count,
+                                       std::uint32_t i) noexcept {
+  const FrameId parent = ring.parent(first + i);
+  return (i > 0 && ring.parent(first + i - 1) != parent) +
+         (i + 1 < count && ring.parent(first + i + 1) != parent);
 }
 
 }  // namespace ztf

@@ -80,109 +80,119 @@ inline void prefetch_history(const Frame& frame) noexcept {
 }
 
 // A frame's samples during one insert: a copy of the words that say which slots are used. Sample i
-// is the i-th oldest. Nothing shows in those words before publish().
+// is the i-th oldest. The frame's own words change only in publish().
 class RingEdit {
  public:
-  // For a sample of that parent. Requires the write lock. The ring's parents are kept up to date
-  // only where the samples differ in it; this fills them in when a second parent comes.
+  // For the insert of a sample of this parent. The ring's parents are kept up to date only while
+  // its samples have more than one; this fills them in for the first sample of a second parent.
   ZTF_ALWAYS_INLINE RingEdit(const Frame& frame, FrameId parent) noexcept
       : ring_(frame.ring.load(std::memory_order_relaxed)),
         first_(frame.first.load(std::memory_order_relaxed)),
         count_(frame.count.load(std::memory_order_relaxed)),
+        oldest_(frame.oldest_stamp.load(std::memory_order_relaxed)),
         parent_changes_(count_ == 0 ? 0 : frame.parent_changes.load(std::memory_order_relaxed)) {
     const FrameId newest_parent = frame.parent.load(std::memory_order_relaxed);
     if (parent_changes_ == 0 && (count_ == 0 || newest_parent == parent)) return;
     has_parents_ = true;
-    if (parent_changes_ == 0) fill_in_parents(newest_parent);
+    if (parent_changes_ == 0) fill_in_parents(ring_, first_, count_, newest_parent);
   }
 
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
   [[nodiscard]] Stamp stamp(std::uint32_t i) const noexcept { return ring_.stamp(first_ + i); }
   // The number of samples that are not newer than the stamp: where it would be inserted.
-  [[nodiscard]] std::uint32_t place_of(Stamp stamp) const noexcept;
+  [[nodiscard]] std::uint32_t place_of(Stamp stamp) const noexcept {
+    return find_place(ring_, first_, count_, stamp);
+  }
 
+  // Requires that store() sets the only sample next, if this drops the only one.
   ZTF_ALWAYS_INLINE void drop_oldest() noexcept {
     if (has_parents_) [[unlikely]]
-      parent_changes_ -= changes_around(0);
+      parent_changes_ -= changes_around(ring_, first_, count_, 0);
     ++first_;
     --count_;
+    oldest_ = stamp(0);
   }
   // Frees slot `i` by moving all newer samples up by one. Requires a free slot in the ring.
   ZTF_ALWAYS_INLINE void open_slot(std::uint32_t i) noexcept {
-    if (i != count_) [[unlikely]]
-      move_up(i);
+    if (i != count_) [[unlikely]] {
+      // The sample comes between i - 1 and i: store() counts the changes on both of its sides.
+      if (has_parents_ && i > 0)
+        parent_changes_ -= ring_.parent(first_ + i - 1) != ring_.parent(first_ + i);
+      move_up(ring_, first_ + i, first_ + count_, has_parents_);
+    }
     ++count_;
   }
+  // Requires that store() replaces sample i next: takes it out of the count of parent changes.
   void forget_parent(std::uint32_t i) noexcept {
-    if (has_parents_) parent_changes_ -= changes_around(i);
+    if (has_parents_) parent_changes_ -= changes_around(ring_, first_, count_, i);
   }
   ZTF_ALWAYS_INLINE void store(std::uint32_t i, Stamp stamp, FrameId parent,
                                const Pose& pose) noexcept {
     ring_.store(first_ + i, stamp, pose);
+    if (i == 0) oldest_ = stamp;
     if (has_parents_) [[unlikely]] {
       ring_.store_parent(first_ + i, parent);
-      parent_changes_ += changes_around(i);
+      parent_changes_ += changes_around(ring_, first_, count_, i);
     }
   }
 
-  // The last stores of an insert: which of the ring's samples are the frame's.
-  ZTF_ALWAYS_INLINE void publish(Frame& frame, Stamp oldest, Stamp newest) const noexcept {
+  // Drops what is older than the cache time, and makes the rest the frame's samples. These are the
+  // last stores of an insert.
+  ZTF_ALWAYS_INLINE void prune_and_publish(Frame& frame, Stamp newest,
+                                           std::uint64_t cache_ns) noexcept {
+    while (too_old(oldest_, newest, cache_ns)) drop_oldest();
     const auto release = std::memory_order_release;
     frame.is_static.store(false, release);
     frame.parent_changes.store(parent_changes_, release);
-    frame.oldest_stamp.store(oldest, release);
-    frame.samples_per_ns.store(parent_changes_ == 0 ? mean_sample_rate(count_, oldest, newest) : 0,
+    frame.oldest_stamp.store(oldest_, release);
+    frame.samples_per_ns.store(parent_changes_ == 0 ? mean_sample_rate(count_, oldest_, newest) : 0,
                                release);
     frame.first.store(first_, release);
     frame.count.store(count_, release);
   }
 
  private:
-  void fill_in_parents(FrameId parent) const noexcept;
-  void move_up(std::uint32_t i) noexcept;
+  // The rare parts. They take values, so that the members of a RingEdit stay in registers.
+  static std::uint32_t find_place(Ring ring, std::uint32_t first, std::uint32_t count,
+                                  Stamp stamp) noexcept;
+  static void fill_in_parents(Ring ring, std::uint32_t first, std::uint32_t count,
+                              FrameId parent) noexcept;
+  // Moves the samples in the slots from `begin` up to `end` by one slot.
+  static void move_up(Ring ring, std::uint32_t begin, std::uint32_t end,
+                      bool with_parents) noexcept;
   // How often the parent changes between sample i and its neighbours.
-  [[nodiscard]] std::uint32_t changes_around(std::uint32_t i) const noexcept;
+  static std::uint32_t changes_around(Ring ring, std::uint32_t first, std::uint32_t count,
+                                      std::uint32_t i) noexcept;
 
   const Ring ring_;
   std::uint32_t first_, count_;
+  Stamp oldest_;
   std::uint32_t parent_changes_;
-  bool has_parents_ = false;  // the samples have two parents or more, before or after this insert
+  bool has_parents_ = false;  // before or after this insert, the samples have several parents
 };
 
-// Inserts a sample, after reserve(). A full frame evicts its oldest sample for it; samples that are
-// older than the cache time are pruned. The sample must not be too old itself.
+// insert() of a sample that is not newer than all others.
+InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                         const HistoryLimits& limits) noexcept;
+
+// Inserts a sample. A full frame evicts its oldest sample for it; samples older than the cache time
+// are pruned. Requires reserve(), and a sample that is not too old itself.
 inline InsertResult insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                            const HistoryLimits& limits) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  if (frame.count.load(relaxed) != 0 && stamp <= frame.latest.stamp.load(relaxed)) [[unlikely]]
+    return insert_late(frame, stamp, parent, pose, limits);
   RingEdit ring(frame, parent);
-  const Stamp newest_before = frame.latest.stamp.load(std::memory_order_relaxed);
-  Stamp oldest = frame.oldest_stamp.load(std::memory_order_relaxed);
-  const bool is_newest = ring.count() == 0 || stamp > newest_before;  // the common case
-  std::uint32_t place = is_newest ? ring.count() : ring.place_of(stamp);
-
-  const bool replaces = !is_newest && place > 0 && ring.stamp(place - 1) == stamp;
-  if (replaces) {
-    ring.forget_parent(--place);
-  } else {
-    if (ring.count() == limits.max_samples) {
-      if (place == 0) return InsertResult::rejected;
-      ring.drop_oldest();
-      --place;
-      oldest = ring.stamp(0);  // the new sample's slot where that was the only one
-      increment(frame.evicted);
-    }
-    ring.open_slot(place);
-  }
-  ring.store(place, stamp, parent, pose);
-  if (place == 0) oldest = stamp;
-  const Stamp newest = is_newest ? stamp : newest_before;
-  if (place == ring.count() - 1) store_latest(frame, stamp, parent, pose);
-
-  while (too_old(oldest, newest, limits.cache_ns)) {
+  if (ring.count() == limits.max_samples) {
     ring.drop_oldest();
-    oldest = ring.stamp(0);
+    increment(frame.evicted);
   }
-  ring.publish(frame, oldest, newest);
-  return replaces ? InsertResult::replaced : InsertResult::added;
+  const std::uint32_t end = ring.count();
+  ring.open_slot(end);
+  ring.store(end, stamp, parent, pose);
+  store_latest(frame, stamp, parent, pose);
+  ring.prune_and_publish(frame, stamp, limits.cache_ns);
+  return InsertResult::added;
 }
 
 }  // namespace ztf

@@ -42,7 +42,7 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
   // The linearization point: readers of the old state are ordered before it.
   locks.begin_write();
   execution.apply(locks);
-  locks.release(execution.frames_to_version(locks));
+  locks.release(execution.frames_with_new_version(locks));
   return PlanOutcome::ready;
 }
 
