@@ -1,4 +1,4 @@
-// Runs the tests of one program: all, or those whose names contain the first argument.
+// Runs the tests of one program: all of them, or those whose names contain the first argument.
 #include "check.hpp"
 
 #include <atomic>
@@ -27,8 +27,8 @@ std::vector<Test>& tests() {
 std::atomic<int> failures{0};
 std::mutex output;
 
-// Ends the program when a test hangs; decides nothing else. Generous, since
-// sanitizers and busy machines are slow.
+// Aborts the program when a test hangs. Its limit is generous, as sanitizers and busy machines are
+// slow.
 class Watchdog {
  public:
   explicit Watchdog(const char* name)
@@ -60,7 +60,7 @@ class Watchdog {
 Registered::Registered(const char* name, Body body) { tests().push_back({name, body}); }
 
 void fail(const char* file, int line, const std::string& what) {
-  if (++failures > 50) return;  // one broken rule in a loop must not hide the first line
+  if (++failures > 50) return;  // failures in a loop must not hide the first one
   const std::lock_guard lock(output);
   std::fprintf(stderr, "%s:%d: %s\n", file, line, what.c_str());
 }

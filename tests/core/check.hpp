@@ -1,6 +1,6 @@
-// The smallest possible test framework: TEST registers, CHECK records and goes on.
+// A minimal test framework. TEST registers a test; CHECK records a failure and continues.
 //
-// Thread safety: CHECKs from any thread.
+// Thread safety: CHECK from any thread; tests run one after the other.
 #pragma once
 
 #include <cmath>
@@ -36,7 +36,7 @@ void equal(const char* file, int line, const char* what, const A& a, const B& b)
   if (!(a == b)) fail(file, line, std::string(what) + ": " + shown(a) + " != " + shown(b));
 }
 
-// False for NaN.
+// Fails for NaN.
 inline void near(const char* file, int line, const char* what, double a, double b, double within) {
   if (!(std::abs(a - b) <= within))
     fail(file, line, std::string(what) + ": " + shown(a) + " is not near " + shown(b));

@@ -1,6 +1,6 @@
-// A tree with the conveniences that tests want: names for ids, one call per step.
+// A tree with shortcuts for tests: names instead of ids, one call for each step.
 //
-// Thread safety: as the tree, all of it.
+// Thread safety: every function, from any thread, as the tree's.
 #pragma once
 
 #include <optional>
@@ -28,7 +28,7 @@ struct SetOptions {
 
 inline Pose at_x(double x) { return {x, 0, 0, 0, 0, 0, 1}; }
 
-// A pose without any symmetry that could hide a mistake; differs with n.
+// A pose that differs with n, and has no symmetry that could hide a mistake.
 inline Pose some_pose(int n) {
   Pose p{0.3 * n + 1, 2.0 - 0.7 * n, 0.11 * n * n, 0.2 + 0.1 * (n % 5), -0.4, 0.3 * (n % 3), 0.6};
   const double scale = 1 / std::sqrt(p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw);
@@ -55,7 +55,7 @@ class World {
 
   Tree tree;
 
-  // Why it was refused, if it was.
+  // Returns why the commit was rejected, if it was.
   std::optional<Rejected> commit(const std::vector<Set>& sets, const SetOptions& options = {},
                                  std::vector<std::uint8_t>* stored = nullptr) {
     std::vector<std::string_view> names, read_names;
@@ -82,7 +82,8 @@ class World {
     if (stored) *stored = flags;
     return std::nullopt;
   }
-  // True stored, false dropped as too old; anything else is a failed test.
+  // Returns true if the row was stored, false if it was dropped as too old. Fails the test
+  // otherwise.
   bool set(const std::string& parent, const std::string& child, Stamp stamp, const Pose& pose = {},
            bool is_static = false) {
     std::vector<std::uint8_t> stored;
@@ -114,7 +115,7 @@ class World {
                           Stamp stamp = kNoStamp) const {
     return ask(op, target, source, stamp).failure.code;
   }
-  // What a transaction that reads this must find unchanged at its end.
+  // Runs the query as a transaction and returns its read set.
   std::vector<std::pair<std::string, Version>> reads_of(const Query& q, Answer& answer) const {
     ReadSet reads;
     tree.lookup_transaction({&q, 1}, {&answer, 1}, reads);
@@ -125,7 +126,7 @@ class World {
   }
 
  private:
-  // Sanitizers pay for memory that is not used, too.
+  // Sanitizers pay for unused memory, too.
   static Options small(Options options) {
     options.max_frames = std::min(options.max_frames, 4096u);
     return options;

@@ -1,4 +1,4 @@
-// Frames that are removed and come back while others read and write; time that is set back.
+// Frames are removed and come back, and time is set back, while others read and write.
 #include "fixture.hpp"
 #include "thread_group.hpp"
 
@@ -17,20 +17,20 @@ std::optional<Rejected> remove(World& w, std::string_view name, bool subtree = f
 
 }  // namespace
 
-// A link is there with its parent, or not at all: what stands on a frame goes with it.
+// A link exists with its parent or not at all: a subtree is removed with its root.
 TEST(no_link_hangs_on_a_removed_frame) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     std::atomic<int> removed{0}, found{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int writer = 0; writer < 2; ++writer)
-      crowd.background([&, writer](const std::atomic<bool>& stop) {
+      threads.background([&, writer](const std::atomic<bool>& stop) {
         for (Stamp stamp = 1; !stop; ++stamp) {
           if (writer == 0) w.set("map", "base", stamp, at_x(1));
           w.set("base", "arm", stamp, at_x(1));
         }
       });
-    crowd.background([&](const std::atomic<bool>& stop) {
+    threads.background([&](const std::atomic<bool>& stop) {
       while (!stop) {
         const Answer a = w.ask(Op::latest_xact, "map", "arm");
         if (a.failure.code == Code::ok) {
@@ -41,7 +41,7 @@ TEST(no_link_hangs_on_a_removed_frame) {
         }
       }
     });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       while (removed < 200 || found < 20) {
         if (!remove(w, "base", true)) ++removed;
         if (!remove(w, "arm")) ++removed;
@@ -50,7 +50,7 @@ TEST(no_link_hangs_on_a_removed_frame) {
         std::this_thread::yield();
       }
     });
-    crowd.join();
+    threads.join();
     CHECK(!remove(w, "map", true));
     for (const char* name : {"map", "base", "arm"}) {
       const FrameId id = w.id(name);
@@ -98,19 +98,19 @@ TEST(a_reset_is_one_instant) {
   });
 }
 
-// Every commit of the new time that was acknowledged after the jump is still there.
+// No commit that was acknowledged after the time jump is lost.
 TEST(a_jump_back_is_cleared_once) {
   for_each_concurrency([](Concurrency c) {
     World w(Options{.cache_ns = 100, .concurrency = c, .clear_on_time_jump = true});
     for (int round = 0; round < 200; ++round) {
       const Stamp now = -1000 * round;
-      ThreadGroup crowd;
+      ThreadGroup threads;
       for (int writer = 0; writer < 3; ++writer)
-        crowd.foreground([&, writer] { CHECK(w.set("map", "f" + std::to_string(writer), now)); });
+        threads.foreground([&, writer] { CHECK(w.set("map", "f" + std::to_string(writer), now)); });
       // All three know the frame, and see the jump at the same time.
       for (int writer = 0; writer < 2; ++writer)
-        crowd.foreground([&, writer] { CHECK(w.set("map", "shared", now + writer)); });
-      crowd.join();
+        threads.foreground([&, writer] { CHECK(w.set("map", "shared", now + writer)); });
+      threads.join();
       CHECK(w.code(Op::at, "map", "shared", now) == Code::ok);
       CHECK(w.code(Op::at, "map", "shared", now + 1) == Code::ok);
     }

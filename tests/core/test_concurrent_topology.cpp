@@ -1,4 +1,5 @@
-// Frames that come, move and go under lookups: the newest parents never form a cycle.
+// Frames are created, reparented and cleared while others look up: the newest parents never form a
+// cycle.
 #include <random>
 
 #include "fixture.hpp"
@@ -27,9 +28,9 @@ TEST(random_moves_close_no_cycle) {
     for (std::size_t i = 1; i < names.size(); ++i) w.set("root", names[i], 0);
     std::atomic<Stamp> clock{0};
     std::atomic<int> moved{0}, refused{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (unsigned thread = 0; thread < 3; ++thread)
-      crowd.background([&, thread](const auto& stop) {
+      threads.background([&, thread](const auto& stop) {
         std::mt19937 random(thread);
         while (!stop) {
           std::vector<Set> sets;
@@ -45,12 +46,12 @@ TEST(random_moves_close_no_cycle) {
         }
       });
     for (unsigned thread = 0; thread < 2; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         std::mt19937 random(100 + thread);
         for (int i = 0; i < 1500 || moved < 200 || refused < 50; ++i) {
           const std::string& target = names[random() % names.size()];
           const std::string& source = names[random() % names.size()];
-          // All hang below the root, so there is always a way; in a cycle there would be none.
+          // All are below the root, so a path always exists; in a cycle there would be none.
           for (const Op op : {Op::latest, Op::latest_xact, Op::common_time})
             CHECK_EQ(w.code(op, target, source), Code::ok);
           std::vector<FrameId> chain;
@@ -61,20 +62,20 @@ TEST(random_moves_close_no_cycle) {
                 common == Code::lookup);  // at a past time there may have been a cycle
         }
       });
-    crowd.join();
+    threads.join();
     check_no_cycle(w);
   });
 }
 
-// One commit takes c from p to elsewhere and back, many times over: in between, nobody may mistake
-// elsewhere for c's place and hang p below c.
+// One commit moves c from p to another parent and back, many times. Meanwhile no other commit may
+// take the other parent for c's newest one, and set c as the parent of p.
 TEST(a_move_there_and_back_hides_no_cycle) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     w.set("p", "c", 0);
     w.set("elsewhere", "x", 0);
-    ThreadGroup crowd;
-    crowd.background([&](const auto& stop) {
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
       for (Stamp stamp = 1; !stop;) {
         std::vector<Set> sets;
         for (int i = 0; i < 300; ++i, ++stamp)
@@ -82,31 +83,31 @@ TEST(a_move_there_and_back_hides_no_cycle) {
         CHECK_EQ(w.refusal(sets), Code::ok);
       }
     });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       for (int i = 1; i <= 2000; ++i) CHECK_EQ(w.refusal({{"c", "p", i}}), Code::invalid_argument);
     });
-    crowd.join();
+    threads.join();
     check_no_cycle(w);
   });
 }
 
-// A frame is found by name only once its link is there: names and samples come at one instant.
+// A frame is found by name only once it has its link: a commit shows names and samples at once.
 TEST(new_frames_come_with_their_links) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     w.set("f0", "f1", 1, at_x(1));
     constexpr int kFrames = 600;
     const auto name = [](int i) { return "f" + std::to_string(i); };
-    ThreadGroup crowd;
+    ThreadGroup threads;
     std::atomic<int> made{1};
-    crowd.foreground([&] {
+    threads.foreground([&] {
       for (int i = 2; i < kFrames; ++i) {
         CHECK_EQ(w.refusal({{name(i / 2), name(i), 1, at_x(1)}}), Code::ok);
         made = i;
       }
     });
     for (unsigned thread = 0; thread < 2; ++thread)
-      crowd.background([&, thread](const auto& stop) {
+      threads.background([&, thread](const auto& stop) {
         std::mt19937 random(thread);
         while (!stop) {
           const int known = made,
@@ -123,7 +124,7 @@ TEST(new_frames_come_with_their_links) {
           CHECK_EQ(w.id("nobody" + std::to_string(i)), 0u);
         }
       });
-    crowd.join();
+    threads.join();
     CHECK_EQ(w.tree.size(), static_cast<std::uint32_t>(kFrames));
   });
 }
@@ -138,14 +139,14 @@ TEST(clearing_is_one_instant) {
     };
     write();
     w.set("c", "tool", 0, at_x(5), true);
-    ThreadGroup crowd;
-    crowd.background([&](const auto& stop) {
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
       for (int i = 0; !stop; ++i) {
         write();
         if (i % 3 == 0) w.tree.clear(true);
       }
     });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       int found = 0, missing = 0;
       for (int i = 0; i < 2000 || found < 50 || missing < 50; ++i) {
         const std::vector<Query> queries = {w.query(Op::latest_xact, "a", "b"),
@@ -165,6 +166,6 @@ TEST(clearing_is_one_instant) {
         }
       }
     });
-    crowd.join();
+    threads.join();
   });
 }

@@ -1,4 +1,5 @@
-// Waiting for commits: no wake-up is missed. Deadlines are so far away that a missed one hangs.
+// Waiting for commits: no wake-up is lost. Deadlines are so far away that a lost one hangs the
+// test.
 #include "fixture.hpp"
 #include "thread_group.hpp"
 
@@ -23,20 +24,20 @@ TEST(ping_pong) {
     w.set("map", "ping", 0);
     w.set("map", "pong", 0);
     constexpr Stamp kRounds = 2'000;
-    ThreadGroup crowd;
-    crowd.foreground([&] {
+    ThreadGroup threads;
+    threads.foreground([&] {
       for (Stamp round = 1; round <= kRounds; ++round) {
         w.set("map", "ping", round);
         wait_for(w, Op::at, "map", "pong", round);
       }
     });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       for (Stamp round = 1; round <= kRounds; ++round) {
         wait_for(w, Op::at, "map", "ping", round);
         w.set("map", "pong", round);
       }
     });
-    crowd.join();
+    threads.join();
     CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }
@@ -48,25 +49,26 @@ TEST(many_waiters_see_every_commit_that_matters) {
     w.set("b", "c", 0);
     constexpr int kRounds = 500, kWaiters = 3;
     std::atomic<int> seen_by[kWaiters] = {};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int waiter = 0; waiter < kWaiters; ++waiter)
-      crowd.foreground([&, waiter] {
+      threads.foreground([&, waiter] {
         for (int round = 1; round <= kRounds; ++round) {
           wait_for(w, Op::at, "a", "c", round);
           seen_by[waiter] = round;
         }
       });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       for (int round = 1; round <= kRounds; ++round) {
         w.set("a", "b", round);
         w.set("b", "c", round);
-        // Every other time only once all have gone on to wait, or are about to.
+        // In every other round, writes on only once all waiters wait for the next round, or soon
+        // will.
         if (round % 2)
           for (const auto& seen : seen_by)
             while (seen < round) std::this_thread::yield();
       }
     });
-    crowd.join();
+    threads.join();
     for (const auto& seen : seen_by) CHECK_EQ(seen.load(), kRounds);
     CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
@@ -77,21 +79,21 @@ TEST(names_and_links_that_appear_wake) {
     World w(c);
     constexpr int kRounds = 300;
     const auto name = [](const char* kind, int round) { return kind + std::to_string(round); };
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int waiter = 0; waiter < 2; ++waiter)
-      crowd.foreground([&] {
+      threads.foreground([&] {
         for (int round = 0; round < kRounds; ++round) {
           const std::string root = name("root", round), leaf = name("leaf", round);
           wait_for(w, Op::latest_common, root, leaf);
         }
       });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       for (int round = 0; round < kRounds; ++round) {
         w.set(name("middle", round), name("leaf", round), 1);
         w.set(name("root", round), name("middle", round), 1);
       }
     });
-    crowd.join();
+    threads.join();
     CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }
@@ -101,9 +103,9 @@ TEST(waiters_come_and_go_while_others_write) {
     World w(c);
     for (int i = 0; i < 4; ++i) w.set("map", "f" + std::to_string(i), 0);
     std::atomic<Stamp> now{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int writer = 0; writer < 2; ++writer)
-      crowd.background([&, writer](const std::atomic<bool>& stop) {
+      threads.background([&, writer](const std::atomic<bool>& stop) {
         while (!stop) {
           const Stamp stamp = now.fetch_add(1) + 1;
           w.set("map", "f" + std::to_string(writer), stamp);
@@ -111,19 +113,19 @@ TEST(waiters_come_and_go_while_others_write) {
         }
       });
     for (int waiter = 0; waiter < 2; ++waiter)
-      crowd.foreground([&, waiter] {
+      threads.foreground([&, waiter] {
         const std::string target = "f" + std::to_string(waiter), source = "f3";
         for (int i = 0; i < 2'000; ++i) {
           const Stamp stamp = now + 3;
           BlockingWaiter sleeper(w.tree.wait_list(), {Op::at, 0, 0, stamp}, target, source);
           if (i % 2) {
-            (void)sleeper.wait(BlockingWaiter::Clock::now());  // gives up at once
+            (void)sleeper.wait(BlockingWaiter::Clock::now());  // times out at once
           } else {
             CHECK(sleeper.wait(BlockingWaiter::Clock::now() + kNever));
           }
         }
       });
-    crowd.join();
+    threads.join();
     CHECK_EQ(w.tree.wait_list().size(), 0u);
   });
 }

@@ -1,4 +1,4 @@
-// Writers against writers: what a commit rests on still stands when it is made.
+// Writers against writers: what a commit has read is still true when it is applied.
 #include <barrier>
 
 #include "fixture.hpp"
@@ -13,9 +13,9 @@ TEST(no_increment_is_lost) {
     w.set("root", "bystander", 0);
     constexpr int kThreads = 3, kEach = 150;
     std::atomic<int> conflicts{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int thread = 0; thread < kThreads; ++thread)
-      crowd.foreground([&] {
+      threads.foreground([&] {
         for (int done = 0; done < kEach;) {
           Answer a;
           const auto reads = w.reads_of(w.query(Op::latest_xact, "root", "counter"), a);
@@ -29,15 +29,15 @@ TEST(no_increment_is_lost) {
             ++conflicts;
         }
       });
-    crowd.join();
+    threads.join();
     const Answer a = w.ask(Op::latest_xact, "root", "counter");
     CHECK_EQ(a.pose.x, kThreads * kEach);
     CHECK_EQ(a.stamp, kThreads * kEach);
   });
 }
 
-// Each of two reads what the other writes: they never both pass. `create`: what is read is that a
-// frame does not exist.
+// Of two transactions that each read what the other writes, at most one commits. With `create` each
+// reads that a frame does not exist.
 static void check_write_skew(Concurrency c, bool create) {
   World w(c);
   constexpr int kRounds = 1000;
@@ -47,9 +47,9 @@ static void check_write_skew(Concurrency c, bool create) {
   const auto other = [](int thread) { return thread ? std::string("a") : std::string("b"); };
   w.set("root", "a", 0);
   w.set("root", "b", 0);
-  ThreadGroup crowd;
+  ThreadGroup threads;
   for (int thread = 0; thread < 2; ++thread)
-    crowd.foreground([&, thread] {
+    threads.foreground([&, thread] {
       for (int round = 1; round <= kRounds; ++round) {
         const std::string suffix = create ? std::to_string(round) : "";
         const std::string mine = other(1 - thread) + suffix, theirs = other(thread) + suffix;
@@ -57,7 +57,7 @@ static void check_write_skew(Concurrency c, bool create) {
         Answer a;
         if (!create) reads = w.reads_of(w.query(Op::latest_xact, "root", theirs), a);
         together.arrive_and_wait();
-        // In every other round the new frame is only somebody's parent, which writes nothing to it.
+        // In every other round the new frame is only a parent: the commit stores no sample in it.
         const bool parent_only = create && round % 2;
         const Code code = parent_only ? w.refusal({{mine, mine + "c", round}}, {.reads = reads})
                                       : w.refusal({{"root", mine, round}}, {.reads = reads});
@@ -72,7 +72,7 @@ static void check_write_skew(Concurrency c, bool create) {
         together.arrive_and_wait();
       }
     });
-  crowd.join();
+  threads.join();
   CHECK(passed > 0);
 }
 
@@ -89,9 +89,9 @@ TEST(one_name_one_id) {
     World w(c);
     constexpr int kNames = 400, kThreads = 4;
     std::vector<std::vector<FrameId>> seen(kThreads);
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int thread = 0; thread < kThreads; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         for (int i = 0; i < kNames; ++i) {
           const std::string name = "f" + std::to_string(i);
           CHECK_EQ(w.refusal({{"root", name, thread}}), Code::ok);
@@ -101,7 +101,7 @@ TEST(one_name_one_id) {
           seen[static_cast<std::size_t>(thread)].push_back(id);
         }
       });
-    crowd.join();
+    threads.join();
     CHECK_EQ(w.tree.size(), static_cast<std::uint32_t>(kNames + 1));
     for (const auto& ids : seen) CHECK(ids == seen[0]);
     for (int i = 0; i < kNames; ++i)
@@ -110,15 +110,15 @@ TEST(one_name_one_id) {
   });
 }
 
-// RowWrite sets that overlap in opposite orders, some with new frames and new parents: nobody
-// hangs, and every commit is one.
+// Write sets that overlap in opposite orders, some with new frames and new parents: no writer
+// hangs, and every commit is atomic.
 TEST(opposite_orders_do_not_block) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     constexpr int kFrames = 20;
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int thread = 0; thread < 3; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         for (int i = 1; i <= 200; ++i) {
           std::vector<Set> sets;
           for (int k = 0; k < kFrames; ++k) {
@@ -129,7 +129,7 @@ TEST(opposite_orders_do_not_block) {
           CHECK_EQ(w.refusal(sets), Code::ok);
         }
       });
-    crowd.background([&](const auto& stop) {
+    threads.background([&](const auto& stop) {
       while (!stop) {
         std::vector<Query> queries;
         for (int k = 0; k < kFrames; ++k)
@@ -145,7 +145,7 @@ TEST(opposite_orders_do_not_block) {
         }
       }
     });
-    crowd.join();
+    threads.join();
     const Version commits = w.tree.info(w.id("f0")).version / SeqLock::kIncrement;
     CHECK_EQ(commits, Version{600});
     for (int k = 1; k < kFrames; ++k)

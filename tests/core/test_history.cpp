@@ -1,5 +1,5 @@
-// The rules of history.hpp on one frame: order, pruning, searching.
-#include "history.hpp"
+// The rules of history.hpp on one frame: inserting, pruning, finding.
+#include "history_insert.hpp"
 
 #include <map>
 #include <memory>
@@ -29,17 +29,12 @@ class History {
     frame->first.store(first_index);
   }
 
-  // None: too old, as the tree decides before it calls insert().
+  // Returns nothing for a sample that is too old: the tree decides that before it calls insert().
   std::optional<InsertResult> put(Stamp stamp, FrameId parent, double x = 0) {
     if (frame->count.load() > 0 && too_old(stamp, frame->latest.stamp.load(), limits.cache_ns))
       return std::nullopt;
     reserve(*frame, 1, limits, *memory);
     return insert(*frame, stamp, parent, at_x(x), limits);
-  }
-  // As if nothing were usual about it.
-  InsertResult put_anywhere(Stamp stamp, FrameId parent, double x) {
-    reserve(*frame, 1, limits, *memory);
-    return insert_out_of_order(*frame, stamp, parent, at_x(x), limits);
   }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
 
@@ -81,26 +76,33 @@ TEST(samples_stand_in_order_of_time) {
   CHECK(h.newest_first() == pruned);
 }
 
-TEST(the_usual_insert_leaves_what_the_general_one_does) {
-  for (const std::uint32_t max_samples : {1u, 2u, 4u, 7u, 64u}) {
+// An order of insertion that keeps the same samples leads to the same history: here in order of
+// time, where each insert appends, and in pairs that are swapped, where every other one is late.
+TEST(late_samples_leave_the_history_that_samples_in_order_leave) {
+  for (const std::uint32_t max_samples : {4u, 7u, 64u}) {
     std::minstd_rand random(max_samples);
-    History usual(50, max_samples), general(50, max_samples);
+    History in_order(1 << 20, max_samples), swapped(1 << 20, max_samples);
     Stamp stamp = 0;
-    for (int i = 0; i < 2000; ++i) {
-      stamp += static_cast<Stamp>(random() % 20) + 1;
-      const FrameId parent = random() % 50 == 0 ? 2 : 1;
-      CHECK_EQ(*usual.put(stamp, parent, i), general.put_anywhere(stamp, parent, i));
-      CHECK(usual.newest_first() == general.newest_first());
-      const Frame &a = *usual.frame, &b = *general.frame;
-      CHECK_EQ(a.first.load(), b.first.load());
+    for (int i = 0; i < 1000; ++i) {
+      const Stamp older = stamp + static_cast<Stamp>(random() % 20) + 1;
+      stamp = older + static_cast<Stamp>(random() % 20) + 1;
+      const FrameId parent = random() % 20 == 0 ? 2 : 1;
+      in_order.put(older, parent, i);
+      in_order.put(stamp, 1, i + 0.5);
+      swapped.put(stamp, 1, i + 0.5);
+      swapped.put(older, parent, i);
+      CHECK(in_order.newest_first() == swapped.newest_first());
+      const Frame &a = *in_order.frame, &b = *swapped.frame;
+      CHECK_EQ(a.count.load(), b.count.load());
+      CHECK_EQ(a.evicted.load(), b.evicted.load());
       CHECK_EQ(a.oldest_stamp.load(), b.oldest_stamp.load());
       CHECK_EQ(a.samples_per_ns.load(), b.samples_per_ns.load());
       CHECK_EQ(a.parent_changes.load(), b.parent_changes.load());
       CHECK_EQ(a.parent.load(), b.parent.load());
       for (Stamp back = 0; back < 60; back += 7) {
-        const LinkLookup place = usual.at(stamp - back);
-        CHECK_EQ(place.status, general.at(stamp - back).status);
-        if (place.status == Status::ok) CHECK_EQ(usual.x(stamp - back), general.x(stamp - back));
+        const LinkLookup link = in_order.at(stamp - back);
+        CHECK_EQ(link.status, swapped.at(stamp - back).status);
+        if (link.status == Status::ok) CHECK_EQ(in_order.x(stamp - back), swapped.x(stamp - back));
       }
     }
   }
@@ -183,7 +185,7 @@ TEST(static_and_dynamic_replace_each_other) {
   CHECK_EQ(h.at(6).status, Status::root);
 }
 
-TEST(a_full_frame_gives_up_its_oldest) {
+TEST(a_full_frame_evicts_its_oldest_sample) {
   History h(1000, 4);
   for (Stamp t = 1; t <= 4; ++t) CHECK_EQ(*h.put(10 * t, 1), InsertResult::added);
   CHECK_EQ(*h.put(5, 1), InsertResult::rejected);
@@ -217,12 +219,13 @@ TEST(the_ends_of_time_are_times) {
   CHECK(!h.put(first, 1));
 }
 
-// Against std::map, with stamps as irregular as they come, and indices that pass their end.
+// Compared with a std::map, with irregular stamps, and with ring indices that overflow.
 TEST(any_history_is_that_of_a_sorted_map) {
   std::mt19937_64 generator(7);
   for (int round = 0; round < 60; ++round) {
     const std::uint64_t cache = round % 3 ? 3000 : std::uint64_t{1} << 62;
-    const std::uint32_t max_samples = round % 4 ? 64 : 5;
+    const std::uint32_t max_samples =
+        round % 4 ? 64 : 1 + static_cast<std::uint32_t>(round) / 4 % 7;
     History h(cache, max_samples, round % 2 ? 0xFFFFFFFFu - static_cast<std::uint32_t>(round) : 0);
     std::map<Stamp, std::pair<FrameId, double>> model;
     std::uint32_t evicted = 0;
@@ -262,6 +265,17 @@ TEST(any_history_is_that_of_a_sorted_map) {
       for (auto it = model.begin(); std::next(it) != model.end(); ++it)
         changes += it->second.first != std::next(it)->second.first;
       CHECK_EQ(h.frame->parent_changes.load(), changes);
+      CHECK_EQ(h.frame->samples_per_ns.load(),
+               changes
+                   ? 0
+                   : mean_sample_rate(h.frame->count, model.begin()->first, model.rbegin()->first));
+      CHECK_EQ(h.newest_first().size(), model.size());
+      std::size_t at = model.size();
+      for (const Sent& sent : h.newest_first()) {
+        --at;
+        const auto expected_sample = std::next(model.begin(), static_cast<std::ptrdiff_t>(at));
+        CHECK((sent == Sent{expected_sample->first, expected_sample->second.first}));
+      }
 
       const Stamp asked = now + 50 - static_cast<Stamp>(generator() % 4000);
       const LinkLookup place = h.at(asked);
@@ -286,7 +300,7 @@ TEST(any_history_is_that_of_a_sorted_map) {
   }
 }
 
-TEST(indices_count_on_over_their_end) {
+TEST(ring_indices_may_overflow) {
   History h(1000, 64, 0xFFFFFFFE);
   for (Stamp t = 0; t < 10; ++t) h.put(10 * t, 1, static_cast<double>(10 * t));
   for (Stamp t = 0; t <= 90; ++t) CHECK_EQ(h.x(t), static_cast<double>(t));

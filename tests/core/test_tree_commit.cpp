@@ -1,11 +1,12 @@
-// Commits: all or nothing, in time's order, within the limits.
+// Commits: atomic, in order of time, within the limits.
+#include "commit_validation.hpp"
 #include "fixture.hpp"
 
 using namespace ztf;
 
 namespace {
 
-// Everything about a tree that a refused commit must leave alone.
+// All of a tree that a rejected commit must leave unchanged.
 std::string state(const World& w) {
   std::ostringstream text;
   for (FrameId id = 1; id <= w.tree.size(); ++id) {
@@ -77,7 +78,7 @@ TEST(old_rows_are_dropped_or_refuse) {
                 {{"a", "b", 102}, {"a", "b", 90}, {"a", "d", 1}});
 }
 
-// A row that finds no room is a row that is not stored: never a success.
+// A row for which a full frame has no room is reported as not stored.
 TEST(a_full_frame_refuses_older_rows) {
   for_each_concurrency([](Concurrency c) {
     World w(Options{.concurrency = c, .max_samples_per_frame = 4});
@@ -105,7 +106,7 @@ TEST(unsorted_and_duplicate_rows) {
              Code::ok);
     for (Stamp t = 1; t <= 3; ++t) CHECK_EQ(w.at("z", "y", t).pose.x, static_cast<double>(t));
     CHECK_EQ(w.ask(Op::latest_xact, "root", "x").pose.x, 13);
-    // Of static ones the newest stands.
+    // Of several static rows the newest one wins.
     CHECK_EQ(w.refusal({{"s", "t", 2, at_x(2)}, {"s", "t", 1, at_x(1)}}, {.is_static = true}),
              Code::ok);
     CHECK_EQ(w.at("s", "t", 0).pose.x, 2);
@@ -124,7 +125,7 @@ TEST(cycles_are_refused) {
     check_refused(w, bad, "parent_frame", {{"d", "a", 1}, {"c", "d", 1}});
     check_refused(w, bad, "parent_frame", {{"p", "q", 1}, {"q", "r", 1}, {"r", "p", 1}});
     check_refused(w, bad, "parent_frame", {{"p", "q", 1}, {"q", "p", 1}});
-    // A transaction counts as simultaneous: turning a chain around is no cycle.
+    // All rows of a commit take effect at once: reversing a chain closes no cycle.
     CHECK_EQ(w.refusal({{"c", "b", 2}, {"b", "a", 2}, {"r", "c", 2}}), Code::ok);
     CHECK_EQ(w.code(Op::latest_xact, "r", "a"), Code::ok);
     // Only the newest parent of each matters.
@@ -144,6 +145,31 @@ TEST(the_frame_limit) {
   CHECK(w.set("b", "c", 1));
   check_refused(w, Code::limit, "max_frames", {{"c", "d", 1}});
   CHECK(w.set("b", "c", 2));
+}
+
+TEST(messages_name_the_value_and_the_limit) {
+  CHECK_EQ(grouped(0), "0");
+  CHECK_EQ(grouped(999), "999");
+  CHECK_EQ(grouped(1'048'576), "1,048,576");
+  World w(
+      Options{.cache_ns = 10, .max_frames = 3, .max_samples_per_frame = 2, .max_authorities = 1});
+  w.set("a", "b", 100);
+  const auto message = [&](const std::vector<Set>& sets, const SetOptions& options = {}) {
+    const auto rejected = w.commit(sets, options);
+    return rejected ? rejected->message : std::string();
+  };
+  CHECK_EQ(message({{"b", "c", 1}, {"c", "d", 1}}),
+           "cannot create frame 'd': the limit of 3 frames is reached (max_frames)");
+  CHECK_EQ(message({{"a", "b", 89}}),
+           "cannot set the transform of child 'b' in parent 'a': the stamp 89 ns is older than the "
+           "newest sample's, 100 ns, by more than the cache time of 10 ns");
+  w.set("a", "b", 101);
+  CHECK_EQ(message({{"a", "b", 99}}),
+           "cannot set the transform of child 'b' in parent 'a': the stamp 99 ns is older than all "
+           "samples of the frame, which is full: it has 2 (max_samples_per_frame), from 100 ns on");
+  CHECK_EQ(w.refusal({{"a", "b", 102}}, {.authority = "one"}), Code::ok);
+  CHECK_EQ(message({{"a", "b", 103}}, {.authority = "two"}),
+           "cannot add authority 'two': the limit of 1 authorities is reached (max_authorities)");
 }
 
 TEST(one_authority_per_frame) {
@@ -179,7 +205,7 @@ TEST(read_versions_must_still_stand) {
     CHECK_EQ(w.refusal({{"a", "d", 1}}, {.reads = reads}), Code::ok);
     CHECK_EQ(w.refusal({{"a", "b", 2}}, {.reads = reads}), Code::ok);  // both read and written
     check_refused(w, Code::conflict, "", {{"a", "d", 2}}, {.reads = reads});
-    // Failures rest on what was read, too.
+    // The read set of a failed lookup is validated, too.
     reads = w.reads_of(w.query(Op::at, "a", "c", 50), a);
     CHECK_EQ(a.failure.code, Code::no_data);
     CHECK_EQ(w.refusal({{"a", "e", 1}}, {.reads = reads}), Code::ok);
@@ -191,17 +217,18 @@ TEST(read_versions_must_still_stand) {
   });
 }
 
-// While no frame has led two ways, a chain that was found for one time is taken for others: so who
-// read anything before the first one does must not commit after it.
+// While no frame has had two parents, readers use one path for all times. So a transaction that
+// read anything before the first reparenting must not commit after it.
 TEST(the_first_frame_of_two_parents_changes_all) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
     CHECK_EQ(w.refusal({{"r", "a", 1}, {"r", "b", 1}, {"r", "q", 1}, {"r", "fixed", 1}}), Code::ok);
     Answer answer;
     const auto reads = w.reads_of(w.query(Op::latest_common, "r", "a"), answer);
-    CHECK_EQ(w.refusal({{"q", "fixed", 1}}, {.is_static = true}), Code::ok);  // has no history
+    CHECK_EQ(w.refusal({{"q", "fixed", 1}}, {.is_static = true}),
+             Code::ok);  // a static link has no history
     w.set("r", "grasped", 1);
-    w.set("q", "grasped", 1 + Stamp{20'000'000'000});  // what was before is too old by then
+    w.set("q", "grasped", 1 + Stamp{20'000'000'000});  // by then the older sample is too old
     CHECK_EQ(w.refusal({{"r", "q", 2}, {"q", "r", 2}, {"q", "b", 2}}), Code::invalid_argument);
     CHECK_EQ(w.refusal({{"r", "c", 2}}, {.reads = reads}), Code::ok);
     CHECK_EQ(w.refusal({{"q", "b", 2}}), Code::ok);
@@ -211,12 +238,13 @@ TEST(the_first_frame_of_two_parents_changes_all) {
     CHECK_EQ(w.refusal({{"r", "a", 3}, {"r", "c", 3}}), Code::ok);
     const auto later = w.reads_of(w.query(Op::latest_common, "r", "b"), answer);
     CHECK_EQ(w.refusal({{"r", "a", 4}}), Code::ok);
-    CHECK_EQ(w.refusal({{"r", "c", 4}}, {.reads = later}), Code::ok);  // and it is but the first
+    CHECK_EQ(w.refusal({{"r", "c", 4}}, {.reads = later}),
+             Code::ok);  // only the first one does that
     CHECK_EQ(w.refusal({{"r", "c", 5}}, {.reads = again}), Code::conflict);
   });
 }
 
-// Version 0 says that a frame did not exist. It does as soon as it is somebody's parent.
+// Version 0 says that a frame did not exist. A frame exists as soon as it is a parent.
 TEST(a_name_that_was_unknown_must_still_be) {
   for_each_concurrency([](Concurrency c) {
     World w(c);

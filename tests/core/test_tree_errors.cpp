@@ -1,4 +1,4 @@
-// Every way in which a lookup can fail, with its facts.
+// Every way in which a lookup can fail, and the facts that the failure carries.
 #include "fixture.hpp"
 
 using namespace ztf;
@@ -89,7 +89,7 @@ TEST(the_first_broken_link_is_the_targets) {
 TEST(a_cycle_at_a_past_time) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
-    // Until 20, a hung below b; from 20 on b hangs below a. At 15 neither is a root.
+    // Until 20 b was the parent of a; from 20 on a is the parent of b. At 15 neither is a root.
     for (const Stamp t : {10, 20}) w.set("b", "a", t);
     w.set("root", "a", 30);
     for (const Stamp t : {40, 50}) w.set("a", "b", t);

@@ -1,4 +1,6 @@
-// Threads of a concurrent test: some until the others are done. No test judges by time.
+// The threads of a concurrent test: background threads run until all foreground threads are done.
+//
+// Thread safety: used by the one thread that runs the test.
 #pragma once
 
 #include <atomic>

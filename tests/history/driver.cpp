@@ -1,14 +1,14 @@
-// Runs transactions from several threads against one tree and writes down what each saw and did,
-// for checker.py.
+// Runs transactions from several threads against one tree and records what each read and wrote, for
+// checker.py.
 //
 // The tree is a trunk of four links with two arms of four on it. A link's translation is its
 // version, moved to a place of 13 binary digits that no other link uses: trunk, first and second
 // arm have an axis each, and rotations are identities. So the pose of any chain is exact in
-// doubles, and says the version of every link on the way. A version is the stamp under which it
-// was written, and every transaction that writes has one of its own. The second arm moves between
-// the trunk's top and the root: its first link's version says where it stands.
+// doubles, and says the version of every link on the path. A version is the stamp under which the
+// link was written, and every writing transaction has a stamp of its own. The second arm moves
+// between the trunk's top and the root: its first link's version says which is its parent.
 //
-// Thread safety: each thread records for itself; tree, clock of stamps and the rest are shared.
+// Thread safety: each thread has its own record. The tree and the counter of stamps are shared.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -35,7 +35,7 @@ constexpr Stamp kLastStamp = (1 << kDigits) - 1;
 constexpr int place_of(int link) { return link % 4 * kDigits; }
 constexpr int axis_of(int link) { return link / 4; }  // of Pose: x, y, z
 constexpr int kMovingLink = 8;
-// Frames: 0 is the root, and above a link is what the version of the moving one says.
+// The frame above a link; frame 0 is the root. For the moving link its version decides.
 constexpr int parent_of(int link, Stamp moved) {
   return link != kMovingLink ? link : moved / 4 % 2 == 0 ? 4 : 0;
 }
@@ -54,7 +54,7 @@ struct Access {
   std::exit(EXIT_FAILURE);
 }
 
-// Fenced, or the processor could move what is timed across the reading of the clock.
+// The fences keep the processor from moving timed work across the reading of the clock.
 std::int64_t now_ns() {
   std::atomic_thread_fence(std::memory_order_seq_cst);
   const auto now = std::chrono::steady_clock::now().time_since_epoch();
@@ -115,7 +115,7 @@ struct World {
   std::vector<FrameId> ids;
   std::atomic<Stamp> clock{1};
   std::atomic<std::int64_t> left;  // transactions still to run
-  // By stamp: the links that its transaction writes.
+  // By stamp: which links its transaction writes.
   std::array<std::atomic<unsigned>, kLastStamp + 1> written{};
 };
 
@@ -178,7 +178,7 @@ class Client {
     accesses.push_back({static_cast<std::int64_t>(transactions.size()) - 1, is_write, link, stamp});
   }
 
-  // An answer that contradicts itself.
+  // Records an answer that contradicts itself.
   void note_nonsense() { transactions.back().outcome = nonsense; }
 
   Question some_pair(Op op) {
@@ -187,7 +187,7 @@ class Client {
     return {world_, op, target, other + (other >= target)};
   }
 
-  // False where the stamps are used up: then the history ends.
+  // Returns false when the stamps are used up, which ends the history.
   bool write(const ReadSet* reads) {
     const Stamp stamp = world_.clock.fetch_add(1);
     if (stamp > kLastStamp) {
@@ -230,7 +230,7 @@ class Client {
   }
 
   void note_versions(const Question& question, const Answer& answer) {
-    // Where the arm stands does not matter for the side on which its own links are.
+    // The arm's parent does not matter for the links of the arm itself.
     const std::array<double, 3> sums{answer.pose.x, answer.pose.y, answer.pose.z};
     const auto version = [&](int link, const Between& links) {
       const int axis = axis_of(link);
@@ -249,15 +249,15 @@ class Client {
         oldest = std::min(oldest, stamp);
         newest = std::max(newest, stamp);
       } else if (stamp != 0) {
-        return note_nonsense();  // a link that is not on the way
+        return note_nonsense();  // a link that is not on the path
       }
     }
     if (oldest != answer.stamp || newest != answer.newest) note_nonsense();
   }
 
-  // The pose may be interpolated, but the time itself tells: it is the newest stamp of one of the
-  // links, at least. Of which, is sure where its transaction wrote only one of them, wherever the
-  // arm stands.
+  // The pose may be interpolated, but the time is the newest stamp of at least one of the links. It
+  // is certain of which one if that stamp's transaction wrote only one of them, whatever the arm's
+  // parent.
   void note_common(const Question& question, Stamp stamp) {
     const unsigned links = (question.links(0).all() | question.links(4).all()) &
                            world_.written[static_cast<std::size_t>(stamp)];

@@ -52,17 +52,15 @@ FAULTS = [
     Fault(
         "write locks are released before the last write",
         ("optimistic", "2pl"),
-        "tree_write.cpp",
-        """    write(locks);
-    count_authority();  // before the release: after it a set took 5 % longer
-    locks.release(changed_);
+        "commit_apply.cpp",
+        """  for (const FrameWrites& group : plan_.groups())
+    if (apply_group(group)) changed_.push_back(group.child);
 """,
-        """    locks.begin_write();
-    names_.publish(children_);
-    for (std::size_t i = 0; i + 1 < groups_.size(); ++i) (void)apply(groups_[i]);
-    locks.release(children_);
-    (void)apply(groups_.back());
-    count_authority();
+        """  const auto groups = plan_.groups();
+  for (const FrameWrites& group : groups.first(groups.size() - 1))
+    if (apply_group(group)) changed_.push_back(group.child);
+  const_cast<WriteLocks&>(locks).release(plan_.children());
+  if (apply_group(groups.back())) changed_.push_back(groups.back().child);
 """,
     ),
     Fault(
@@ -91,21 +89,21 @@ FAULTS = [
         "readers are not held off",
         ("optimistic",),
         "tree_write.cpp",
-        "    locks.begin_write();\n    names_.publish(children_);\n",
-        "    names_.publish(children_);\n",
+        "  locks.begin_write();\n  execution.apply(locks);\n",
+        "  execution.apply(locks);\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",
         ("optimistic",),
         "tree_write.cpp",
-        "    if (!request_.read_names.empty()) locks.begin_write();\n",
-        "",
+        "    locks.begin_write();\n    plan.validate_read_set(locks);\n",
+        "    plan.validate_read_set(locks);\n",
     ),
     Fault(
         "rows are committed one by one",
         EVERYWHERE,
         "tree_write.cpp",
-        "  Commit commit(*this, request, stored);\n",
+        "  CommitPlan plan(*this, request, stored);\n",
         """  if (request.rows.size() > 1) {
     for (std::size_t i = 0; i < request.rows.size(); ++i) {
       CommitRequest one = request;
@@ -115,39 +113,39 @@ FAULTS = [
     }
     return;
   }
-  Commit commit(*this, request, stored);
+  CommitPlan plan(*this, request, stored);
 """,
     ),
     Fault(
         "the last row of a commit is lost",
         EVERYWHERE,
-        "tree_write.cpp",
-        "for (FrameWrites& group : groups_)\n      if (group.is_append",
-        "for (FrameWrites& group : groups_)\n"
-        "      if (&group == &groups_.back() && groups_.size() == 3) break; else if (group.is_append",
+        "commit_apply.cpp",
+        "    if (apply_group(group)) changed_.push_back(group.child);\n",
+        "    if (&group == &plan_.groups().back() && plan_.groups().size() == 3) break;\n"
+        "    else if (apply_group(group)) changed_.push_back(group.child);\n",
     ),
     Fault(
         "what was read is not checked at the commit",
         EVERYWHERE,
         "tree_write.cpp",
-        "if (!validate_read_set(locks)) reject_conflict(request_.read_names[conflict_]);",
-        "if (!validate_read_set(locks) && request_.rows.empty()) reject_conflict({});",
+        "    plan.validate_read_set(locks);\n",
+        "    if (plan.groups().empty()) plan.validate_read_set(locks);\n",
     ),
     Fault(
         "what was read is checked only where it is written, too",
         EVERYWHERE,
-        "tree_write.cpp",
-        "own ? *own != read : id ? tree_.frames_[id].version.load() != read : read != 0",
-        "own ? *own != read : id == 0 && read != 0",
+        "commit_plan.cpp",
+        "locked ? *locked : id ? tree_.frames_[id].version.load() : 0;",
+        "locked ? *locked : id ? request_.read_versions[i] : 0;",
     ),
     Fault(
         "what was read is checked before the locks are held",
         EVERYWHERE[:2],
         "tree_write.cpp",
-        "    WriteLocks locks(tree_, children_);\n",
-        """    if (!validate_read_set(WriteLocks(tree_, FrameList()))) reject_conflict({});
-    const_cast<CommitRequest&>(request_).read_names = {};
-    WriteLocks locks(tree_, children_);
+        "  FrameList all;\n",
+        """  FrameList all;
+  plan.validate_read_set(WriteLocks(*this, all));
+  const_cast<CommitRequest&>(plan.request()).read_names = {};
 """,
     ),
     Fault(

@@ -1,6 +1,6 @@
-// What can be said about a commit without looking into the tree.
+// Checks of a commit that need nothing but the request and the options, and the errors of commits.
 //
-// Thread safety: functions of their arguments.
+// Thread safety: pure functions of their arguments.
 #pragma once
 
 #include <cmath>
@@ -14,7 +14,14 @@ inline std::string quoted(std::string_view name) {
   return std::string("'").append(name).append("'");
 }
 
-// tf2's rule: one leading slash is stripped on insert.
+// A count with separators: 1,048,576.
+inline std::string grouped(std::uint64_t value) {
+  std::string digits = std::to_string(value);
+  for (std::size_t at = digits.size(); at > 3; at -= 3) digits.insert(at - 3, 1, ',');
+  return digits;
+}
+
+// A frame's name as it is stored: without one leading slash, as tf2 does on insert.
 inline std::string_view stripped(std::string_view name) noexcept {
   return name.starts_with('/') ? name.substr(1) : name;
 }
@@ -24,8 +31,8 @@ inline std::string_view stripped(std::string_view name) noexcept {
   const std::string parent(stripped(request.names[row.parent]));
   const std::string child(stripped(request.names[row.child]));
   throw Rejected{.code = Code::invalid_argument,
-                 .message = "transform of child " + quoted(child) + " in parent " + quoted(parent) +
-                            " refused: " + why,
+                 .message = "cannot set the transform of child " + quoted(child) + " in parent " +
+                            quoted(parent) + ": " + why,
                  .frame = child,
                  .parent = parent,
                  .field = field,
@@ -34,31 +41,34 @@ inline std::string_view stripped(std::string_view name) noexcept {
 
 [[noreturn]] inline void reject_frame(std::string_view name, std::uint32_t max_frames) {
   throw Rejected{.code = Code::limit,
-                 .message = "frame " + quoted(name) + " would be one more than " +
-                            std::to_string(max_frames) + " frames",
+                 .message = "cannot create frame " + quoted(name) + ": the limit of " +
+                            grouped(max_frames) + " frames is reached (max_frames)",
                  .frame = std::string(name),
                  .field = "max_frames",
                  .limit = max_frames};
 }
 
-[[noreturn]] inline void reject_authority(std::uint32_t max_authorities) {
+[[noreturn]] inline void reject_authority(std::string_view name, std::uint32_t max_authorities) {
   throw Rejected{.code = Code::limit,
-                 .message = "no more than " + std::to_string(max_authorities) + " authorities",
+                 .message = "cannot add authority " + quoted(name) + ": the limit of " +
+                            grouped(max_authorities) + " authorities is reached (max_authorities)",
                  .field = "max_authorities",
                  .limit = max_authorities};
 }
 
 [[noreturn]] inline void reject_conflict(std::string_view name) {
   throw Rejected{.code = Code::conflict,
-                 .message = "frame " + quoted(name) + " has changed since the transaction read it",
+                 .message = "frame " + quoted(name) +
+                            " has changed since the transaction read it: run the transaction again",
                  .frame = std::string(name)};
 }
 
 inline void check_length(std::size_t bytes, const char* what, const Options& options) {
   if (bytes <= options.max_name_bytes) return;
   throw Rejected{.code = Code::limit,
-                 .message = std::string(what) + ": a name of " + std::to_string(bytes) +
-                            " bytes exceeds the limit of " + std::to_string(options.max_name_bytes),
+                 .message = std::string(what) + ": the name has " + grouped(bytes) +
+                            " bytes, the limit is " + grouped(options.max_name_bytes) +
+                            " (max_name_bytes)",
                  .field = "max_name_bytes",
                  .limit = options.max_name_bytes,
                  .value = static_cast<std::int64_t>(bytes)};
@@ -72,11 +82,13 @@ inline void check_authority(const CommitRequest& request, const Options& options
   const double* const values = &row.pose.x;
   for (int i = 0; i < 7; ++i)
     if (!std::isfinite(values[i]))
-      reject(request, row, i < 3 ? "translation" : "rotation", "a value is not finite");
+      reject(request, row, i < 3 ? "translation" : "rotation", "a value is NaN or infinite");
   reject(request, row, "rotation",
-         "the quaternion's squared norm is " + std::to_string(norm2) + ", not 1");
+         "the quaternion's squared norm is " + std::to_string(norm2) +
+             ", but must differ from 1 by less than 0.01: normalise it");
 }
 
+// Neither empty nor too long.
 inline bool is_valid_name(std::string_view name, const Options& options) noexcept {
   return !name.empty() && name.size() <= options.max_name_bytes;
 }
@@ -93,19 +105,18 @@ inline void check_names(const CommitRequest& request, const Row& row, const Opti
     reject(request, row, "child_frame", "a frame cannot be its own parent");
 }
 
-// Gives the row's pose with its rotation normalised, in place: who copies what was stored in parts
-// just before, waits.
+// Checks the row's stamp and pose, and stores the pose with its rotation normalised. Throws
+// Rejected. Writes through a reference: copying a result that was just stored in parts would stall.
 inline void check_values(const CommitRequest& request, const Row& row, Pose& pose) {
-  if (row.stamp == kNoStamp) reject(request, row, "stamp_ns", "the stamp is out of range");
+  if (row.stamp == kNoStamp)
+    reject(request, row, "stamp_ns", "the stamp is out of range: it must be greater than -2^63 ns");
   const Pose& p = row.pose;
   const double norm2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw;
-  const double excess = norm2 - 1.0;
-  // A sum of zeros, unless a value is not finite.
+  // 0 if all three values are finite, else NaN.
   const double zero = (p.x - p.x) + (p.y - p.y) + (p.z - p.z);
-  if (zero != 0 || !(std::abs(excess) < 1e-2)) [[unlikely]]
+  if (zero != 0 || !(std::abs(norm2 - 1) < 1e-2)) [[unlikely]]
     reject_pose(request, row, norm2);
-  // Mostly the next term of the root's series, 3/8 excess^2, is nothing.
-  const double scale = std::abs(excess) < 1e-8 ? 1.0 - 0.5 * excess : 1.0 / std::sqrt(norm2);
+  const double scale = 1 / std::sqrt(norm2);
   pose.x = p.x, pose.y = p.y, pose.z = p.z;
   pose.qx = p.qx * scale, pose.qy = p.qy * scale;
   pose.qz = p.qz * scale, pose.qw = p.qw * scale;

@@ -1,9 +1,9 @@
-// Counts commits: all, and what each authority's did.
+// Counters of commits: of all, and of each authority's.
 //
-// Thread safety: all of it. Threads count in different places, mostly, so that
-// writers do not meet here.
-// Ordering: ShardedCounter is sequentially consistent. A commit unlocks its frames,
-// then counts; who has seen it counted sees its frames' new versions.
+// Thread safety: every function, from any thread. A counter is split into shards, of which a thread
+// uses one, so that writers rarely share a cache line.
+// Ordering: ShardedCounter is sequentially consistent. A commit unlocks its frames, then counts
+// itself: a thread that has seen the count sees the frames' new versions.
 #pragma once
 
 #include <pthread.h>
@@ -19,9 +19,9 @@ namespace ztf {
 
 using AuthorityId = std::uint32_t;  // 1, 2, ...; 0: none was named
 
-// Which of so many places, a power of two, this thread counts in. From the thread's own address: a
-// thread-local number would cost a call, for this is a loaded module. Stacks mostly lie at equal
-// distances, which this multiplier spreads evenly.
+// The shard of the calling thread, out of a power of two. Computed from the thread's address: a
+// thread-local number would cost a call, as this is a loaded module. Thread stacks mostly lie at
+// equal distances, which this multiplier spreads evenly.
 template <std::size_t shards>
 std::size_t shard_of_thread() noexcept {
   const auto self = reinterpret_cast<std::uintptr_t>(pthread_self());
@@ -36,20 +36,21 @@ class ShardedCounter {
 
   [[nodiscard]] std::uint64_t sum() const noexcept {
     std::uint64_t sum = 0;
-    for (const LinkLookup& place : shards_) sum += place.count.load(std::memory_order_seq_cst);
+    for (const Shard& shard : shards_) sum += shard.count.load(std::memory_order_seq_cst);
     return sum;
   }
 
  private:
   static constexpr std::size_t kShards = 32;
-  struct alignas(64) LinkLookup {
+  struct alignas(64) Shard {
     std::atomic<std::uint64_t> count{0};
   };
 
-  LinkLookup shards_[kShards];
+  Shard shards_[kShards];
 };
 
-// What one commit did to its rows.
+// What one commit did: rows stored and dropped as too old, samples replaced at their stamp, and
+// frames taken over from another authority.
 struct CommitTally {
   std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
 };
@@ -58,48 +59,44 @@ struct AuthorityCounts {
   std::uint64_t commits = 0, stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
 };
 
-// Of the authorities with a name.
+// What each authority's commits did. Commits without an authority are not counted here.
 class AuthorityCounters {
  public:
   explicit AuthorityCounters(std::uint32_t authorities)
       : shards_(std::size_t{authorities} * kShards) {}
 
-  void add(AuthorityId id, const CommitTally& tally, bool one_row) noexcept {
-    LinkLookup& place = shards_[std::size_t{id - 1} * kShards + shard_of_thread<kShards>()];
+  void add(AuthorityId id, const CommitTally& tally) noexcept {
+    Shard& shard = shards_[std::size_t{id - 1} * kShards + shard_of_thread<kShards>()];
     const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
       if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
     };
-    const bool single = one_row && tally.stored == 1;
-    add(single ? place.single_commits : place.other_commits, 1);
-    if (!single) add(place.stored_by_others, tally.stored);
-    add(place.dropped, tally.dropped);
-    add(place.rewritten, tally.rewritten);
-    add(place.conflicts, tally.conflicts);
+    add(shard.commits, 1);
+    add(shard.stored, tally.stored);
+    add(shard.dropped, tally.dropped);
+    add(shard.rewritten, tally.rewritten);
+    add(shard.conflicts, tally.conflicts);
   }
 
   [[nodiscard]] AuthorityCounts sum(AuthorityId id) const noexcept {
     AuthorityCounts sum;
     for (std::size_t i = 0; i < kShards; ++i) {
-      const LinkLookup& place = shards_[std::size_t{id - 1} * kShards + i];
-      const std::uint64_t single = place.single_commits.load(std::memory_order_relaxed);
-      sum.commits += single + place.other_commits.load(std::memory_order_relaxed);
-      sum.stored += single + place.stored_by_others.load(std::memory_order_relaxed);
-      sum.dropped += place.dropped.load(std::memory_order_relaxed);
-      sum.rewritten += place.rewritten.load(std::memory_order_relaxed);
-      sum.conflicts += place.conflicts.load(std::memory_order_relaxed);
+      const Shard& shard = shards_[std::size_t{id - 1} * kShards + i];
+      sum.commits += shard.commits.load(std::memory_order_relaxed);
+      sum.stored += shard.stored.load(std::memory_order_relaxed);
+      sum.dropped += shard.dropped.load(std::memory_order_relaxed);
+      sum.rewritten += shard.rewritten.load(std::memory_order_relaxed);
+      sum.conflicts += shard.conflicts.load(std::memory_order_relaxed);
     }
     return sum;
   }
 
  private:
   static constexpr std::size_t kShards = 8;
-  struct alignas(64) LinkLookup {
-    // The usual commit stores one row and counts one word.
-    std::atomic<std::uint64_t> single_commits, other_commits, stored_by_others;
-    std::atomic<std::uint64_t> dropped, rewritten, conflicts;
+  struct alignas(64) Shard {
+    std::atomic<std::uint64_t> commits, stored, dropped, rewritten, conflicts;
   };
 
-  const ZeroedArray<LinkLookup> shards_;
+  const ZeroedArray<Shard> shards_;
 };
 
 }  // namespace ztf

@@ -1,22 +1,20 @@
-// A frame's record and the ring of samples behind it: where every word of the
-// tree's data lives.
+// A frame's record and the ring of samples behind it: where every word of the tree's data lives.
 //
-// Thread safety: one writer at a time, who holds the frame (lock_words.hpp). Readers
-// may read anything at any time, whatever a writer does: every shared word is
-// an atomic, stored with release and loaded with acquire order, and indices are
-// masked, so a reader that collides with a writer sees nonsense but never
-// leaves the ring, and learns from the version that it was nonsense.
-// Invariants, while the frame is not locked
-// 1. Static: `latest` is the value for all times, count is 0.
-// 2. Otherwise the ring holds `count` samples from index `first` on, of strictly
-//    increasing stamps, `latest` and `parent` repeat its newest one, and
-//    `oldest_stamp` its oldest one's time. Where `parent_changes` is 0, `parent`
-//    is that of all, and the ring's parents mean nothing. `samples_per_ns` is
-//    not 0 only then, with two samples at least; it is stored after the ring, so
-//    that who has read it finds a ring, in a collision too.
-// 3. count 0 and not static: the frame has no parent (root, new, or cleared).
-// 4. A ring, once replaced, is kept until the tree dies. Rings double, so what
-//    is kept is smaller than what is used.
+// Thread safety: one writer at a time, which holds the frame's write lock (lock_words.hpp). Readers
+// may read anything at any time. Every shared word is an atomic, stored with release and loaded
+// with acquire order, and ring indices are masked. So a torn read yields nonsense, but never leaves
+// the ring, and validation of the frame's version rejects it.
+// Invariants, while no write is in progress
+// 1. A static frame has `is_static` set and count 0; `latest` is its transform for all times.
+// 2. A dynamic frame has `count` samples in its ring, from index `first` on, with strictly
+//    increasing stamps. `latest` and `parent` repeat the newest sample, `oldest_stamp` the oldest.
+// 3. Where `parent_changes` is 0, all samples have the parent `parent`, and the ring's own parents
+//    are meaningless.
+// 4. `samples_per_ns` is 0 unless parent_changes is 0 and count at least 2. It is stored after the
+//    ring: a reader that sees another value than 0 also sees a ring, even in a torn read.
+// 5. A frame that is not static and has count 0 has no parent: it is a root, new, or cleared.
+// 6. A replaced ring is kept until the tree dies. Rings double, so replaced rings together are
+//    smaller than the one in use.
 #pragma once
 
 #include <atomic>
@@ -31,11 +29,18 @@
 
 namespace ztf {
 
+static_assert(
+    sizeof(void*) == 8,
+    "the zenoh-tf core needs a 64-bit target: a ring packs an address and a capacity into "
+    "one word, versions are 64-bit words, and names are hashed by 128-bit products");
+
 using FrameId = std::uint32_t;  // 1, 2, ... in order of creation; 0: none
 using Stamp = std::int64_t;     // nanoseconds
 
-// Fetches a line that will be written, from other processors that have read it as well. (All
-// x86-64 processors take the instruction; a compiler that is not told so leaves it out.)
+// Prefetches a cache line for writing, so that other cores' copies are invalidated early. By an
+// instruction of its own on x86-64, where compilers make a read prefetch of it without -mprfchw;
+// every x86-64 processor accepts it. What it is worth is said where it is used (commit_plan.cpp,
+// commit_apply.cpp).
 ZTF_ALWAYS_INLINE void prefetch_for_write(const void* line) noexcept {
 #if defined(__x86_64__)
   asm volatile("prefetchw %0" ::"m"(*static_cast<const char*>(line)));
@@ -46,7 +51,7 @@ ZTF_ALWAYS_INLINE void prefetch_for_write(const void* line) noexcept {
 
 constexpr Stamp kNoStamp = std::numeric_limits<Stamp>::min();
 
-// The distance from `from` up to `to`, which is not smaller; cannot overflow.
+// The distance from `from` to `to`, in ns. Requires from <= to. Cannot overflow.
 inline std::uint64_t span_ns(Stamp from, Stamp to) noexcept {
   return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
 }
@@ -73,24 +78,23 @@ class AtomicPose {
   std::atomic<double> values_[7];
 };
 
-// One cache line: who looks a time up reads two of them, the time's neighbours.
+// A stamped pose. One cache line, so that a lookup at a time touches two: the time's neighbours.
 struct alignas(64) Sample {
   std::atomic<Stamp> stamp;
   AtomicPose pose;
 };
 static_assert(sizeof(Sample) == 64);
 
-// The samples behind a record, and where they are in memory: one word, the
-// address with the capacity's logarithm in the bits that its alignment leaves
-// free. So a reader always has an address and a capacity that belong together,
-// and finds a sample without another load. Parents stand apart: mostly all are
-// the record's, and inserts and lookups leave them alone.
+// The samples behind a frame's record: their address and capacity in one word. The low bits, which
+// the address leaves free, hold the capacity's logarithm. So a reader always sees an address and a
+// capacity that belong together. The samples' parents are stored after all samples: mostly they are
+// all the frame's parent, and neither inserts nor lookups touch them.
 class Ring {
  public:
   Ring() noexcept = default;  // none
   explicit operator bool() const noexcept { return word_ != 0; }
 
-  // Of zeros, which are good for all that is in it. Throws bad_alloc.
+  // A ring of zeros. Requires a capacity that is a power of two. Throws bad_alloc.
   static Ring make(std::uint32_t capacity, RingArena& memory) {
     Ring ring;
     ring.word_ = reinterpret_cast<std::uintptr_t>(memory.allocate(lines(capacity))) |
@@ -108,7 +112,8 @@ class Ring {
   [[nodiscard]] ZTF_ALWAYS_INLINE Stamp stamp(std::uint32_t i) const noexcept {
     return sample(i).stamp.load(std::memory_order_acquire);
   }
-  // Of one of its samples; in a collision, of another's, anything.
+  // The index of a sample of this ring. In a torn read the sample may be another ring's; then the
+  // result is any number.
   [[nodiscard]] std::uint32_t index_of(const Sample& sample) const noexcept {
     const auto offset = reinterpret_cast<std::uintptr_t>(&sample) - (word_ & ~kLogarithm);
     return static_cast<std::uint32_t>(offset / sizeof(Sample));
@@ -124,9 +129,9 @@ class Ring {
   void store_parent(std::uint32_t i, FrameId parent) const noexcept {
     parents()[i & (capacity() - 1)].store(parent, std::memory_order_release);
   }
+  // Copies a sample without its parent.
   void copy(std::uint32_t to, Ring from, std::uint32_t i) const noexcept {
     store(to, from.stamp(i), from.sample(i).pose.load());
-    store_parent(to, from.parent(i));
   }
   void prefetch(std::uint32_t i) const noexcept { __builtin_prefetch(&sample(i)); }
   void prefetch_for_write(std::uint32_t i) const noexcept { ztf::prefetch_for_write(&sample(i)); }
@@ -148,9 +153,9 @@ class Ring {
   std::uintptr_t word_ = 0;
 };
 
-// Two adjacent cache lines, fetched together: what a walk needs, then the
-// newest sample. "Latest" reads touch nothing else, which is what makes them
-// fast under contention: coherence traffic is the cost, not locking.
+// One frame's record in two adjacent cache lines: what a walk needs, then the newest sample.
+// Lookups of newest samples touch nothing else, which keeps them fast under contention, where
+// coherence traffic is the cost.
 struct alignas(128) Frame {
   SeqLock version;
   SharedLock shared;  // two-phase locking only
@@ -158,20 +163,17 @@ struct alignas(128) Frame {
   std::atomic<Ring> ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
-  std::atomic<Stamp> oldest_stamp;            // of the ring
-  std::atomic<double> samples_per_ns;         // in the ring, on average; 0: not regular
-  std::atomic<std::uint32_t> parent_changes;  // in the ring, from one sample to the next
+  std::atomic<Stamp> oldest_stamp;            // of the ring's samples
+  std::atomic<double> samples_per_ns;         // mean rate of the ring's samples; 0: see above
+  std::atomic<std::uint32_t> parent_changes;  // how often a ring's sample has another parent than
+                                              // the sample before it
   std::atomic<bool> is_static;
-  std::atomic<bool> is_parent;  // has ever been one; written under the topology mutex
+  std::atomic<bool> has_had_children;  // written under the topology mutex
   std::atomic<std::uint32_t> authority;
-  std::atomic<std::uint32_t> evicted;  // samples that went before their time: the frame was full
+  std::atomic<std::uint32_t> evicted;  // samples dropped because the frame was full
 
   Sample latest;
 
-  void prefetch() const noexcept {
-    __builtin_prefetch(&version);
-    __builtin_prefetch(&latest);
-  }
   void prefetch_for_write() const noexcept {
     ztf::prefetch_for_write(&version);
     ztf::prefetch_for_write(&latest);

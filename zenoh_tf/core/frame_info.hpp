@@ -1,7 +1,7 @@
-// What is known about frames beside their samples.
+// What is known about a frame beside its samples.
 //
-// Thread safety: the words of a frame are written by who holds it, and may be
-// read at any time. A FrameInfo is of one instant.
+// Thread safety: FrameEvents are written under the frame's write lock, and may be read at any time,
+// each word by itself. A FrameInfo is a value that was read at one instant.
 #pragma once
 
 #include <atomic>
@@ -12,13 +12,16 @@
 
 namespace ztf {
 
-// Rare events of a frame, counted, and the last of those that change its link.
+// How often rare events happened to a frame, and the last one that changed its link.
 struct FrameEvents {
   enum class Change : std::uint8_t { none, reparented, switched, authority };
 
+  // Samples replaced at their stamp, rows dropped as too old, new parents, changes between static
+  // and dynamic, new authorities.
   std::atomic<std::uint32_t> rewritten, dropped, reparented, switched, authority_changes;
 
-  std::atomic<Stamp> change_stamp;  // of the row that did it
+  // The last change of the link, and what the link was before.
+  std::atomic<Stamp> change_stamp;  // of the row that made the change
   std::atomic<AuthorityId> change_authority;
   std::atomic<FrameId> parent_before;
   std::atomic<bool> static_before;

@@ -1,10 +1,10 @@
-// The hash of names, and their comparison.
+// A seeded hash of names.
 //
-// Thread safety: constant once made.
-// Words of the name are multiplied, and both halves of the product folded into one (as wyhash
-// does): a few cycles for the usual name, where the standard library's hash takes a call. What they
-// are mixed with is random, of each table its own: nobody can prepare names that all land in one
-// place.
+// It multiplies words of the name and folds both halves of the product into one, as wyhash does: a
+// few cycles for the usual name. The seed is random for each table, so that nobody can prepare
+// names that all fall into one slot.
+//
+// Thread safety: constant once constructed.
 #pragma once
 
 #include <cstdint>
@@ -23,33 +23,18 @@ ZTF_ALWAYS_INLINE Word word_at(const char* text) noexcept {
   return word;
 }
 
-// What == says, for the short texts that names are: a call of memcmp() takes longer.
-ZTF_ALWAYS_INLINE bool same_name(std::string_view a, std::string_view b) noexcept {
-  if (a.size() != b.size()) return false;
-  std::size_t left = a.size();
-  const char *p = a.data(), *q = b.data();
-  if (left < 8) {
-    for (; left > 0; --left, ++p, ++q)
-      if (*p != *q) return false;
-    return true;
-  }
-  for (; left > 8; p += 8, q += 8, left -= 8)
-    if (word_at<std::uint64_t>(p) != word_at<std::uint64_t>(q)) return false;
-  p -= 8 - left, q -= 8 - left;  // the last word may overlap the one before
-  return word_at<std::uint64_t>(p) == word_at<std::uint64_t>(q);
-}
-
 class NameHash {
  public:
   NameHash() : NameHash(std::random_device()) {}
 
+  // All 64 bits depend on every byte and on the length.
   [[nodiscard]] ZTF_ALWAYS_INLINE std::uint64_t operator()(std::string_view name) const noexcept {
     const char* at = name.data();
     std::size_t left = name.size();
     std::uint64_t hash = seed_ ^ (left * mix_);
     for (; left > 16; at += 16, left -= 16)
       hash = folded(word_at<std::uint64_t>(at) ^ hash, word_at<std::uint64_t>(at + 8) ^ mix_);
-    std::uint64_t a = 0, b = 0;  // what is left, from both ends, which may overlap
+    std::uint64_t a = 0, b = 0;  // the rest, read from both ends; they may overlap
     if (left >= 8) {
       a = word_at<std::uint64_t>(at), b = word_at<std::uint64_t>(at + left - 8);
     } else if (left >= 4) {

@@ -1,14 +1,15 @@
-// Names to dense ids, append-only.
+// A hash table from names to dense ids: open addressing, append-only.
 //
-// Thread safety: find() and name() from any thread, without locks; insert(),
-// hide() and show() from one thread at a time (the tree's topology mutex).
+// Thread safety: find() and name() from any thread, without locks. insert(), hide(), show() and
+// reserve() from one thread at a time (the tree's topology mutex).
 // Invariants
-// 1. Ids count up from 1 without gaps; 0 means "no such name".
-// 2. A slot, once filled, never changes, but a name may be hidden and shown
-//    again; a smaller table that a reader may still probe is kept until the
-//    end. Tables double, so all that is kept is less than twice the last one.
-// 3. insert() fills names_[id] before it publishes the slot with release order.
-// A short name stands in its entry: in a large tree every line that is looked at is a miss.
+// 1. Ids count up from 1 without gaps; 0 means that there is no such name.
+// 2. A filled slot never changes, but a name may be hidden and shown again.
+// 3. A table that was outgrown is kept until the end, as a reader may still probe it. Tables
+// double,
+//    so all of them together are smaller than twice the last one.
+// 4. insert() fills names_[id] before it publishes the slot with release order.
+// Short names are stored in their entries: in a large tree each line that is touched is a miss.
 #pragma once
 
 #include <algorithm>
@@ -37,49 +38,37 @@ class NameTable {
   NameTable(const NameTable&) = delete;
   NameTable& operator=(const NameTable&) = delete;
 
-  // 0 where there is no such name, or it is hidden.
+  // The name's id; 0 if there is no such name, or it is hidden.
   [[nodiscard]] Id find(std::string_view name) const noexcept {
     const Id id = find_any(name);
     return hidden(id) ? 0 : id;
   }
+  // The same, hidden or not.
   [[nodiscard]] Id find_any(std::string_view name) const noexcept {
     return find_any(*table_.load(std::memory_order_acquire), hash_(name), name);
   }
 
-  // find() of several names. In a large table most that it reads are misses: they are fetched for
-  // all names at the same time, and also_for(id) is called with what find() will mostly say, for
-  // who will need more of them.
-  template <class AlsoFor>
-  void find_each(std::span<const std::string_view> names, Id* ids,
-                 AlsoFor&& also_for) const noexcept {
+  // find() for each name. All slots are prefetched before the first is read: their misses overlap.
+  // With the prefetch of rings this takes a fifth off a commit of 16 links (commit_plan.cpp).
+  void find_each(std::span<const std::string_view> names, Id* ids) const noexcept {
     constexpr std::size_t kTogether = 32;
     const Table& table = *table_.load(std::memory_order_acquire);
-    const NameHash hash = hash_;
-    const bool in_cache = size() < kInCache;
     std::uint64_t hashes[kTogether];
-    for (; !names.empty(); names = names.subspan(std::min(kTogether, names.size()))) {
-      const std::size_t n = std::min(kTogether, names.size());
-      if (!in_cache)
-        for (std::size_t i = 0; i < n; ++i) __builtin_prefetch(names[i].data());
-      for (std::size_t i = 0; i < n; ++i) {
-        hashes[i] = hash(names[i]);
+    while (!names.empty()) {
+      const auto some = names.first(std::min(kTogether, names.size()));
+      for (std::size_t i = 0; i < some.size(); ++i) {
+        hashes[i] = hash_(some[i]);
         __builtin_prefetch(&table.slots[hashes[i] & table.mask]);
       }
-      if (!in_cache)
-        for (std::size_t i = 0; i < n; ++i) {
-          const auto slot = table.slots[hashes[i] & table.mask].load(std::memory_order_acquire);
-          const Id id = static_cast<Id>(slot);
-          __builtin_prefetch(&names_[id]);
-          also_for(id);
-        }
-      for (std::size_t i = 0; i < n; ++i) {
-        const Id id = find_any(table, hashes[i], names[i]);
+      for (std::size_t i = 0; i < some.size(); ++i) {
+        const Id id = find_any(table, hashes[i], some[i]);
         *ids++ = hidden(id) ? 0 : id;
       }
+      names = names.subspan(some.size());
     }
   }
 
-  // Only for ids that find() or size() have shown to this thread.
+  // The name of an id. Requires an id that this thread has got from find() or size().
   [[nodiscard]] std::string_view name(Id id) const noexcept {
     const Entry& entry = names_[id];
     return {entry.length <= sizeof entry.text ? entry.text : entry.long_text, entry.length};
@@ -95,7 +84,8 @@ class NameTable {
   }
   [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
 
-  // Makes room for that many names of that many bytes in all: inserting them cannot fail.
+  // Makes room for that many names of that many bytes in all, so that inserting them cannot fail.
+  // Throws bad_alloc.
   void reserve(std::size_t names, std::size_t bytes) {
     while ((size() + names) * 2 > tables_.back()->mask + 1) grow();
     if (bytes > left_) {
@@ -106,7 +96,8 @@ class NameTable {
     }
   }
 
-  // The name must be new, and size() below max_size().
+  // Adds a name and returns its id. Requires a new name, and size() < max_size(). Throws bad_alloc,
+  // unless reserve() has made room.
   Id insert(std::string_view name) {
     reserve(1, name.size());
     const Id id = size() + 1;
@@ -116,7 +107,7 @@ class NameTable {
       entry.long_text = copy(name);
     else
       std::ranges::copy(name, entry.text);
-    place(*tables_.back(), hash_(name), id);
+    fill_slot(*tables_.back(), hash_(name), id);
     size_.store(id, std::memory_order_release);
     return id;
   }
@@ -130,9 +121,8 @@ class NameTable {
     std::uint32_t length;
     std::atomic<bool> hidden;
   };
-  static constexpr std::uint32_t kInCache = 1u << 14;
-
-  // A slot: the hash's upper half, then the id. The hash's lower half chose the place.
+  // A slot holds the hash's upper half and the id; 0 is empty. The hash's lower half chooses the
+  // first slot to probe.
   struct Table {
     explicit Table(std::size_t size) : mask(size - 1), slots(size) {}
     std::size_t mask;
@@ -146,18 +136,18 @@ class NameTable {
       if (slot == 0) return 0;
       if ((slot ^ hash) >> 32 == 0) {
         const Id id = static_cast<Id>(slot);
-        if (same_name(this->name(id), name)) return id;
+        if (this->name(id) == name) return id;
       }
     }
   }
-  static void place(Table& table, std::uint64_t hash, Id id) noexcept {
+  static void fill_slot(Table& table, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash & table.mask;
     while (table.slots[i].load(std::memory_order_relaxed) != 0) i = (i + 1) & table.mask;
     table.slots[i].store((hash >> 32 << 32) | id, std::memory_order_release);
   }
   void grow() {
     auto bigger = std::make_unique<Table>((tables_.back()->mask + 1) * 2);
-    for (Id id = 1; id <= size(); ++id) place(*bigger, hash_(name(id)), id);
+    for (Id id = 1; id <= size(); ++id) fill_slot(*bigger, hash_(name(id)), id);
     tables_.push_back(std::move(bigger));
     table_.store(tables_.back().get(), std::memory_order_release);
   }

@@ -1,8 +1,11 @@
-// Memory for rings of samples, given out piece by piece and taken back as a whole.
+// Memory for rings of samples: allocated piece by piece, freed as a whole with the tree.
 //
-// Thread safety: all of it. The mutex comes after all other locks, and is rarely taken: rings
-// double. In few large blocks, for huge pages: where frames are many, each write comes to another
-// ring.
+// It comes in few large blocks, which can be huge pages: with many frames, each write goes to
+// another ring, and would miss the TLB as well as the cache.
+//
+// Thread safety: allocate() from any thread. Its mutex is the last in the lock order, and rarely
+// taken, as rings double.
+// Invariant: memory that was given out stays valid for the arena's life.
 #pragma once
 
 #include <algorithm>
@@ -25,12 +28,12 @@ class RingArena {
   RingArena(const RingArena&) = delete;
   RingArena& operator=(const RingArena&) = delete;
 
-  // Zeroed lines, for as long as this lives. Throws bad_alloc.
+  // Returns zeroed cache lines. Throws bad_alloc.
   Line* allocate(std::size_t lines) {
     const std::lock_guard lock(mutex_);
     if (lines > left_) {
-      // What is left of the last block stays unused: less than a ring.
-      const std::size_t size = std::max(lines, kFirst << std::min(blocks_.size(), kDoublings));
+      // The rest of the last block stays unused.
+      const std::size_t size = std::max(lines, kFirstBlock << std::min(blocks_.size(), kDoublings));
       blocks_.emplace_back(size);
       free_ = blocks_.back().begin();
       left_ = size;
@@ -42,8 +45,8 @@ class RingArena {
   }
 
  private:
-  static constexpr std::size_t kFirst = 1024;   // 64 KiB
-  static constexpr std::size_t kDoublings = 9;  // to 32 MiB
+  static constexpr std::size_t kFirstBlock = 1024;  // lines: 64 KiB
+  static constexpr std::size_t kDoublings = 9;      // up to 32 MiB
 
   std::mutex mutex_;
   std::vector<ZeroedArray<Line>> blocks_;

@@ -1,7 +1,7 @@
-// A vector of trivially copyable values whose first N live inside it.
+// A vector of trivially copyable values whose first N live inside it. Lookups and commits keep
+// their working sets in such vectors, so that the usual sizes allocate nothing.
 //
-// Thread safety: none; lives on one thread's stack. Lookups and commits keep
-// their working sets in it, so that the usual sizes allocate nothing.
+// Thread safety: none; lives on one thread's stack.
 #pragma once
 
 #include <cstddef>
@@ -28,13 +28,14 @@ class SmallVector {
     const T copy = value;  // `value` may live in the storage that grow() frees
     *append(1) = copy;
   }
-  // Room for `extra` more, to be written through the result and counted by set_size().
+  // Makes room for `extra` more values, and returns the first value: push_back() cannot fail then.
+  // Throws bad_alloc.
   [[nodiscard]] T* reserve(std::size_t extra) {
     while (size_ + extra > capacity_) [[unlikely]]
       grow();
     return begin_;
   }
-  // Adds `n` values, to be written through the result.
+  // Adds `n` uninitialised values, and returns the first of them. Throws bad_alloc.
   [[nodiscard]] T* append(std::size_t n) {
     T* const first = reserve(n) + size_;
     size_ += static_cast<std::uint32_t>(n);
@@ -54,7 +55,7 @@ class SmallVector {
 
  private:
   [[gnu::noinline]] void grow() {
-    if (capacity_ > kMost / 2) throw std::bad_alloc();
+    if (capacity_ > kMaxCapacity / 2) throw std::bad_alloc();
     T* const bigger = new T[std::size_t{capacity_} * 2];
     std::memcpy(static_cast<void*>(bigger), begin_, size_ * sizeof(T));
     release();
@@ -66,13 +67,13 @@ class SmallVector {
       delete[] begin_;
   }
 
-  static constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
+  static constexpr std::uint32_t kMaxCapacity = std::numeric_limits<std::uint32_t>::max();
 
-  // Two words to begin with: lookups and commits have several of these.
+  // Only these words are initialised: lookups and commits make several vectors each.
   T* begin_ = reinterpret_cast<T*>(inline_);
   std::uint32_t size_ = 0;
   std::uint32_t capacity_ = N;
-  alignas(T) std::byte inline_[N * sizeof(T)];  // left alone until it is used
+  alignas(T) std::byte inline_[N * sizeof(T)];  // not initialised
 };
 
 }  // namespace ztf

@@ -1,8 +1,10 @@
-// The tree as a whole, and what drops samples of many frames.
+// The tree as a whole, and the writes that drop samples: clear() and remove_frame().
 #include "tree.hpp"
 
 #include <algorithm>
 
+#include "commit_validation.hpp"
+#include "history_insert.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
@@ -31,7 +33,7 @@ void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dr
   }
 }
 
-void Tree::notify_waiters_of(const FrameList& changed) const {
+void Tree::notify_waiters_of(const FrameList& changed) const noexcept {
   if (wait_list_.size() == 0) return;
   for (const FrameId frame : changed)
     if (has_waiters(frame)) wait_list_.notify_frame(frame, WaitList::Change::other);
@@ -44,7 +46,7 @@ void Tree::clear(bool keep_static) {
   {
     const std::lock_guard topology(topology_);
     list_frames(all);
-    (void)dropped.reserve(all.size());  // halfway nothing may fail
+    (void)dropped.reserve(all.size());  // before the first write: nothing may fail after it
     WriteLocks locks(*this, all);
     locks.begin_write();
     drop_samples(all, keep_static, dropped);
@@ -78,52 +80,52 @@ void Tree::drop_frames(const FrameList& frames) noexcept {
   }
 }
 
+// Lists a frame and, if it has children, its descendants, ascending. Requires the topology mutex.
+// Throws Rejected if the frame is unknown, or has children and `subtree` is false.
+void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) const {
+  const FrameId id = names_.find(name);
+  if (id == 0)
+    throw Rejected{.code = Code::lookup,
+                   .message = "frame " + quoted(name) + " does not exist",
+                   .frame = std::string(name)};
+  frames.push_back(id);
+  if (!frames_[id].has_had_children.load(std::memory_order_relaxed)) return;
+  std::vector<std::pair<FrameId, FrameId>> links;  // parent, child
+  for (FrameId child = 1; child <= names_.size(); ++child)
+    if (const FrameId parent = frames_[child].parent.load(std::memory_order_relaxed); parent != 0)
+      links.emplace_back(parent, child);
+  std::sort(links.begin(), links.end());
+  for (std::size_t i = 0; i < frames.size(); ++i) {  // grows while it is read
+    auto link = std::lower_bound(links.begin(), links.end(), std::pair(frames[i], FrameId{0}));
+    for (; link != links.end() && link->first == frames[i]; ++link) {
+      const std::string_view child = names_.name(link->second);
+      if (!subtree)
+        throw Rejected{.code = Code::invalid_argument,
+                       .message = "cannot remove frame " + quoted(name) + ": it is the parent of " +
+                                  quoted(child) + "; remove that first, or the whole subtree",
+                       .frame = std::string(child),
+                       .parent = std::string(name),
+                       .field = "name"};
+      frames.push_back(link->second);
+    }
+  }
+  std::sort(frames.begin(), frames.end());
+}
+
 void Tree::remove_frame(std::string_view name, bool subtree) {
   std::unique_lock giant(giant_, std::defer_lock);
   if (options_.concurrency == Concurrency::giant) giant.lock();
-  const auto quoted = [](std::string_view text) {
-    return std::string("'").append(text).append("'");
-  };
-  FrameList gone;
+  FrameList removed;
   {
-    const std::lock_guard topology(topology_);  // the newest parents stand still
-    const FrameId id = names_.find(name);
-    if (id == 0)
-      throw Rejected{.code = Code::lookup,
-                     .message = "frame " + quoted(name) + " does not exist",
-                     .frame = std::string(name)};
-    gone.push_back(id);
-    const auto parent_of = [&](FrameId frame) {
-      return frames_[frame].parent.load(std::memory_order_relaxed);
-    };
-    if (frames_[id].is_parent.load(std::memory_order_relaxed)) {
-      std::vector<std::pair<FrameId, FrameId>> links;  // parent, child
-      for (FrameId frame = 1; frame <= names_.size(); ++frame)
-        if (parent_of(frame) != 0) links.emplace_back(parent_of(frame), frame);
-      std::sort(links.begin(), links.end());
-      for (std::size_t i = 0; i < gone.size(); ++i) {
-        auto link = std::lower_bound(links.begin(), links.end(), std::pair(gone[i], FrameId{0}));
-        for (; link != links.end() && link->first == gone[i]; ++link) {
-          if (!subtree)
-            throw Rejected{.code = Code::invalid_argument,
-                           .message = "frame " + quoted(name) + " is the parent of " +
-                                      quoted(names_.name(link->second)) +
-                                      ": remove that first, or the whole subtree",
-                           .frame = std::string(names_.name(link->second)),
-                           .parent = std::string(name),
-                           .field = "name"};
-          gone.push_back(link->second);
-        }
-      }
-    }
-    std::sort(gone.begin(), gone.end());
-    WriteLocks locks(*this, gone);
+    const std::lock_guard topology(topology_);  // no newest parent changes
+    list_subtree(name, subtree, removed);
+    WriteLocks locks(*this, removed);
     locks.begin_write();
-    drop_frames(gone);
-    locks.release(gone);
+    drop_frames(removed);
+    locks.release(removed);
   }
   count_.add();
-  notify_waiters_of(gone);
+  notify_waiters_of(removed);
 }
 
 }  // namespace ztf

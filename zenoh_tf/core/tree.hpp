@@ -1,14 +1,14 @@
-// The transform tree: every frame's record, the names, and the two kinds of
-// transactions, reads and commits.
+// The transform tree: every frame's record, the names, and the two kinds of transactions, reads
+// and commits. Needs a 64-bit target (frame.hpp).
 //
-// Thread safety: everything, from any thread.
-// Lock order: giant mutex (giant only), topology mutex, then frames in
-// ascending id, then that of the rings' memory. Reads take none of these mutexes but the giant one.
+// Thread safety: every function, from any thread.
+// Lock order: giant mutex (giant only), topology mutex, frames in ascending id, then the mutex of
+// the wait list or of the ring arena. Reads take none of these mutexes but the giant one.
 // Invariants
-// 1. Frames are never freed or moved; an id stays good for the tree's life.
-// 2. The newest parents form a forest: whoever changes a parent, or adds a
-//    name, holds the topology mutex and has shown that no cycle closes.
-// 3. A refused commit leaves nothing behind, not even a name.
+// 1. Frames are never freed or moved: an id stays valid for the tree's life.
+// 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
+//    topology mutex and has checked that no cycle closes.
+// 3. A rejected commit leaves nothing behind, not even a name.
 #pragma once
 
 #include <memory>
@@ -39,12 +39,12 @@ struct Options {
   std::uint32_t max_depth = 1000;
   std::uint32_t max_authorities = 4096;
   bool one_authority_per_frame = false;
-  // A dynamic row that is too old for its frame means that time was set back:
-  // drop all samples and store it, instead of dropping or refusing the row.
+  // A dynamic row that is too old for its frame means that time was set back: the commit drops all
+  // dynamic samples and stores the row, instead of dropping or rejecting it.
   bool clear_on_time_jump = false;
 };
 
-// One transform to be written; parent and child are rows of CommitRequest::names.
+// One transform to be written. parent and child are indices into CommitRequest::names.
 struct Row {
   std::uint32_t parent, child;
   Stamp stamp;
@@ -56,13 +56,13 @@ struct CommitRequest {
   std::span<const Row> rows;
   std::string_view authority = {};
   bool is_static = false;
-  bool drop_old = false;  // else a row that is too old refuses the commit
-  // What the transaction has read; each version must still stand.
+  bool drop_old = false;  // drop rows that are too old; else one rejects the commit
+  // The read set: the commit is rejected unless every frame still has the version that was read.
   std::span<const std::string_view> read_names = {};
   std::span<const Version> read_versions = {};
 };
 
-// Why a commit was refused, or a question cannot be asked.
+// Thrown where a commit or a removal is rejected: the reason, and the facts it rests on.
 struct Rejected {
   Code code;
   std::string message;
@@ -73,6 +73,10 @@ struct Rejected {
 
 template <class Guard>
 class Reader;
+class CommitPlan;
+class CommitExecution;
+enum class CommitScope : std::uint8_t;
+enum class PlanOutcome : std::uint8_t;
 
 class Tree {
  public:
@@ -80,7 +84,7 @@ class Tree {
   Tree(const Tree&) = delete;
   Tree& operator=(const Tree&) = delete;
 
-  // 0 where there is no such frame.
+  // The frame's id; 0 if there is none of that name.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
   [[nodiscard]] std::string_view name(FrameId id) const noexcept { return names_.name(id); }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
@@ -96,7 +100,8 @@ class Tree {
   void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
                           ReadSet& reads) const;
 
-  // All rows or none; throws Rejected. stored[i] tells which rows were not too old.
+  // Stores all rows, or throws Rejected or bad_alloc and stores none. Sets stored[i] to whether row
+  // i was stored; with drop_old a row that is too old is not.
   void commit(const CommitRequest& request, std::span<std::uint8_t> stored);
 
   // All that the answer rests on is read in one transaction.
@@ -115,26 +120,30 @@ class Tree {
   [[nodiscard]] AuthorityCounts authority_counts(AuthorityId id) const noexcept {
     return authority_counters_.sum(id);
   }
-  // How often samples were dropped because time was set back.
+  // How often commits dropped all samples because time was set back.
   [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
 
-  // Drops samples, at one instant; names and, if asked for, static links stay.
+  // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
   void clear(bool keep_static);
-  // Drops all frames with their links, histories and names, at one instant.
-  // Authorities and counters stay, and so do the ids of names: a name that comes
-  // back takes its id again, any other counts against the limit of frames.
+  // Drops all frames with their links, histories and names, at one instant. Authorities, counters
+  // and the ids of names stay: a name that returns gets its id again, and all ids count against the
+  // limit of frames.
   void reset();
-  // Drops a frame with its link, history and name, or with `subtree` all that
-  // stand on it, at one instant. Throws Rejected: unknown, or a parent of others.
+  // Drops a frame with its link, history and name, and with `subtree` all its descendants, at one
+  // instant. Throws Rejected if it is unknown, or, without `subtree`, has children.
   void remove_frame(std::string_view name, bool subtree);
 
-  // Whether an answer that failed so could come with a later commit.
+  // True if a later commit could make a lookup succeed that failed so.
   [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
-  // The oldest stamp that is not too old for a frame with this newest one.
+  // The oldest stamp that is not too old for a frame with this newest stamp.
   [[nodiscard]] Stamp oldest_possible(Stamp newest) const noexcept;
   WaitList& wait_list() const noexcept { return wait_list_; }
-  void mark_waited(FrameId frame, bool more) const noexcept {
-    waiters_[frame].fetch_add(more ? 1u : ~0u, std::memory_order_seq_cst);
+  // For the wait list: one waiting lookup more or less on this frame.
+  void add_waiter(FrameId frame) const noexcept {
+    waiters_[frame].fetch_add(1, std::memory_order_seq_cst);
+  }
+  void remove_waiter(FrameId frame) const noexcept {
+    waiters_[frame].fetch_sub(1, std::memory_order_seq_cst);
   }
 
   [[nodiscard]] std::uint64_t commits() const noexcept { return count_.sum(); }
@@ -143,7 +152,8 @@ class Tree {
   }
 
  private:
-  friend class Commit;
+  friend class CommitPlan;
+  friend class CommitExecution;
   friend class CommitNames;
   friend class WriteLocks;
 
@@ -156,27 +166,30 @@ class Tree {
   std::size_t sample(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
+  PlanOutcome try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope);
+
   void list_frames(FrameList& all) const;
-  // For who holds all these frames; those that had samples are added to `dropped`, which has list.
+  // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
+  // frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
-  // Drops the frames with their names. Requires the topology mutex and, after
-  // begin_write(), the write locks of all of them.
+  // Drops the frames with their names. Requires the topology mutex, the frames' write locks, and
+  // WriteLocks::begin_write.
   void drop_frames(const FrameList& frames) noexcept;
-  // Once the commit that changed them is counted.
+  void list_subtree(std::string_view name, bool subtree, FrameList& frames) const;
+  // Requires that the commit which changed the frame is counted (wait_list.hpp).
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
     return waiters_[frame].load(std::memory_order_seq_cst) != 0;
   }
-  void notify_waiters_of(const FrameList& changed) const;
+  void notify_waiters_of(const FrameList& changed) const noexcept;
 
   const Options options_;
   const ZeroedArray<Frame> frame_array_;
   Frame* const frames_;
   RingArena ring_arena_;
   const ZeroedArray<FrameEvents> events_;
-  const ZeroedArray<std::atomic<std::uint32_t>>
-      waiters_;  // lookups that wait for a commit on a frame
+  const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
   AuthorityCounters authority_counters_;
-  std::atomic<bool> ever_reparented_{false};  // some frame's, within its history, ever
+  std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
   NameTable names_;
   NameTable authorities_;
   mutable std::mutex giant_;

@@ -10,12 +10,39 @@ namespace ztf {
 
 namespace {
 
+// A time that no sample has: only a change of the link itself wakes the waiter.
 constexpr Stamp kNever = std::numeric_limits<Stamp>::max();
 
 }  // namespace
 
+class WaitList::WokenList {
+ public:
+  void add(Waiter* waiter) noexcept {
+    waiter->next_woken_ = nullptr;
+    *end_ = waiter;
+    end_ = &waiter->next_woken_;
+  }
+  template <class Iterator>
+  void add(Iterator begin, Iterator end) noexcept {
+    for (; begin != end; ++begin) add(begin->second);
+  }
+  // Calls visit(waiter) for each. The waiter may be gone when visit() returns.
+  template <class Visit>
+  void for_each(Visit&& visit) const noexcept {
+    for (Waiter* waiter = first_; waiter != nullptr;) {
+      Waiter* const next = waiter->next_woken_;
+      visit(*waiter);
+      waiter = next;
+    }
+  }
+
+ private:
+  Waiter* first_ = nullptr;
+  Waiter** end_ = &first_;
+};
+
 bool WaitList::lookup_or_park(Waiter& waiter) {
-  // What is needed after the waiter was given away.
+  // Copies: once parked, the waiter may be woken and destroyed.
   const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
   for (;;) {
     Query& query = waiter.query_;
@@ -30,17 +57,18 @@ bool WaitList::lookup_or_park(Waiter& waiter) {
     {
       const std::lock_guard lock(mutex_);
       try {
-        park(waiter, reads);
-      } catch (...) {  // no memory
+        park(waiter, reads);  // step W1 (wait_list.hpp)
+      } catch (...) {
         if (waiter.parked_) unpark(waiter);
         throw;
       }
     }
-    (void)tree_.commits();
-    bool same = true;
-    for (const ReadVersion& read : reads) same &= tree_.version(read.frame) == read.version;
-    for (int i = 0; i < 3; ++i) same &= names[i].empty() || tree_.find(names[i]) == ids[i];
-    if (same || !cancel(waiter)) return false;
+    (void)tree_.commits();  // step W2
+    bool unchanged = true;
+    for (const ReadVersion& read : reads) unchanged &= tree_.version(read.frame) == read.version;
+    for (int i = 0; i < 3; ++i) unchanged &= names[i].empty() || tree_.find(names[i]) == ids[i];
+    // A commit came in between. If it has woken the waiter already, this thread has given it away.
+    if (unchanged || !cancel(waiter)) return false;
   }
 }
 
@@ -52,18 +80,6 @@ bool WaitList::cancel(Waiter& waiter) {
 }
 
 void WaitList::park(Waiter& waiter, const ReadSet& reads) {
-  const Query& query = waiter.query_;
-  const Failure& failure = waiter.answer_.failure;
-  // Where the latest common time is meant, any sample may move it.
-  const bool any_time =
-      query.op == Op::latest_common ||
-      (query.op == Op::full && (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
-  const auto add = [&](FrameId frame, bool blocked, Stamp stamp) {
-    Lists& lists = frames_[frame];
-    Waiter::List& list = blocked ? lists.blocked : lists.passing;
-    waiter.on_frames_.push_back({frame, blocked, list.emplace(stamp, &waiter)});
-    tree_.mark_waited(frame, true);
-  };
   SmallVector<FrameId, 64> frames;
   for (const ReadVersion& read : reads) frames.push_back(read.frame);
   std::sort(frames.begin(), frames.end());
@@ -72,77 +88,91 @@ void WaitList::park(Waiter& waiter, const ReadSet& reads) {
   waiter.on_names_.reserve(3);
   waiter.parked_ = true;
   size_.fetch_add(1, std::memory_order_seq_cst);
-  for (const FrameId* frame = frames.begin(); frame != end; ++frame) {
-    if (failure.stamp == kNoStamp) {  // the newest ways up do not meet
-      const bool is_root = tree_.parent(*frame, kNoStamp) == 0;
-      add(*frame, is_root, is_root ? kNoStamp : kNever);
-    } else if (any_time) {
-      add(*frame, true, kNoStamp);
-    } else {
-      add(*frame, tree_.parent(*frame, failure.stamp) == 0, failure.stamp);
-    }
+  for (const FrameId* frame = frames.begin(); frame != end; ++frame) park_on_frame(waiter, *frame);
+  const Query& query = waiter.query_;
+  park_on_name(waiter, query.target, waiter.target_);
+  park_on_name(waiter, query.source, waiter.source_);
+  park_on_name(waiter, query.fixed, waiter.fixed_);
+}
+
+void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
+  using Need = Waiter::Need;
+  const Query& query = waiter.query_;
+  const Stamp failed_at = waiter.answer_.failure.stamp;
+  // Any sample may move the latest common time.
+  const bool any_sample =
+      query.op == Op::latest_common ||
+      (query.op == Op::full && (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
+  Need need = Need::sample;
+  Stamp stamp = kNoStamp;
+  if (failed_at == kNoStamp) {  // the newest links do not connect the frames
+    if (tree_.parent(frame, kNoStamp) != 0) need = Need::link, stamp = kNever;
+  } else if (!any_sample) {
+    need = tree_.parent(frame, failed_at) == 0 ? Need::sample : Need::link;
+    stamp = failed_at;
   }
-  const auto miss = [&](FrameId id, std::string_view name) {
-    if (id != 0 || name.empty()) return;
-    for (const auto& place : waiter.on_names_)
-      if (place->first == name) return;
-    waiter.on_names_.push_back(names_.emplace(name, &waiter));
-  };
-  miss(query.target, waiter.target_);
-  miss(query.source, waiter.source_);
-  miss(query.fixed, waiter.fixed_);
+  Waiter::ByTime& waiters = frames_[frame].of(need);
+  waiter.on_frames_.push_back({frame, need, waiters.emplace(stamp, &waiter)});
+  tree_.add_waiter(frame);
+}
+
+// Parks the waiter under a name that it misses. Does nothing if the frame exists, or no name is
+// asked for.
+void WaitList::park_on_name(Waiter& waiter, FrameId id, std::string_view name) {
+  if (id != 0 || name.empty()) return;
+  for (const auto& entry : waiter.on_names_)
+    if (entry->first == name) return;
+  waiter.on_names_.push_back(names_.emplace(name, &waiter));
 }
 
 void WaitList::unpark(Waiter& waiter) noexcept {
-  for (const Waiter::OnFrame& on : waiter.on_frames_) {
-    const auto lists = frames_.find(on.frame);
-    (on.blocked ? lists->second.blocked : lists->second.passing).erase(on.place);
-    if (lists->second.blocked.empty() && lists->second.passing.empty()) frames_.erase(lists);
-    tree_.mark_waited(on.frame, false);
+  for (const Waiter::ParkedOnFrame& parked : waiter.on_frames_) {
+    const auto waiters = frames_.find(parked.frame);
+    waiters->second.of(parked.need).erase(parked.entry);
+    if (waiters->second.need_sample.empty() && waiters->second.need_link.empty())
+      frames_.erase(waiters);
+    tree_.remove_waiter(parked.frame);
   }
-  for (const auto& place : waiter.on_names_) names_.erase(place);
+  for (const auto& entry : waiter.on_names_) names_.erase(entry);
   waiter.on_frames_.clear();
   waiter.on_names_.clear();
   waiter.parked_ = false;
   size_.fetch_sub(1, std::memory_order_seq_cst);
 }
 
-void WaitList::wake(const std::vector<Waiter*>& waiters) noexcept {
-  for (Waiter* waiter : waiters) {
-    unpark(*waiter);
-    waiter->notify();
-  }
+void WaitList::wake(const WokenList& woken) noexcept {
+  woken.for_each([&](Waiter& waiter) {
+    unpark(waiter);
+    waiter.notify();
+  });
 }
 
-void WaitList::notify_frame(FrameId frame, Change change) {
+void WaitList::notify_frame(FrameId frame, Change change) noexcept {
   const std::lock_guard lock(mutex_);
   const auto at = frames_.find(frame);
   if (at == frames_.end()) return;
-  const auto& [blocked, passing] = at->second;
-  std::vector<Waiter*> woken;
-  const auto add = [&](auto begin, auto end) {
-    for (; begin != end; ++begin) woken.push_back(begin->second);
-  };
+  const auto& [need_sample, need_link] = at->second;
+  WokenList woken;
   if (change == Change::other) {
-    add(blocked.begin(), blocked.end());
-    add(passing.begin(), passing.end());
+    woken.add(need_sample.begin(), need_sample.end());
+    woken.add(need_link.begin(), need_link.end());
   } else {
-    // The frame now serves what lies between its oldest and its newest sample,
-    // can never serve what is older than the cache, and has lost what it pruned.
+    // The frame now serves the times from its oldest to its newest sample. It can never serve times
+    // that are older than the cache time, and no longer serves what it has pruned.
     const FrameInfo info = tree_.info(frame);
-    const Stamp never = std::min(tree_.oldest_possible(info.newest), info.oldest);
-    add(blocked.begin(), blocked.lower_bound(never));
-    add(blocked.lower_bound(info.oldest), blocked.upper_bound(info.newest));
-    add(passing.begin(), passing.lower_bound(info.oldest));
+    const Stamp served_never = std::min(tree_.oldest_possible(info.newest), info.oldest);
+    woken.add(need_sample.begin(), need_sample.lower_bound(served_never));
+    woken.add(need_sample.lower_bound(info.oldest), need_sample.upper_bound(info.newest));
+    woken.add(need_link.begin(), need_link.lower_bound(info.oldest));
   }
   wake(woken);
 }
 
-void WaitList::notify_name(std::string_view name) {
+void WaitList::notify_name(std::string_view name) noexcept {
   const std::lock_guard lock(mutex_);
-  std::vector<Waiter*> woken;
   const auto [begin, end] = names_.equal_range(name);
-  for (auto at = begin; at != end; ++at) woken.push_back(at->second);
+  WokenList woken;
+  woken.add(begin, end);
   wake(woken);
 }
 

@@ -1,20 +1,25 @@
 // Lookups that wait for a commit, and which commit wakes which of them.
 //
-// A lookup that failed, but may succeed later, is parked on the lists of the
-// frames that its failure rests on, or of the names that it misses. A commit
-// wakes those on its frames' lists whose answer it may have changed; who is
-// woken asks again. Writers whose frames nobody waits for pay one load each.
+// A lookup that failed, but may succeed later, is parked under the frames that its failure rests on
+// and under the names that it misses. A commit wakes the lookups parked under its frames whose
+// result it may have changed; a woken lookup runs again. This costs a commit one load while no
+// lookup waits, else one load for each of its frames.
 //
-// Thread safety: everything from any thread; a waiter belongs to one thread at
-// a time. lookup_or_park() takes it over, and gives it away where it parks it; cancel()
-// that returns true, or notify(), gives it back.
-// Lock order: the list's mutex comes last; notify() is called under it.
-// Why no commit is missed: lookup_or_park() fails on frames in certain versions, marks
-// those frames as waited for, then counts the commits, then compares the
-// versions. A commit unlocks its frames, is counted, then looks for the marks.
-// All four are sequentially consistent, so where the commit does not see the
-// mark, lookup_or_park() has seen it counted, and with it the new version. Where it sees
-// the mark it takes the list's mutex, under which the parking was completed.
+// Thread safety: every function, from any thread. A waiter belongs to one thread at a time:
+// lookup_or_park() takes it over, and keeps it if it parks it. cancel() that returns true, or
+// notify(), gives it back.
+// Lock order: the list's mutex is the last but for what notify() locks, which runs under it.
+//
+// Why no wake-up is lost. Four steps are sequentially consistent, two of each side:
+//   lookup_or_park():  W1 marks the frames as waited for;  W2 reads the commit count.
+//   a commit:          C1 counts itself;                   C2 reads the marks of its frames.
+// In the single order of these steps either W1 precedes C2 or C1 precedes W2.
+// - W1 before C2: the commit sees the mark and takes the list's mutex. Parking completed under that
+//   mutex, so the commit finds the waiter and wakes it.
+// - C1 before W2: the commit unlocked its frames before C1, so that happens before what
+//   lookup_or_park() does after W2: it compares the frames' versions with those that the lookup
+//   read, sees the new version, and runs the lookup again.
+// The same holds for names, with WaitList::size() as the mark.
 #pragma once
 
 #include <chrono>
@@ -32,10 +37,11 @@ namespace ztf {
 
 class Tree;
 
-// One waiting lookup.
+// One waiting lookup. Derived classes say how it is woken. They must call WaitList::cancel() in
+// their destructor.
 class Waiter {
  public:
-  // Names must outlive the waiter; the query's ids are found by them.
+  // The query's ids are looked up by these names, which must outlive the waiter.
   Waiter(const Query& query, std::string_view target, std::string_view source,
          std::string_view fixed = {})
       : query_(query), target_(target), source_(source), fixed_(fixed) {}
@@ -43,69 +49,88 @@ class Waiter {
   Waiter(const Waiter&) = delete;
   Waiter& operator=(const Waiter&) = delete;
 
-  // Of the last lookup_or_park().
+  // The query and the answer of the last lookup_or_park().
   [[nodiscard]] const Query& query() const noexcept { return query_; }
   [[nodiscard]] const Answer& answer() const noexcept { return answer_; }
 
  protected:
-  virtual void notify() noexcept = 0;  // must not block, nor call the list
+  // Called once after the waiter was parked, unless it is cancelled. Must not block, nor call the
+  // list, which has its mutex locked.
+  virtual void notify() noexcept = 0;
 
  private:
   friend class WaitList;
-  using List = std::multimap<Stamp, Waiter*>;
-  using Names = std::unordered_multimap<std::string_view, Waiter*>;
-  struct OnFrame {
+  using ByTime = std::multimap<Stamp, Waiter*>;
+  using ByName = std::unordered_multimap<std::string_view, Waiter*>;
+  // What a lookup needs of a frame at a time: a sample, or that its link stays as it is.
+  enum class Need : std::uint8_t { sample, link };
+  struct ParkedOnFrame {
     FrameId frame;
-    bool blocked;
-    List::iterator place;
+    Need need;
+    ByTime::iterator entry;
   };
 
   Query query_;
   const std::string_view target_, source_, fixed_;
   Answer answer_;
-  bool parked_ = false;  // this and what follows: under the list's mutex
-  std::vector<OnFrame> on_frames_;
-  std::vector<Names::iterator> on_names_;
+
+  // Guarded by the list's mutex.
+  bool parked_ = false;
+  std::vector<ParkedOnFrame> on_frames_;  // each frame once
+  std::vector<ByName::iterator> on_names_;
+  Waiter* next_woken_ = nullptr;
 };
 
 class WaitList {
  public:
   explicit WaitList(const Tree& tree) noexcept : tree_(tree) {}
 
-  // True: it is over, with an answer or with a failure that no commit can cure.
-  // False: the waiter is parked, and notify() comes, once, if a commit may help.
+  // Runs the lookup. Returns true if it is done: it succeeded, or failed for good. Returns false if
+  // the waiter is parked: notify() will be called once, when a commit may help. Throws bad_alloc;
+  // then the waiter is not parked.
   bool lookup_or_park(Waiter& waiter);
-  // Whether the waiter was still parked; notify() then does not come any more.
+  // Returns whether the waiter was still parked. If so notify() will not be called any more.
   bool cancel(Waiter& waiter);
 
   [[nodiscard]] std::size_t size() const noexcept { return size_.load(std::memory_order_seq_cst); }
 
-  // For commits, once counted: what became of a frame that is waited for.
+  // What a commit did to a frame.
   enum class Change : std::uint8_t {
-    appended,  // samples newer than all before, under the same parent
+    appended,  // only added samples newer than all before, under the same parent
     other,
   };
-  void notify_frame(FrameId frame, Change change);
-  void notify_name(std::string_view name);
+  // Wake the lookups that a commit on this frame, or of this new name, may help. Require that the
+  // commit is counted. Allocate nothing, for the commit is done and must not fail.
+  void notify_frame(FrameId frame, Change change) noexcept;
+  void notify_name(std::string_view name) noexcept;
 
  private:
-  struct Lists {
-    Waiter::List blocked;  // who waits for a sample of the frame, by its time; kNoStamp: for any
-    Waiter::List passing;  // whose way leads over the frame at that time
+  // The waiters parked under one frame, by the time that they ask about.
+  struct FrameWaiters {
+    Waiter::ByTime need_sample;  // the lookup fails here; kNoStamp: any newer sample may help
+    Waiter::ByTime need_link;    // the lookup follows this link, and fails elsewhere
+
+    Waiter::ByTime& of(Waiter::Need need) noexcept {
+      return need == Waiter::Need::sample ? need_sample : need_link;
+    }
   };
+  // Waiters to be woken, linked through the waiters, so that collecting them cannot fail.
+  class WokenList;
 
   void park(Waiter& waiter, const ReadSet& reads);
+  void park_on_frame(Waiter& waiter, FrameId frame);
+  void park_on_name(Waiter& waiter, FrameId id, std::string_view name);
   void unpark(Waiter& waiter) noexcept;
-  void wake(const std::vector<Waiter*>& waiters) noexcept;
+  void wake(const WokenList& woken) noexcept;
 
   const Tree& tree_;
-  std::atomic<std::size_t> size_{0};
-  std::mutex mutex_;
-  std::unordered_map<FrameId, Lists> frames_;
-  Waiter::Names names_;
+  std::atomic<std::size_t> size_{0};  // parked waiters
+  std::mutex mutex_;                  // guards what follows
+  std::unordered_map<FrameId, FrameWaiters> frames_;
+  Waiter::ByName names_;
 };
 
-// One that a thread sleeps for.
+// A waiter that a thread blocks on.
 class BlockingWaiter final : public Waiter {
  public:
   using Clock = std::chrono::steady_clock;
@@ -115,16 +140,17 @@ class BlockingWaiter final : public Waiter {
       : Waiter(query, target, source, fixed), list_(list) {}
   ~BlockingWaiter() override { list_.cancel(*this); }
 
-  // True: it is over, as of lookup_or_park(). False at the deadline, after which it goes on.
+  // Blocks until the lookup is done (lookup_or_park()), and returns true, or until the deadline,
+  // and returns false. May be called again after the deadline.
   bool wait(Clock::time_point deadline) {
     for (;;) {
-      if (!asleep_) {
+      if (!parked_here_) {
         if (list_.lookup_or_park(*this)) return true;
-        asleep_ = true;
+        parked_here_ = true;
       }
       std::unique_lock lock(mutex_);
       if (!changed_.wait_until(lock, deadline, [&] { return woken_; })) return false;
-      woken_ = asleep_ = false;
+      woken_ = parked_here_ = false;
     }
   }
 
@@ -138,8 +164,8 @@ class BlockingWaiter final : public Waiter {
   WaitList& list_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  bool woken_ = false;
-  bool asleep_ = false;  // the sleeping thread's own
+  bool woken_ = false;        // guarded by mutex_
+  bool parked_here_ = false;  // parked, and not yet seen to be woken; the blocking thread's own
 };
 
 }  // namespace ztf

@@ -1,13 +1,14 @@
 // The locks of a commit's write set, under each concurrency control.
 //
+// Strict two-phase locking: all locks are taken before the first write and released after the last.
+// Frames are locked in ascending id, without duplicates. That is the one order in which writers
+// wait while they hold locks, so they cannot deadlock.
+// The linearization point is in begin_write(), which makes readers of all frames wait before the
+// first frame is unlocked. A reader of the old state is ordered before the commit, a reader of the
+// new state after it. begin_write() may come long after the locks are taken, but must precede the
+// validation of the commit's read set.
+//
 // Thread safety: lives on the writer's stack.
-// Two phases: all locks are taken before the first write and released after
-// the last. Ids come in ascending order without duplicates, which is the one
-// order in which frames are waited for, so waiting writers cannot form a circle.
-// Readers are held off from all frames before the first is released, and that is
-// the commit's turn: who has read one of its frames as it was, comes before it; who
-// has read one as it has become, after. It may be long after the locks were taken,
-// but must come before a commit checks what it has read of others.
 #pragma once
 
 #include <chrono>
@@ -21,10 +22,11 @@ namespace ztf {
 
 class WriteLocks {
  public:
-  // One frame is locked in one step, which holds readers off at once: it is as good as no time.
+  // Waits for the locks of these frames. A single frame is locked and begin_write() done in one
+  // step: its readers hardly lose time by it. The list must outlive this.
   WriteLocks(Tree& tree, const FrameList& ascending)
-      : tree_(tree), readers_may_read_(ascending.size() > 1) {
-    // Before the first lock: nothing can fail once there is something to be unlocked.
+      : tree_(tree), frames_(ascending), readers_may_read_(ascending.size() > 1) {
+    // Before the first lock: this may throw, and a constructor that throws unlocks nothing.
     (void)locked_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::optimistic) {
       lock_versions(ascending);
@@ -43,16 +45,19 @@ class WriteLocks {
   WriteLocks(const WriteLocks&) = delete;
   WriteLocks& operator=(const WriteLocks&) = delete;
 
-  // The version before, if this commit holds the frame.
+  // The locked frames, ascending.
+  [[nodiscard]] const FrameList& frames() const noexcept { return frames_; }
+
+  // The version that a frame had when it was locked; null if this commit does not hold it.
   [[nodiscard]] const Version* version_before(FrameId id) const noexcept {
     const auto at = std::lower_bound(locked_.begin(), locked_.end(), id,
                                      [](const ReadVersion& r, FrameId f) { return r.frame < f; });
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
   }
 
-  // Before the first write, and before a check of what was read of others. The fence puts all of it
-  // before the unlocking for everyone: two readers cannot see two independent commits in opposite
-  // orders.
+  // Makes readers of the frames wait. Must precede the first write and the validation of a read
+  // set. May be called again. The sequentially consistent fence orders it before the unlocking for
+  // all threads: two readers cannot see two independent commits in opposite orders.
   void begin_write() noexcept {
     if (!readers_may_read_) return;
     yield_point();
@@ -62,7 +67,7 @@ class WriteLocks {
     readers_may_read_ = false;
   }
 
-  // After the last write. The frames that have changed ascend, too.
+  // Unlocks all frames, and gives those in `changed` a new version. `changed` must be ascending.
   void release(const FrameList& changed) noexcept {
     const bool all = changed.size() == locked_.size();
     const FrameId* next = changed.begin();
@@ -81,8 +86,9 @@ class WriteLocks {
   }
 
  private:
-  // Who has to wait for long lets go of what it holds, so that nobody waits for one who waits, and
-  // begins again; but not for ever, and not where that is much.
+  // Takes the locks one by one. After a long wait it releases all locks and starts over, so that
+  // other writers need not wait for a writer that waits: at most 16 times, and only while it holds
+  // few locks.
   void lock_versions(const FrameList& ids) {
     Backoff backoff;
     for (int naps = 0; locked_.size() < ids.size();) {
@@ -92,22 +98,22 @@ class WriteLocks {
       if (readers_may_read_ ? word.try_lock_writer(before) : word.try_lock(before)) {
         locked_.push_back({id, before});
       } else if (!backoff.spin()) {
-        if (++naps <= kPoliteAttempts && locked_.size() <= kFew) release({});
+        if (++naps <= kMaxRestarts && locked_.size() <= kFewLocks) release({});
         count_retry();
         backoff.nap();
       }
     }
   }
 
-  // No waiting while holding: all or nothing, and again after a jittered pause.
-  // Who fails for long asks new readers to stay away from its frames.
+  // Two-phase locking: takes all locks or none, and tries again after a random pause, so that it
+  // never waits while it holds a lock. After 16 attempts it asks new readers to stay away.
   void lock_shared_words(const FrameList& ids) {
     for (int attempt = 0;; ++attempt) {
       std::size_t taken = 0;
       while (taken < ids.size() && tree_.frames_[ids[taken]].shared.try_lock()) ++taken;
       if (taken == ids.size()) break;
       while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
-      if (attempt >= kPoliteAttempts)
+      if (attempt >= kMaxRestarts)
         for (const FrameId id : ids) tree_.frames_[id].shared.want();
       count_retry();
       pause(attempt);
@@ -119,17 +125,18 @@ class WriteLocks {
     thread_local std::minstd_rand random(
         static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
     if (attempt < 32)
-      for (auto turns = random() % (16u << std::min(attempt, 5)); turns > 0; --turns) pause_cpu();
+      for (auto spins = random() % (16u << std::min(attempt, 5)); spins > 0; --spins) pause_cpu();
     else
       std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
   }
 
-  static constexpr int kPoliteAttempts = 16;
-  static constexpr std::size_t kFew = 64;
+  static constexpr int kMaxRestarts = 16;
+  static constexpr std::size_t kFewLocks = 64;
 
   Tree& tree_;
-  bool readers_may_read_;
-  SmallVector<ReadVersion, 16> locked_;
+  const FrameList& frames_;
+  bool readers_may_read_;                // false once begin_write() has been called
+  SmallVector<ReadVersion, 16> locked_;  // the frames locked so far, with their old versions
 };
 
 }  // namespace ztf

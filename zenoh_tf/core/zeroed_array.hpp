@@ -1,6 +1,6 @@
-// An array of zeroed records that costs nothing until it is touched.
+// An array of zeroed records, whose pages take no memory until they are touched.
 //
-// Thread safety: as its records.
+// Thread safety: that of its records. The array itself never changes.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace ztf {
 
-// T must be good when all its bytes are zero, and need no destruction here.
+// Requires that zeroed bytes are a valid T. Never calls a constructor or a destructor of T.
 template <class T>
 class ZeroedArray {
  public:
@@ -23,7 +23,7 @@ class ZeroedArray {
     const auto address = reinterpret_cast<std::uintptr_t>(memory_.get());
     first_ = reinterpret_cast<T*>(aligned(address, alignof(T)));
 #if defined(__linux__)
-    // In huge pages, where that is left to us: but for the beginning, which is all of a small tree.
+    // Asks for huge pages, but not for the beginning, which is all that a small tree touches.
     const std::uintptr_t large = aligned(address + kHugePage, kHugePage);
     const std::uintptr_t end = address + size * sizeof(T);
     if (large < end) (void)::madvise(reinterpret_cast<void*>(large), end - large, MADV_HUGEPAGE);

@@ -1,0 +1,129 @@
+// How a plan is applied: names, samples, counters, wake-ups.
+#include "commit_apply.hpp"
+
+#include <algorithm>
+
+namespace ztf {
+
+void CommitExecution::reserve(const WriteLocks& locks) {
+  const std::size_t cleared = plan_.clears_samples() ? locks.frames().size() : 0;
+  (void)changed_.reserve(cleared + plan_.groups().size());
+}
+
+void CommitExecution::apply(const WriteLocks& locks) noexcept {
+  // Readers took these lines back since the plan fetched them. Prefetched again, all at once, a
+  // commit of 16 links takes a fifth less beside a reader on another core.
+  if (plan_.groups().size() > 1)
+    for (const FrameWrites& group : plan_.groups()) group.frame->prefetch_for_write();
+  plan_.names().publish(plan_.children());
+  if (plan_.clears_samples()) clear_samples(locks.frames());
+  for (const FrameWrites& group : plan_.groups())
+    if (apply_group(group)) changed_.push_back(group.child);
+  if (plan_.clears_samples()) {  // some frames are listed twice, and not in order
+    std::sort(changed_.begin(), changed_.end());
+    changed_.set_size(
+        static_cast<std::size_t>(std::unique(changed_.begin(), changed_.end()) - changed_.begin()));
+  }
+  if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
+  count_authority();  // after the release a set took 5 % longer
+}
+
+void CommitExecution::clear_samples(const FrameList& all) noexcept {
+  tree_.time_jumps_.fetch_add(1);
+  tree_.drop_samples(all, true, changed_);
+}
+
+// Returns whether the frame has changed.
+bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
+  if (!group.is_append) [[unlikely]]
+    return apply_rows(group);
+  const RowWrite& write = plan_.write(group.begin);
+  insert(*group.frame, write.stamp, write.parent, plan_.pose(write.row), plan_.limits());
+  ++tally_.stored;
+  return true;
+}
+
+bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
+  Frame& frame = *group.frame;
+  const FrameId parent_before = frame.parent.load(std::memory_order_relaxed);
+  const bool static_before = frame.is_static.load(std::memory_order_relaxed);
+  const std::uint32_t stored_before = tally_.stored;
+  store_rows(group);
+  if (tally_.stored == stored_before) return false;
+  if (group.new_parent != 0)
+    tree_.frames_[group.new_parent].has_had_children.store(true, std::memory_order_relaxed);
+  record_link_change(group, parent_before, static_before);
+  return true;
+}
+
+void CommitExecution::store_rows(const FrameWrites& group) noexcept {
+  FrameEvents& events = tree_.events_[group.child];
+  for (std::uint32_t i = group.begin; i < group.end; ++i) {
+    const RowWrite& write = plan_.write(i);
+    const Pose& pose = plan_.pose(write.row);
+    if (!plan_.is_stored(write.row)) {
+      increment(events.dropped);
+      ++tally_.dropped;
+      continue;
+    }
+    ++tally_.stored;
+    if (plan_.request().is_static) {
+      set_static(*group.frame, write.stamp, write.parent, pose);
+    } else if (insert(*group.frame, write.stamp, write.parent, pose, plan_.limits()) ==
+               InsertResult::replaced) {
+      increment(events.rewritten);
+      ++tally_.rewritten;
+    }
+  }
+}
+
+// Counts changes of the frame's link (another parent, authority or kind), and records the last one.
+void CommitExecution::record_link_change(const FrameWrites& group, FrameId parent_before,
+                                         bool static_before) noexcept {
+  using Change = FrameEvents::Change;
+  const auto release = std::memory_order_release;
+  const AuthorityId authority = plan_.names().authority();
+  const bool is_static = plan_.request().is_static;
+  FrameEvents& events = tree_.events_[group.child];
+  Change change = Change::none;
+  const auto note = [&](std::atomic<std::uint32_t>& counter, Change what) {
+    increment(counter);
+    change = what;
+  };
+  const bool had_data = parent_before != 0;
+  if (group.frame->authority.load(std::memory_order_relaxed) != authority) {
+    if (had_data) {
+      note(events.authority_changes, Change::authority);
+      ++tally_.conflicts;
+    }
+    group.frame->authority.store(authority, release);
+  }
+  if (had_data && static_before != is_static) note(events.switched, Change::switched);
+  if (had_data && group.new_parent != 0) note(events.reparented, Change::reparented);
+  if (change == Change::none) return;
+  events.change.store(change, release);
+  events.change_stamp.store(plan_.write(group.end - 1).stamp, release);
+  events.change_authority.store(authority, release);
+  events.parent_before.store(parent_before, release);
+  events.static_before.store(static_before, release);
+}
+
+void CommitExecution::count_authority() const noexcept {
+  const AuthorityId authority = plan_.names().authority();
+  if (authority != 0) tree_.authority_counters_.add(authority, tally_);
+}
+
+void CommitExecution::notify_waiters() const noexcept {
+  WaitList& list = tree_.wait_list_;
+  if (list.size() == 0) [[likely]]
+    return;
+  for (const FrameId frame : changed_) {
+    if (!tree_.has_waiters(frame)) continue;
+    const FrameWrites* const group = plan_.group_of(frame);
+    const bool only_appended = group && !group->wakes_all;
+    list.notify_frame(frame, only_appended ? WaitList::Change::appended : WaitList::Change::other);
+  }
+  plan_.names().for_each_new([&](std::string_view name, FrameId) { list.notify_name(name); });
+}
+
+}  // namespace ztf

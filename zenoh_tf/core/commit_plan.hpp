@@ -1,0 +1,133 @@
+// What a commit will do: its rows in order, grouped by child, with a decision for each group.
+//
+// A commit is a plan and its execution (commit_apply.hpp). Planning does all that can fail: it
+// rejects the request, reserves memory and numbers new names. Applying a ready plan cannot fail.
+// Tree::commit (tree_write.cpp) takes the locks between the steps.
+//
+// Thread safety: lives on the writer's stack. Each step says which locks it requires.
+// Invariants
+// 1. After a retry all steps run again and decide anew. Only a time jump that an attempt has found
+//    is remembered: it may clear samples once all frames are locked.
+// 2. Planning changes nothing that readers can see.
+#pragma once
+
+#include <span>
+
+#include "commit_names.hpp"
+#include "history_insert.hpp"
+#include "write_locks.hpp"
+
+namespace ztf {
+
+// What an attempt to commit locks. Each scope includes the one before.
+enum class CommitScope : std::uint8_t {
+  children,    // the frames that get samples
+  topology,    // and the topology mutex: names may be added, newest parents may change
+  all_frames,  // and every frame: all samples may be dropped, the first reparenting may happen
+};
+
+// Whether a plan can be applied in the scope of its attempt, or which scope it needs.
+enum class PlanOutcome : std::uint8_t { ready, needs_topology, needs_all_frames };
+
+// One row of the request, with its names resolved. Its pose is CommitPlan::pose(row).
+struct RowWrite {
+  FrameId child, parent;
+  std::uint32_t row;  // index in the request
+  Stamp stamp;
+};
+
+// The rows of one child, in the order of their stamps, and what they will do to its frame.
+struct FrameWrites {
+  Frame* frame;
+  FrameId child;
+  std::uint32_t begin, end;  // the rows: CommitPlan::writes()[begin, end)
+  FrameId new_parent = 0;    // of the newest sample after this commit; 0: unchanged
+  bool changes_link =
+      false;               // a stored row has another parent than the frame's newest sample so far
+  bool is_append = false;  // one row, newer than all samples; parent and authority stay
+  bool wakes_all = false;  // more than newer samples of the same parent: every waiter looks again
+};
+
+class CommitPlan {
+ public:
+  // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
+  CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
+  CommitPlan(const CommitPlan&) = delete;
+  CommitPlan& operator=(const CommitPlan&) = delete;
+
+  // The scope of the first attempt.
+  [[nodiscard]] CommitScope initial_scope() const noexcept;
+
+  // Step 1: resolves names, sorts the rows by child and time, and groups them by child. Requires
+  // the scope's mutex, if any. Returns false where a name or the authority is new, and adding it
+  // needs the topology mutex. Throws Rejected.
+  bool resolve_and_group(CommitScope scope);
+
+  // The frames that get samples, ascending. The next steps require their write locks.
+  [[nodiscard]] const FrameList& children() const noexcept { return children_; }
+  // All frames, ascending, with the children that this commit creates. In the scope all_frames the
+  // next steps require their write locks instead.
+  void list_all_frames(FrameList& all) const;
+
+  [[nodiscard]] bool has_read_set() const noexcept { return !request_.read_names.empty(); }
+
+  // Step 2: checks that every version which the transaction has read is unchanged. Requires the
+  // write locks, and that readers already wait (WriteLocks::begin_write): then of two commits that
+  // each read what the other writes, at most one passes. Throws Rejected.
+  void validate_read_set(const WriteLocks& locks) const;
+
+  // Step 3: decides what each group stores, and reserves memory for it. Requires the write locks.
+  // Throws Rejected.
+  PlanOutcome decide(CommitScope scope);
+
+  // The results, once decide() has returned ready.
+  [[nodiscard]] const CommitRequest& request() const noexcept { return request_; }
+  [[nodiscard]] std::span<const FrameWrites> groups() const noexcept {
+    return {groups_.begin(), groups_.size()};
+  }
+  [[nodiscard]] const RowWrite& write(std::uint32_t i) const noexcept { return writes_[i]; }
+  [[nodiscard]] const Pose& pose(std::uint32_t row) const noexcept { return poses_[row]; }
+  [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept { return stored_[row] != 0; }
+  [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
+  [[nodiscard]] const HistoryLimits& limits() const noexcept { return limits_; }
+  // True if time was set back: all dynamic samples are dropped before the rows are stored.
+  [[nodiscard]] bool clears_samples() const noexcept { return clears_samples_; }
+  // True if this commit is the first in the tree's life that leaves a frame with two parents.
+  [[nodiscard]] bool is_first_reparenting() const noexcept { return is_first_reparenting_; }
+  // The group of a child, or null.
+  [[nodiscard]] const FrameWrites* group_of(FrameId child) const noexcept;
+
+ private:
+  enum class RowFate : std::uint8_t { stored, too_old, no_room };
+
+  void assign_new_ids();
+  void sort_rows();
+  void group_rows();
+  [[nodiscard]] bool is_time_set_back() const noexcept;
+  [[nodiscard]] bool will_be_cleared(const Frame& frame) const noexcept;
+  [[nodiscard]] bool is_append(const FrameWrites& group) const noexcept;
+  PlanOutcome decide_rows(FrameWrites& group);
+  [[nodiscard]] RowFate fate_of(const RowWrite& write, bool has_samples, Stamp newest,
+                                Stamp oldest_of_full) const noexcept;
+  void check_authority_of(const FrameWrites& group) const;
+  [[noreturn]] void reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
+                                 Stamp oldest) const;
+  void check_cycles() const;
+  [[nodiscard]] FrameId parent_after(FrameId frame) const noexcept;
+  void reserve_memory();
+
+  Tree& tree_;
+  const CommitRequest& request_;
+  const std::span<std::uint8_t> stored_;  // by row of the request
+  const HistoryLimits limits_;
+  CommitNames names_;
+  bool found_time_jump_ = false;  // by this attempt or an earlier one
+  bool clears_samples_ = false;
+  bool is_first_reparenting_ = false;
+  SmallVector<RowWrite, 16> writes_;
+  SmallVector<Pose, 16> poses_;  // by row of the request, normalised
+  SmallVector<FrameWrites, 16> groups_;
+  FrameList children_;  // of groups_, ascending
+};
+
+}  // namespace ztf

@@ -1,0 +1,198 @@
+// Changing one frame's history: inserting a sample, making a frame static, dropping everything.
+//
+// Thread safety: every function requires the frame's write lock, and that readers already wait
+// (SeqLock::begin_write). reserve() and prefetch_history() are the exceptions: see there.
+// Rules: those of history.hpp. The caller has dropped samples that are too old.
+// Invariants: frame.hpp's hold again when a function returns. In between a reader may see any
+// mixture, which validation rejects.
+#pragma once
+
+#include <algorithm>
+
+#include "history.hpp"
+
+namespace ztf {
+
+struct HistoryLimits {
+  std::uint64_t cache_ns;
+  std::uint32_t max_samples;
+};
+
+enum class InsertResult : std::uint8_t {
+  added,
+  replaced,  // a sample of the same stamp was replaced
+  rejected,  // the frame is full of newer samples
+};
+
+// Adds one to a counter of a frame. Requires the frame's write lock, so a plain load and store
+// suffice; an atomic add would drain the store buffer. The store is a release, so that it cannot
+// become visible before the lock: on ARM a relaxed store may overtake the store half of the
+// compare-and-swap that took the lock, and a reader would validate a count it must not see yet.
+inline void increment(std::atomic<std::uint32_t>& counter) noexcept {
+  counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+}
+
+inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
+  frame.parent.store(parent, std::memory_order_release);
+  frame.latest.stamp.store(stamp, std::memory_order_release);
+  frame.latest.pose.store(pose);
+}
+
+// Leaves the frame without samples and without a parent.
+inline void clear_history(Frame& frame) noexcept {
+  frame.is_static.store(false, std::memory_order_release);
+  frame.samples_per_ns.store(0, std::memory_order_release);
+  frame.count.store(0, std::memory_order_release);
+  frame.parent.store(0, std::memory_order_release);
+}
+
+// Replaces the frame's history by one transform for all times.
+inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
+  frame.samples_per_ns.store(0, std::memory_order_release);
+  frame.count.store(0, std::memory_order_release);
+  frame.is_static.store(true, std::memory_order_release);
+  store_latest(frame, stamp, parent, pose);
+}
+
+// Replaces the ring by one of at least `wanted` slots. Requires the write lock only: readers may
+// go on meanwhile. Throws bad_alloc.
+void grow_ring(Frame& frame, std::uint64_t wanted, RingArena& memory);
+
+// Makes room for `extra` more samples, so that insert() cannot fail. Requires the write lock only,
+// as it changes nothing that a reader sees. Throws bad_alloc.
+inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
+                    RingArena& memory) {
+  const Ring ring = frame.ring.load(std::memory_order_relaxed);
+  const std::uint64_t wanted = std::min<std::uint64_t>(
+      std::uint64_t{frame.count.load(std::memory_order_relaxed)} + extra, limits.max_samples);
+  if (!ring || ring.capacity() < wanted) grow_ring(frame, wanted, memory);
+}
+
+// Prefetches the slots that an insert of a newer sample stores to and reads. Requires nothing: what
+// another writer changes meanwhile only makes the wrong lines come.
+inline void prefetch_history(const Frame& frame) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const Ring ring = frame.ring.load(relaxed);
+  if (!ring) return;
+  const std::uint32_t first = frame.first.load(relaxed);
+  ring.prefetch_for_write(first + frame.count.load(relaxed));
+  ring.prefetch(first + 1);  // the oldest sample, once the insert has pruned the first
+}
+
+// A frame's samples during one insert: a copy of the words that say which slots are used. Sample i
+// is the i-th oldest. The frame's own words change only in publish().
+class RingEdit {
+ public:
+  // For the insert of a sample of this parent. The ring's parents are kept up to date only while
+  // its samples have more than one; this fills them in for the first sample of a second parent.
+  ZTF_ALWAYS_INLINE RingEdit(const Frame& frame, FrameId parent) noexcept
+      : ring_(frame.ring.load(std::memory_order_relaxed)),
+        first_(frame.first.load(std::memory_order_relaxed)),
+        count_(frame.count.load(std::memory_order_relaxed)),
+        oldest_(frame.oldest_stamp.load(std::memory_order_relaxed)),
+        parent_changes_(count_ == 0 ? 0 : frame.parent_changes.load(std::memory_order_relaxed)) {
+    const FrameId newest_parent = frame.parent.load(std::memory_order_relaxed);
+    if (parent_changes_ == 0 && (count_ == 0 || newest_parent == parent)) return;
+    has_parents_ = true;
+    if (parent_changes_ == 0) fill_in_parents(ring_, first_, count_, newest_parent);
+  }
+
+  [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
+  [[nodiscard]] Stamp stamp(std::uint32_t i) const noexcept { return ring_.stamp(first_ + i); }
+  // The number of samples that are not newer than the stamp: where it would be inserted.
+  [[nodiscard]] std::uint32_t place_of(Stamp stamp) const noexcept {
+    return find_place(ring_, first_, count_, stamp);
+  }
+
+  // Requires that store() sets the only sample next, if this drops the only one.
+  ZTF_ALWAYS_INLINE void drop_oldest() noexcept {
+    if (has_parents_) [[unlikely]]
+      parent_changes_ -= changes_around(ring_, first_, count_, 0);
+    ++first_;
+    --count_;
+    oldest_ = stamp(0);
+  }
+  // Frees slot `i` by moving all newer samples up by one. Requires a free slot in the ring.
+  ZTF_ALWAYS_INLINE void open_slot(std::uint32_t i) noexcept {
+    if (i != count_) [[unlikely]] {
+      // The sample comes between i - 1 and i: store() counts the changes on both of its sides.
+      if (has_parents_ && i > 0)
+        parent_changes_ -= ring_.parent(first_ + i - 1) != ring_.parent(first_ + i);
+      move_up(ring_, first_ + i, first_ + count_, has_parents_);
+    }
+    ++count_;
+  }
+  // Requires that store() replaces sample i next: takes it out of the count of parent changes.
+  void forget_parent(std::uint32_t i) noexcept {
+    if (has_parents_) parent_changes_ -= changes_around(ring_, first_, count_, i);
+  }
+  ZTF_ALWAYS_INLINE void store(std::uint32_t i, Stamp stamp, FrameId parent,
+                               const Pose& pose) noexcept {
+    ring_.store(first_ + i, stamp, pose);
+    if (i == 0) oldest_ = stamp;
+    if (has_parents_) [[unlikely]] {
+      ring_.store_parent(first_ + i, parent);
+      parent_changes_ += changes_around(ring_, first_, count_, i);
+    }
+  }
+
+  // Drops what is older than the cache time, and makes the rest the frame's samples. These are the
+  // last stores of an insert.
+  ZTF_ALWAYS_INLINE void prune_and_publish(Frame& frame, Stamp newest,
+                                           std::uint64_t cache_ns) noexcept {
+    while (too_old(oldest_, newest, cache_ns)) drop_oldest();
+    const auto release = std::memory_order_release;
+    frame.is_static.store(false, release);
+    frame.parent_changes.store(parent_changes_, release);
+    frame.oldest_stamp.store(oldest_, release);
+    frame.samples_per_ns.store(parent_changes_ == 0 ? mean_sample_rate(count_, oldest_, newest) : 0,
+                               release);
+    frame.first.store(first_, release);
+    frame.count.store(count_, release);
+  }
+
+ private:
+  // The rare parts. They take values, so that the members of a RingEdit stay in registers.
+  static std::uint32_t find_place(Ring ring, std::uint32_t first, std::uint32_t count,
+                                  Stamp stamp) noexcept;
+  static void fill_in_parents(Ring ring, std::uint32_t first, std::uint32_t count,
+                              FrameId parent) noexcept;
+  // Moves the samples in the slots from `begin` up to `end` by one slot.
+  static void move_up(Ring ring, std::uint32_t begin, std::uint32_t end,
+                      bool with_parents) noexcept;
+  // How often the parent changes between sample i and its neighbours.
+  static std::uint32_t changes_around(Ring ring, std::uint32_t first, std::uint32_t count,
+                                      std::uint32_t i) noexcept;
+
+  const Ring ring_;
+  std::uint32_t first_, count_;
+  Stamp oldest_;
+  std::uint32_t parent_changes_;
+  bool has_parents_ = false;  // before or after this insert, the samples have several parents
+};
+
+// insert() of a sample that is not newer than all others.
+InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                         const HistoryLimits& limits) noexcept;
+
+// Inserts a sample. A full frame evicts its oldest sample for it; samples older than the cache time
+// are pruned. Requires reserve(), and a sample that is not too old itself.
+inline InsertResult insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
+                           const HistoryLimits& limits) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  if (frame.count.load(relaxed) != 0 && stamp <= frame.latest.stamp.load(relaxed)) [[unlikely]]
+    return insert_late(frame, stamp, parent, pose, limits);
+  RingEdit ring(frame, parent);
+  if (ring.count() == limits.max_samples) {
+    ring.drop_oldest();
+    increment(frame.evicted);
+  }
+  const std::uint32_t end = ring.count();
+  ring.open_slot(end);
+  ring.store(end, stamp, parent, pose);
+  store_latest(frame, stamp, parent, pose);
+  ring.prune_and_publish(frame, stamp, limits.cache_ns);
+  return InsertResult::added;
+}
+
+}  // namespace ztf
