@@ -305,3 +305,19 @@ TEST(ring_indices_may_overflow) {
   for (Stamp t = 0; t < 10; ++t) h.put(10 * t, 1, static_cast<double>(10 * t));
   for (Stamp t = 0; t <= 90; ++t) CHECK_EQ(h.x(t), static_cast<double>(t));
 }
+
+TEST(a_cursor_ignores_the_slots_of_a_ring_that_was_replaced) {
+  History h(100);
+  for (Stamp stamp = 0; stamp < 100; stamp += 10) h.put(stamp, 1);
+  clear_history(*h.frame);  // the slots keep their samples
+  for (const Stamp stamp : {0, 1, 2, 3, 80}) h.put(stamp, 1);
+  HistoryCursor cursor(*h.frame, true);
+  reserve(*h.frame, 12, h.limits, *h.memory);  // replaces the ring, as the plan of a commit does
+  for (const Stamp time : {3, 55}) {           // 55 would also fit between two old samples
+    SampleInterval found, expected;
+    CHECK(cursor.find(time, found));
+    CHECK_EQ(find_link(*h.frame, time, expected).status, Status::ok);
+    CHECK_EQ(found.older->stamp.load(), expected.older->stamp.load());
+    CHECK_EQ(found.newer->stamp.load(), expected.newer->stamp.load());
+  }
+}

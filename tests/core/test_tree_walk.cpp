@@ -219,3 +219,25 @@ TEST(the_latest_common_lookup_uses_the_chain_of_that_time) {
     CHECK_EQ(w.ask(Op::latest_common, "c", "w").pose.x, -101);
   });
 }
+
+TEST(a_far_ancestor_in_a_past_loop_is_met_at_its_first_visit) {
+  World w;
+  // At time 1, x and y are each other's parent. The newest links have no loop.
+  std::vector<Set> sets = {{"y", "x", 1, at_x(1)},
+                           {"map", "x", 2, at_x(1)},
+                           {"x", "y", 1, at_x(1)},
+                           {"map", "y", 2, at_x(1)}};
+  constexpr int kSource = 60, kTarget = 70;  // beyond the near phase of the walk
+  const auto add_path = [&](const std::string& prefix, int links) {
+    for (int i = 0; i < links; ++i)
+      for (const Stamp stamp : {1, 2})
+        sets.push_back({i + 1 == links ? "x" : prefix + std::to_string(i + 1),
+                        prefix + std::to_string(i), stamp, at_x(1)});
+  };
+  add_path("s", kSource);
+  add_path("t", kTarget);
+  CHECK(!w.commit(sets));
+  const Answer answer = w.at("t0", "s0", 1);
+  CHECK_EQ(answer.failure.code, Code::ok);
+  CHECK_EQ(answer.pose.x, double{kSource - kTarget});
+}

@@ -191,3 +191,19 @@ TEST(through_a_fixed_frame_the_leg_that_fails_is_waited_for) {
   CHECK(sleeper.wait(BlockingWaiter::Clock::now() + 1h));
   CHECK(sleeper.answer().failure.code == Code::ok);
 }
+
+TEST(a_wait_for_a_time_before_a_full_history_fails) {
+  World w(Options{.max_samples_per_frame = 4});
+  for (const Stamp stamp : {10, 20, 30}) w.set("a", "b", stamp);
+  CountingWaiter waiter(w, Op::at, "a", "b", 5);
+  CHECK(!waiter.lookup_or_park());  // a late sample would still be stored
+  w.set("a", "b", 40);
+  CHECK_EQ(waiter.woken, 1);
+  CHECK(waiter.lookup_or_park());
+  CHECK(waiter.code() == Code::backward);
+
+  CountingWaiter late(w, Op::at, "a", "b", 7);
+  CHECK(late.lookup_or_park());
+  CHECK(late.code() == Code::backward);
+  CHECK_EQ(w.tree.wait_list().size(), 0u);
+}

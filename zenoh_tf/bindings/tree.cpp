@@ -140,7 +140,17 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
   }
   std::vector<Answer> answers(queries.size());
   ReadSet reads;
-  tree.lookup_transaction(queries, answers, reads);
+  // Resolves the names again after the transaction: a frame that was created or removed meanwhile
+  // would be reported beside newer state of another pair.
+  for (bool unchanged = false; !unchanged;) {
+    tree.lookup_transaction(queries, answers, reads);
+    unchanged = true;
+    for (std::size_t i = 0; i < queries.size(); ++i) {
+      const Query now = query_of(tree, Op::latest_xact, names[i].first, names[i].second);
+      unchanged &= now.target == queries[i].target && now.source == queries[i].source;
+      queries[i] = now;
+    }
+  }
   nb::list out;
   for (std::size_t i = 0; i < answers.size(); ++i)
     out.append(latest_answer(tree, answers[i], names[i].first, names[i].second));

@@ -56,6 +56,9 @@ void CommitPlan::assign_new_ids() {
     const Row& row = request_.rows[write.row];
     write.child = names_.id_or_new(row.child);
     write.parent = names_.id_or_new(row.parent);
+    // The constructor looked up both names without a lock. If one name appeared between the two
+    // lookups, their ids differed there, although they are the same frame.
+    if (write.child == write.parent) check_names(request_, row, tree_.options_);
   }
 }
 

@@ -87,18 +87,12 @@ class SeqLock {
   template <class Read>
   ZTF_ALWAYS_INLINE auto read_consistent(Read&& read) const {
     static_assert(std::is_nothrow_invocable_v<Read, Version>, "an exception would leave it locked");
-    for (int attempt = 0;; ++attempt) {
-      const bool lock = attempt == kOptimisticReads;
-      const Version version = lock ? lock_writer() : read_begin();
-      const auto result = read(version);
-      if (lock) [[unlikely]] {
-        unlock_unchanged(version);
-        return result;
-      }
-      yield_point();
-      if (load() == version) [[likely]]
-        return result;
-    }
+    const Version version = read_begin();
+    const auto result = read(version);
+    yield_point();
+    if (load() == version) [[likely]]
+      return result;
+    return read_again(read);
   }
 
   // Takes the writer lock and sets `before` to the version. Returns false if another thread has it.
@@ -147,6 +141,20 @@ class SeqLock {
       return false;
     yield_point();
     return true;
+  }
+  // The remaining attempts of read_consistent().
+  template <class Read>
+  [[gnu::noinline, gnu::cold]] auto read_again(Read& read) const {
+    for (int attempt = 1; attempt < kOptimisticReads; ++attempt) {
+      const Version version = read_begin();
+      const auto result = read(version);
+      yield_point();
+      if (load() == version) return result;
+    }
+    const Version version = lock_writer();
+    const auto result = read(version);
+    unlock_unchanged(version);
+    return result;
   }
   [[gnu::noinline, gnu::cold]] Version wait_for_writer() const {
     Backoff backoff;

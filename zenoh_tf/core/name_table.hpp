@@ -136,7 +136,7 @@ class NameTable {
       if (slot == 0) return 0;
       if ((slot ^ hash) >> 32 == 0) {
         const Id id = static_cast<Id>(slot);
-        if (this->name(id) == name) return id;
+        if (same_name(this->name(id), name)) return id;
       }
     }
   }

@@ -148,9 +148,10 @@ class Reader {
 
   // Validates a whole path, and the frame that ended it.
   bool validate(AncestorPath& path) {
+    if (!guard_.validate({path.steps.begin(), path.steps.size()})) return false;
+    if (path.state == AncestorPath::State::open) return true;
     const PathStep last{path.highest, path.highest_version, {}};
-    return guard_.validate({path.steps.begin(), path.steps.size()}) &&
-           (path.state == AncestorPath::State::open || guard_.validate({&last, 1}));
+    return guard_.validate({&last, 1});
   }
 
   ZTF_ALWAYS_INLINE bool lookup_at(FrameId target, FrameId source, Stamp stamp, Answer& a) {

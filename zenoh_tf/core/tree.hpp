@@ -135,8 +135,9 @@ class Tree {
 
   // True if a later commit could make a lookup succeed that failed so.
   [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
-  // The oldest stamp that is not too old for a frame with this newest stamp.
-  [[nodiscard]] Stamp oldest_possible(Stamp newest) const noexcept;
+  // The oldest stamp that a frame accepts: not too old, and not older than a full history. It only
+  // grows, until the history is cleared.
+  [[nodiscard]] Stamp oldest_insertable(const FrameInfo& info) const noexcept;
   WaitList& wait_list() const noexcept { return wait_list_; }
   // For the wait list: one waiting lookup more or less on this frame.
   void add_waiter(FrameId frame) const noexcept {

@@ -83,10 +83,12 @@ FrameInfo Tree::info(FrameId id) const {
   });
 }
 
-Stamp Tree::oldest_possible(Stamp newest) const noexcept {
-  return span_ns(kNoStamp + 1, newest) <= options_.cache_ns
-             ? kNoStamp + 1
-             : newest - static_cast<Stamp>(options_.cache_ns);
+Stamp Tree::oldest_insertable(const FrameInfo& info) const noexcept {
+  if (info.samples == 0) return kNoStamp + 1;
+  const Stamp by_age = span_ns(kNoStamp + 1, info.newest) <= options_.cache_ns
+                           ? kNoStamp + 1
+                           : info.newest - static_cast<Stamp>(options_.cache_ns);
+  return info.samples == options_.max_samples_per_frame ? std::max(by_age, info.oldest) : by_age;
 }
 
 bool Tree::may_succeed_later(const Failure& failure) const noexcept {
@@ -99,7 +101,7 @@ bool Tree::may_succeed_later(const Failure& failure) const noexcept {
     case Code::no_data:
     case Code::backward:
     case Code::forward:
-      return !too_old(failure.stamp, failure.newest, options_.cache_ns);
+      return failure.stamp >= oldest_insertable(info(failure.frame));
     default:
       return false;
   }

@@ -42,7 +42,7 @@ class WaitList::WokenList {
 };
 
 bool WaitList::lookup_or_park(Waiter& waiter) {
-  // Copies: once parked, the waiter may be woken and destroyed.
+  // Copies: once parked, the waiter may belong to the thread that is woken.
   const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
   for (;;) {
     Query& query = waiter.query_;
@@ -157,11 +157,11 @@ void WaitList::notify_frame(FrameId frame, Change change) noexcept {
     woken.add(need_sample.begin(), need_sample.end());
     woken.add(need_link.begin(), need_link.end());
   } else {
-    // The frame now serves the times from its oldest to its newest sample. It can never serve times
-    // that are older than the cache time, and no longer serves what it has pruned.
+    // The frame now serves the times from its oldest to its newest sample. It can never serve older
+    // times that it does not accept any more, so those lookups are woken to fail.
     const FrameInfo info = tree_.info(frame);
-    const Stamp served_never = std::min(tree_.oldest_possible(info.newest), info.oldest);
-    woken.add(need_sample.begin(), need_sample.lower_bound(served_never));
+    const Stamp oldest_possible = std::min(tree_.oldest_insertable(info), info.oldest);
+    woken.add(need_sample.begin(), need_sample.lower_bound(oldest_possible));
     woken.add(need_sample.lower_bound(info.oldest), need_sample.upper_bound(info.newest));
     woken.add(need_link.begin(), need_link.lower_bound(info.oldest));
   }

@@ -174,7 +174,10 @@ class Walker {
     struct Ancestor {
       const Frame* frame;
       std::size_t links;
-      bool operator<(const Ancestor& other) const noexcept { return frame < other.frame; }
+      // A path that is too deep may visit a frame several times. Its first visit is the lowest.
+      bool operator<(const Ancestor& other) const noexcept {
+        return frame != other.frame ? frame < other.frame : links < other.links;
+      }
     };
     SmallVector<Ancestor, 32> ancestors;
     for (std::size_t i = 0; i <= from_source.steps.size(); ++i)
