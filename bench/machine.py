@@ -15,17 +15,16 @@ TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 def describe() -> dict[str, str]:
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
-    packages = ("libtf2-dev", "python3-tf2")
-    versions = (_output("dpkg-query", "-W", "-f", "${Package} ${Version}", p) for p in packages)
+    tf2 = _output("dpkg-query -W -f '${Package} ${Version}, ' libtf2-dev python3-tf2")
     return {
         "cpu": model[1] if model else platform.machine(),
         "cores": str(os.cpu_count()),
         "load": load(),
         "system": platform.platform(),
-        "compiler": _output("sh", "-c", '"$(sh scripts/compiler.sh)" --version'),
+        "compiler": _output('"$(sh scripts/compiler.sh)" --version'),
         "python": platform.python_version(),
-        "commit": _output("git", "describe", "--always", "--dirty"),
-        "tf2": ", ".join(filter(None, versions)) or "no Debian package",
+        "commit": _output("git describe --always --dirty"),
+        "tf2": tf2.rstrip(", ") or "no Debian package",
     }
 
 
@@ -55,11 +54,7 @@ class BackgroundLoad:
         return (sum(ticks) - sum(ticks[3:5])) * TICK_S - cpu_s(self._pid)  # less idle and waiting
 
 
-def _output(*command: str) -> str:
-    """The first line that a command prints; empty if it is missing or fails."""
-    try:
-        return subprocess.check_output(
-            command, cwd=ROOT, text=True, stderr=subprocess.DEVNULL
-        ).split("\n")[0]
-    except (OSError, subprocess.CalledProcessError):
-        return ""
+def _output(command: str) -> str:
+    """The first line that a shell command prints; empty if it prints nothing."""
+    done = subprocess.run(["sh", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    return done.stdout.partition("\n")[0]

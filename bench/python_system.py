@@ -1,8 +1,8 @@
 """A transform tree with a Python API, timed on request: zenoh-tf, or the real tf2.
 
-``zenoh-tf`` or ``tf2`` is the argument; each runs under the interpreter that has it. One JSON
-object a line: ``{"statement": CODE, "calls": N}`` is answered with seconds, and ``{"ask": STAMP_NS
-or null}`` with the pose. A statement that uses ``built`` finds its transforms ready-made.
+``zenoh-tf`` or ``tf2`` is the argument; each runs under the interpreter that has it. One JSON list
+a line: ``["timed", STATEMENT, CALLS]`` is answered with seconds, and ``["ask", STAMP_NS or null]``
+with the pose. A statement that uses ``built`` finds its transforms ready-made.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def zenoh_tf() -> dict[str, Any]:
         "times": itertools.cycle(times_ns),
         "times_array": numpy.array(times_ns),
         "make": make,
-        "ask": lambda at_ns: tree.lookup_transform(TARGET, SOURCE, at_ns).transform.pose(),
+        "ask": lambda at_ns: list(tree.lookup_transform(TARGET, SOURCE, at_ns).transform.pose()),
     }
 
 
@@ -70,16 +70,17 @@ def tf2() -> dict[str, Any]:
 
 if __name__ == "__main__":
     names = {"zenoh-tf": zenoh_tf, "tf2": tf2}[sys.argv[1]]()
-    later_ns, pose = workload.later_ns(), workload.pose(0, 0)
     names |= {"TARGET": TARGET, "SOURCE": SOURCE}
-    names["build"] = lambda: names["make"]((TARGET, SET_FRAME, next(later_ns), *pose))
+    later_ns, pose = workload.later_ns(), workload.pose(0, 0)
+
+    def timed(statement: str, calls: int) -> float:
+        sets = calls if "built" in statement else 0
+        rows = [(TARGET, SET_FRAME, next(later_ns), *pose) for _ in range(sets)]
+        names["built"] = iter([names["make"](row) for row in rows])
+        return timeit.timeit(statement, number=calls, globals=names)
+
+    names["timed"] = timed
     print("ready", flush=True)
     for line in sys.stdin:
-        asked = json.loads(line)
-        if "ask" in asked:
-            print(json.dumps(list(names["ask"](asked["ask"]))), flush=True)
-        else:
-            code, calls = asked["statement"], asked["calls"]
-            ready = calls if "built" in code else 0
-            names["built"] = iter([names["build"]() for _ in range(ready)])
-            print(timeit.timeit(code, number=calls, globals=names), flush=True)
+        function, *arguments = json.loads(line)
+        print(json.dumps(names[function](*arguments)), flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import statistics
@@ -93,12 +94,12 @@ class Report:
         for _ in range(repetitions):
             for cell in cells:
                 cell.trials.append(cell.run())
-        for labels in dict.fromkeys(json.dumps(cell.labels) for cell in cells):
-            group = [cell for cell in cells if json.dumps(cell.labels) == labels]
+        for labels, cells_of_case in itertools.groupby(cells, lambda cell: cell.labels):
+            group = list(cells_of_case)
             base = next((cell for cell in group if cell.system == baseline), None)
             records = [cell.record(part, base) for cell in group]
             self.cells += records
-            _print(group[0].labels, records)
+            _print(labels, records)
 
     def check(self, part: str, targets: Iterable[Target]) -> None:
         """Prints and keeps those targets that have values."""

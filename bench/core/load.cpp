@@ -60,6 +60,7 @@ class Worker {
 
   void run(const std::atomic<Phase>& phase) {
     pin(thread_, trial_.readers + trial_.writers);
+    const bool varies = trial_.draw.frames > trial_.draw.length + 1 || trial_.read == Read::at;
     unsigned block = 1;
     std::uint64_t retries_before = 0;
     for (Phase seen = Phase::warm_up;;) {
@@ -70,7 +71,7 @@ class Worker {
         counts_ = Counts();
         retries_before = ztf::retries;
       }
-      if (reads() && (trial_.draw.fixed.source == 0 || trial_.read == Read::at))
+      if (reads() && varies)
         for (unsigned i = 0; i < block; ++i) requests_[i] = trial_.draw(random_);
       const Clock::time_point start = Clock::now();
       call(0, block - 1);
@@ -100,7 +101,7 @@ class Worker {
   unsigned write() {
     if (trial_.own_links) {
       Stamp& stamp = instance_.next_stamp[thread_];
-      return instance_.system->write(kOwnLinks + thread_, 1, stamp += trial_.period);
+      return instance_.system->write(own_link(thread_), 1, stamp += trial_.period);
     }
     const FrameIndex top = random_.below(trial_.draw.frames - trial_.draw.length);
     return instance_.system->write(top + 1, trial_.draw.length, instance_.clock.now());

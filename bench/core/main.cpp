@@ -36,7 +36,6 @@ struct Settings : std::map<std::string, std::string> {
 
 const std::map<std::string, Read> kReads{{"latest-common", Read::latest_common},
                                          {"latest-common-by-name", Read::latest_common_by_name},
-                                         {"latest", Read::latest},
                                          {"latest-xact", Read::latest_xact},
                                          {"at", Read::at}};
 
@@ -68,27 +67,26 @@ bool equal(const Reply& a, const Reply& b) {
 
 class Bench {
  public:
-  // links: see make_forest(); samples, period_ns: each link's history; cache_s, max_samples,
+  // links: see make_names(); samples, period_ns: each link's history; cache_s, max_samples,
   // child_to_parent: see SystemOptions; systems: those wanted. Prints which of them there are.
   explicit Bench(const Settings& settings)
-      : forest_(make_forest(settings.count("links"))),
+      : names_(make_names(settings.count("links"))),
         samples_(settings.count("samples")),
         period_(static_cast<Stamp>(settings.number("period_ns"))),
         options_{static_cast<Stamp>(settings.number("cache_s") * 1e9),
                  settings.count("max_samples"), settings.count("child_to_parent") != 0} {
     const double before = resident_bytes();
     for (const std::string& name : settings.list("systems")) {
-      if (name != "tf2") systems_[name].system = make_tree_system(name, forest_, options_);
+      if (name != "tf2") systems_[name].system = make_tree_system(name, names_, options_);
 #ifdef BENCH_WITH_TF2
-      if (name == "tf2") systems_[name].system = make_tf2_system(forest_, options_);
+      if (name == "tf2") systems_[name].system = make_tf2_system(names_, options_);
 #endif
     }
     std::vector<std::future<void>> filled;
-    const FrameIndex row = settings.count("links") == 0 ? 1 : 256;
     for (auto& entry : systems_)
-      filled.push_back(std::async(std::launch::async, [&] { fill(entry.second, row); }));
+      filled.push_back(std::async(std::launch::async, [&] { fill(entry.second); }));
     for (auto& one : filled) one.get();
-    Metrics metrics{{"bytes_per_frame", (resident_bytes() - before) / forest_.size()}};
+    Metrics metrics{{"bytes_per_frame", (resident_bytes() - before) / size()}};
     for (const auto& entry : systems_) metrics[entry.first] = 1;
     print(metrics);
   }
@@ -110,7 +108,9 @@ class Bench {
                         settings.count("own_links") != 0,
                         period_,
                         seconds};
-      if (trial.readers + trial.writers > kMaxThreads) throw std::invalid_argument("threads");
+      const unsigned threads = trial.readers + trial.writers;
+      if (threads > kMaxThreads || (trial.own_links && own_link(threads) > size()))
+        throw std::invalid_argument("threads");
       return print(run_trial(instance, trial));
     }
     std::vector<double> rates_hz;
@@ -119,28 +119,26 @@ class Bench {
   }
 
  private:
-  // Creates the frames in the wanted order, then adds the rest of the history, `row` links at once.
-  void fill(Instance& instance, FrameIndex row) const {
+  // Creates the frames in the wanted order, then adds the rest of the history, many links at once.
+  void fill(Instance& instance) const {
     System& system = *instance.system;
-    const std::vector<Stamp>& offsets = forest_.offsets;
-    const FrameIndex size = forest_.size();
-    for (FrameIndex i = 1; i < size; ++i) {
-      const FrameIndex link = options_.child_to_parent ? size - i : i;
-      if (!system.write(link, 1, kStart + offsets[link])) throw std::runtime_error("not stored");
+    for (FrameIndex i = 1; i < size(); ++i) {
+      const FrameIndex link = options_.child_to_parent ? size() - i : i;
+      if (!system.write(link, 1, kStart)) throw std::runtime_error("not stored");
     }
     system.resolve_ids();
     for (unsigned sample = 1; sample < samples_; ++sample)
-      for (FrameIndex link = 1; link < size; link += row)
-        system.write(link, std::min(row, size - link), kStart + offsets[link] + sample * period_);
+      for (FrameIndex link = 1; link < size(); link += 256)
+        system.write(link, std::min(256u, size() - link), kStart + sample * period_);
     std::fill(std::begin(instance.next_stamp), std::end(instance.next_stamp), end());
   }
 
+  [[nodiscard]] FrameIndex size() const { return static_cast<FrameIndex>(names_.size()); }
   [[nodiscard]] Stamp end() const { return kStart + samples_ * period_; }
 
   [[nodiscard]] Draw draw_of(const Settings& settings) const {
-    Draw draw{forest_.size(), settings.count("length"), (end() - kStart) / 4};
+    const Draw draw{size(), settings.count("length"), (end() - kStart) / 4};
     if (draw.length < 1 || draw.length >= draw.frames) throw std::invalid_argument("length");
-    draw.fixed = {settings.count("target"), settings.count("source")};
     return draw;
   }
 
@@ -170,7 +168,7 @@ class Bench {
     print({});
   }
 
-  const Forest forest_;
+  const Names names_;
   const unsigned samples_;
   const Stamp period_;
   const SystemOptions options_;
