@@ -34,8 +34,6 @@ def main() -> None:
         print(f"\n== {part}", flush=True)
         module, function = PARTS[part].split(":")
         getattr(importlib.import_module(f"bench.{module}"), function)(report)
-    report.machine["load_at_end"] = machine.load()
-    print(f"\nload at the end: {report.machine['load_at_end']}")
     if args.results is not None:
         report.write(args.results)
 

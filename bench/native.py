@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import os
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from typing import Any
 
 from bench.machine import ROOT, BackgroundLoad
 from bench.processes import request
-from bench.report import Cell, Report, Target, Trial, ratios
+from bench.report import Cell, Report, Target, Trial, equal_poses, ratios
 
 BUILD = ROOT / "build/bench"
 COMMON, XACT = "latest-common", "latest-xact"
@@ -29,51 +30,58 @@ def build() -> None:
         subprocess.run(command.split(), cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
 
 
-#: Of a trial and a check: writers set random links, and the answers are compared as they are.
-DEFAULTS = {"own_links": 0, "vary": 0}
-
-
 class Program:
-    """bench_core with a row of links in each system that is installed."""
+    """bench_core with a row of links, a process for each system that is installed."""
 
     def __init__(self, links: int, *systems: str, **settings: float) -> None:
         build()
-        wanted = systems or ("optimistic", "2pl", "giant", "tf2")
         defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
-        words = _words({"links": links, "systems": ",".join(wanted)} | defaults | settings)
-        command = [str(BUILD / "bench_core"), "child_to_parent=0", *words]
+        settings = {"links": links, "child_to_parent": 0} | defaults | settings
         pipe = subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
-        started = request(self._process, "")
-        self.bytes_per_frame: float = started["bytes_per_frame"]
-        self.systems = [system for system in wanted if system in started]
+        processes = {}
+        for system in systems or ("optimistic", "2pl", "giant", "tf2"):
+            command = [str(BUILD / "bench_core"), f"system={system}", *_words(settings)]
+            processes[system] = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        self._processes = processes
+        self.bytes_per_frame: dict[str, float] = {}
+        for system, process in processes.items():
+            if started := request(process, ""):  # empty: without tf2
+                self.bytes_per_frame[system] = started["bytes_per_frame"]
 
     def __enter__(self) -> Program:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.communicate()  # closes its input, at which it ends
+        for process in self._processes.values():
+            process.communicate()  # closes its input, at which it ends
 
-    def ask(self, command: str, **settings: Any) -> Trial:
-        return dict(request(self._process, " ".join((command, *_words(settings)))))
+    def ask(self, command: str, system: str, **settings: Any) -> Any:
+        return request(self._processes[system], " ".join((command, *_words(settings))))
 
     def trial(self, system: str, **settings: Any) -> Trial:
-        load = BackgroundLoad(self._process.pid)
-        return self.ask("trial", system=system, **settings) | {"background_cores": load.cores()}
+        load = BackgroundLoad(self._processes[system].pid)
+        return self.ask("trial", system, **settings) | {"background_cores": load.cores()}
+
+    def ways(self, *reads: str) -> list[tuple[str, str]]:
+        """Each way to read, with each system that supports it."""
+        pairs = itertools.product(reads, self.bytes_per_frame)
+        return [(read, system) for read, system in pairs if (read, system) != (XACT, "tf2")]
 
     def check(self, *reads: str, **settings: int) -> None:
-        """Compares the answers of all systems; ends the benchmark if they differ."""
+        """Ends the benchmark if the answers of two systems differ."""
         for read in reads:
-            self.ask("check", read=read, count=500, **(DEFAULTS | settings))
+            first, *others = (
+                self.ask("answers", system, read=own, **settings) for own, system in self.ways(read)
+            )
+            for answers in others:
+                if not all(map(equal_poses, first, answers)):
+                    raise SystemExit(f"answers to {read} differ")
 
-    def cells(self, labels: dict[str, Any], *reads: str, **settings: Any) -> list[Cell]:
+    def cells(self, labels: dict[str, Any], *reads: str, **run: Any) -> list[Cell]:
         """A cell for each system and each way to read that it supports."""
-        run = DEFAULTS | settings
         return [
             Cell(labels, system, read, functools.partial(self.trial, system, read=read, **run))
-            for read in reads
-            for system in self.systems
-            if system != "tf2" or read != XACT
+            for read, system in self.ways(*reads)
         ]
 
 
@@ -95,7 +103,7 @@ def lookups(report: Report) -> None:
     """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
     with Program(4, samples=1000, period_ns=10_000_000, cache_s=10) as program:
         for name, read, limits in CASES:
-            program.check(read, length=4)
+            program.check(read, length=4, vary=0)
             for threads in (1, 2):
                 readers = 0 if name.startswith("set") else threads
                 roles = {"readers": readers, "writers": threads - readers, "own_links": 1}
@@ -141,7 +149,7 @@ def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, in
             for readers, writers in roles:
                 if (writers > 0) == writing:
                     threads = {"readers": readers, "writers": writers}
-                    run = {"length": 16, "seconds": report.seconds(0.15)} | threads
+                    run = {"length": 16, "own_links": 0, "seconds": report.seconds(0.15)} | threads
                     labels = {"links": links, "direction": direction} | threads
                     plan += program.cells(labels, XACT, COMMON, **run)
             report.measure("paper", plan, report.repetitions())
@@ -195,7 +203,7 @@ def delay(report: Report) -> None:
     for half in (1, many):  # a process each: in a second run the data would begin old
         with Program(links, "optimistic", "tf2", samples=17, max_samples=16) as program:
             threads = {"readers": half, "writers": half}
-            run = {"length": 16, "seconds": report.seconds(seconds)} | threads
+            run = {"length": 16, "own_links": 0, "seconds": report.seconds(seconds)} | threads
             labels = {"links": links, "seconds": seconds} | threads
             cells = program.cells(labels, XACT, COMMON, **run)
             report.measure("delay", [cell for cell in cells if (cell.system, cell.read) in ways], 1)
@@ -212,7 +220,7 @@ def staleness(report: Report) -> None:
         ways = program.cells({}, COMMON, XACT)
         for _ in range(report.repetitions(3)):
             for way in ways:
-                way.trials.append(program.ask("staleness", system=way.system, read=way.read, **run))
+                way.trials.append(program.ask("staleness", way.system, read=way.read, **run))
     for i, (link, rate) in enumerate(SOURCES.items()):
         cells = []
         for way in ways:
@@ -226,9 +234,9 @@ def memory(report: Report) -> None:
     """Bytes for a frame, by the samples that it holds."""
     frames = 10_000 if report.quick else 100_000
     for samples in (1, 2, 4, 8, 16, 64):
-        cells = []
-        for system in ("optimistic", "tf2"):
-            with Program(frames, system, samples=samples) as program:
-                trials = [{"bytes_per_frame": program.bytes_per_frame}]
-                cells += [Cell({"samples": samples}, s, trials=trials) for s in program.systems]
+        with Program(frames, "optimistic", "tf2", samples=samples) as program:
+            cells = [
+                Cell({"samples": samples}, system, trials=[{"bytes_per_frame": used}])
+                for system, used in program.bytes_per_frame.items()
+            ]
         report.measure("memory", cells, 0)

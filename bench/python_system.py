@@ -1,8 +1,7 @@
-"""A transform tree with a Python API, timed on request: zenoh-tf, or the real tf2.
+"""A transform tree with a Python API: zenoh-tf, or the real tf2; under the interpreter that has it.
 
-``zenoh-tf`` or ``tf2`` is the argument; each runs under the interpreter that has it. One JSON list
-a line: ``["timed", STATEMENT, CALLS]`` is answered with seconds, and ``["ask", STAMP_NS or null]``
-with the pose. A statement that uses ``built`` finds its transforms ready-made.
+``SYSTEM STATEMENT`` prints the microseconds of a call; ``SYSTEM`` alone prints the poses that
+answer some lookups, as JSON.
 """
 
 from __future__ import annotations
@@ -35,7 +34,9 @@ def zenoh_tf() -> dict[str, Any]:
         "times": itertools.cycle(times_ns),
         "times_array": numpy.array(times_ns),
         "make": make,
-        "ask": lambda at_ns: list(tree.lookup_transform(TARGET, SOURCE, at_ns).transform.pose()),
+        "ask": lambda at_ns: list(
+            tree.lookup_transform(TARGET, SOURCE, at_ns or None).transform.pose()
+        ),
     }
 
 
@@ -44,8 +45,8 @@ def tf2() -> dict[str, Any]:
     time = import_module("genpy").Time
     buffer = tf2_py.BufferCore(import_module("genpy").Duration(workload.CACHE_S))
 
-    def moment(stamp_ns: int | None) -> Any:
-        return time(*divmod(stamp_ns or 0, 1_000_000_000))
+    def moment(stamp_ns: int) -> Any:
+        return time(*divmod(stamp_ns, 1_000_000_000))
 
     def make(row: Row) -> Any:
         m = messages.TransformStamped()
@@ -55,7 +56,7 @@ def tf2() -> dict[str, Any]:
         q.x, q.y, q.z, q.w = row[4]
         return m
 
-    def ask(at_ns: int | None) -> list[float]:
+    def ask(at_ns: int) -> list[float]:
         transform = buffer.lookup_transform_core(TARGET, SOURCE, moment(at_ns)).transform
         t, q = transform.translation, transform.rotation
         return [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
@@ -69,18 +70,12 @@ def tf2() -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    names = {"zenoh-tf": zenoh_tf, "tf2": tf2}[sys.argv[1]]()
-    names |= {"TARGET": TARGET, "SOURCE": SOURCE}
+    system, *statements = sys.argv[1:]
+    names = {"zenoh-tf": zenoh_tf, "tf2": tf2}[system]() | {"TARGET": TARGET, "SOURCE": SOURCE}
     later_ns, pose = workload.later_ns(), workload.pose(0, 0)
-
-    def timed(statement: str, calls: int) -> float:
-        sets = calls if "built" in statement else 0
-        rows = [(TARGET, SET_FRAME, next(later_ns), *pose) for _ in range(sets)]
-        names["built"] = iter([names["make"](row) for row in rows])
-        return timeit.timeit(statement, number=calls, globals=names)
-
-    names["timed"] = timed
-    print("ready", flush=True)
-    for line in sys.stdin:
-        function, *arguments = json.loads(line)
-        print(json.dumps(names[function](*arguments)), flush=True)
+    names["build"] = lambda: names["make"]((TARGET, SET_FRAME, next(later_ns), *pose))
+    for statement in statements:
+        calls, seconds = timeit.Timer(statement, globals=names).autorange()
+        print(1e6 * seconds / calls)
+    if not statements:
+        print(json.dumps([names["ask"](at_ns) for at_ns in (0, *workload.times_ns()[:100])]))

@@ -57,6 +57,14 @@ def quartiles(values: Iterable[float]) -> list[float]:
     return statistics.quantiles(known, n=4, method="inclusive") if len(known) > 1 else 3 * known
 
 
+def equal_poses(ours: list[float], theirs: list[float]) -> bool:
+    """Within 1e-9, and up to the rotation's sign; what follows a pose must be equal."""
+    dot = sum(a * b for a, b in zip(ours[3:7], theirs[3:7], strict=True))
+    signed = theirs[:3] + [math.copysign(1, dot) * value for value in theirs[3:7]]
+    near = all(abs(a - b) <= 1e-9 for a, b in zip(ours[:7], signed, strict=True))
+    return near and ours[7:] == theirs[7:]
+
+
 @dataclass(frozen=True)
 class Target:
     """The median of these values must reach the limit."""
@@ -121,18 +129,14 @@ class Report:
 
 
 def _print(labels: dict[str, Any], records: list[dict[str, Any]]) -> None:
-    """Medians with quartiles, a system a row."""
-    metrics = [key for record in records for key in record if isinstance(record[key], list)]
-    columns = list(dict.fromkeys(metrics))
-    rows = [["system", *columns]]
-    for record in records:
-        name = f"{record['system']} {record.get('read', '')}"
-        rows.append([name, *(_text(record.get(column, [])) for column in columns)])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    """Medians with quartiles, a line for each metric and system."""
     print("\n" + ", ".join(f"{key}: {value}" for key, value in labels.items()))
-    for row in rows:
-        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
-        print("  ".join(cells).rstrip(), flush=True)
+    measured = [key for record in records for key in record if isinstance(record[key], list)]
+    for metric in dict.fromkeys(measured):
+        for record in records:
+            if metric in record:
+                name = f"{record['system']} {record.get('read', '')}"
+                print(f"{metric:<28} {name:<32} {_text(record[metric])}", flush=True)
 
 
 def _text(values: list[float]) -> str:

@@ -177,8 +177,7 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
       for (int i = 0; i < kCounts; ++i) all.sums[i] += sums[i];
       all.ns.insert(all.ns.end(), ns.begin(), ns.end());
     }
-    summarize(metrics, reads ? "read" : "write", all, seconds,
-              instance.system->supports(Read::latest_xact));
+    summarize(metrics, reads ? "read" : "write", all, seconds, instance.system->has_transactions());
   }
   return metrics;
 }

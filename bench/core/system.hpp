@@ -95,7 +95,7 @@ class System {
  public:
   virtual ~System() = default;
 
-  [[nodiscard]] virtual bool supports(Read read) const = 0;
+  [[nodiscard]] virtual bool has_transactions() const = 0;
 
   // Requires that every link was written; must be called before the first lookup.
   virtual void resolve_ids() {}

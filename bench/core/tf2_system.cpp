@@ -22,7 +22,7 @@ class Tf2System final : public System {
     console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);
   }
 
-  bool supports(Read read) const override { return read != Read::latest_xact; }
+  bool has_transactions() const override { return false; }
 
   unsigned lookup(Read read, const Request* requests, unsigned count, Reply& last) override {
     unsigned found = 0;

@@ -17,7 +17,7 @@ class TreeSystem final : public System {
   TreeSystem(const Names& names, bool child_to_parent, const ztf::Options& options)
       : child_to_parent_(child_to_parent), tree_(options), names_(names.begin(), names.end()) {}
 
-  bool supports(Read) const override { return true; }
+  bool has_transactions() const override { return true; }
 
   void resolve_ids() override {
     for (const std::string_view name : names_) ids_.push_back(tree_.find(name));
