@@ -15,7 +15,11 @@ CORE = {
     "native": "native:lookups",
     **{part: f"native:{part}" for part in ("paper", "delay", "staleness", "memory")},
 }
-PARTS = CORE | {part: f"{part}:measure" for part in ("embedded", "remote", "waiting")}
+PARTS = CORE | {
+    "embedded": "embedded:measure",
+    "remote": "remote:measure",
+    "waiting": "remote:waiting",
+}
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -12,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from bench.machine import ROOT, BackgroundLoad
-from bench.processes import request
 from bench.report import Cell, Report, Target, Trial, equal_poses, ratios
 
 BUILD = ROOT / "build/bench"
@@ -38,15 +38,16 @@ class Program:
         defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
         settings = {"links": links, "child_to_parent": 0} | defaults | settings
         pipe = subprocess.PIPE
-        processes = {}
+        self._processes = {}
         for system in systems or ("optimistic", "2pl", "giant", "tf2"):
             command = [str(BUILD / "bench_core"), f"system={system}", *_words(settings)]
-            processes[system] = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
-        self._processes = processes
-        self.bytes_per_frame: dict[str, float] = {}
-        for system, process in processes.items():
-            if started := request(process, ""):  # empty: without tf2
-                self.bytes_per_frame[system] = started["bytes_per_frame"]
+            process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+            self._processes[system] = process
+        started = {system: self._answer(system) for system in self._processes}
+        #: Of the systems that are installed; without tf2 its answer is empty.
+        self.bytes_per_frame = {
+            system: answer["bytes_per_frame"] for system, answer in started.items() if answer
+        }
 
     def __enter__(self) -> Program:
         return self
@@ -56,11 +57,21 @@ class Program:
             process.communicate()  # closes its input, at which it ends
 
     def ask(self, command: str, system: str, **settings: Any) -> Any:
-        return request(self._processes[system], " ".join((command, *_words(settings))))
+        """Sends a command; returns its answer."""
+        print(command, *_words(settings), file=self._processes[system].stdin, flush=True)
+        return self._answer(system)
+
+    def _answer(self, system: str) -> Any:
+        stdout = self._processes[system].stdout
+        assert stdout is not None
+        if line := stdout.readline():
+            return json.loads(line)
+        raise SystemExit(f"bench_core with {system} ended early")
 
     def trial(self, system: str, **settings: Any) -> Trial:
         load = BackgroundLoad(self._processes[system].pid)
-        return self.ask("trial", system, **settings) | {"background_cores": load.cores()}
+        trial: Trial = self.ask("trial", system, **settings)
+        return trial | {"background_cores": load.cores()}
 
     def ways(self, *reads: str) -> list[tuple[str, str]]:
         """Each way to read, with each system that supports it."""

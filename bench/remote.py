@@ -1,30 +1,57 @@
-"""The service from a client process: what a lookup costs, and what batches reach."""
+"""The service from a client process: round trips, batches, and lookups that wait."""
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import socket
 import statistics
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import zenoh
 
 from bench import empty_server, workload
-from bench.processes import free_endpoint, running
+from bench.machine import ROOT, cpu_s
 from bench.report import Cell, Report, Target, Trial, ratios
 from bench.workload import ROWS, SOURCE, TARGET
 from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
 from zenoh_tf_client import TransformClient, requests
 
-TREE = "main"
+LOOKUP = keys.operation("main", "lookup")
+SERVER = ("zenoh_tf_server", "--log-level", "error", "--listen")
+#: Each waiting lookup gives up after this; none should come near it.
+WAIT_S = 120.0
+BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
+
+
+@contextlib.contextmanager
+def _running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A Python module as a process that has printed its first line, and its endpoint."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    command = [sys.executable, "-m", module, *arguments, endpoint]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            if not process.stdout.readline():
+                raise SystemExit(f"{module} did not start")
+            yield process, endpoint
+        finally:
+            process.terminate()
+
+
+def _session(endpoint: str) -> zenoh.Session:
+    return zenoh.open(zenoh_config.client([endpoint], 5.0))
 
 
 def measure(report: Report) -> None:
     """Microseconds a round trip; lookups and transforms a second."""
-    endpoint = free_endpoint()
-    command = ["zenoh_tf_server", "--listen", endpoint, "--tree", TREE, "--log-level", "error"]
-    with running(*command), TransformClient.connect(endpoint, TREE) as tf:
+    with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
         for parent, child, stamp_ns, *pose in workload.history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
@@ -34,16 +61,15 @@ def measure(report: Report) -> None:
 def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
     """A lookup, its messages without the client, and an empty query of as many bytes."""
     request = wire.pack(requests.lookup_transform(TARGET, SOURCE).body())
-    key, empty_endpoint = keys.operation(TREE, "lookup"), free_endpoint()
-    with zenoh.open(zenoh_config.client([endpoint], 5.0)) as session:
-        reply_bytes = _ask(session, key, request)
+    with _session(endpoint) as session:
+        reply_bytes = _ask(session, LOOKUP, request)
         with (
-            running("bench.empty_server", empty_endpoint, str(reply_bytes)),
-            zenoh.open(zenoh_config.client([empty_endpoint], 5.0)) as empty,
+            _running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
+            _session(empty_endpoint) as empty,
         ):
             calls: dict[str, Callable[[], object]] = {
                 "lookup_transform": lambda: tf.lookup_transform(TARGET, SOURCE),
-                "its messages": lambda: _ask(session, key, request),
+                "its messages": lambda: _ask(session, LOOKUP, request),
                 "empty query": lambda: _ask(empty, empty_server.KEY, bytes(len(request))),
             }
             labels = {"case": f"round trip of {len(request)} and {reply_bytes} bytes"}
@@ -114,3 +140,53 @@ def _rates(report: Report, tf: TransformClient) -> None:
             report.measure("remote", [cell], report.repetitions())
             rates = cell.values("rows_per_s")
             report.check("remote", [Target(f"{name}, rows/s", 300_000, rates)])
+
+
+def waiting(report: Report) -> None:
+    """From the commit that brings a transform to the answer of the lookup that waits for it."""
+    lookups = 500 if report.quick else 5000
+    frames = [f"frame{index}" for index in range(lookups)]
+    came_ns = np.zeros(lookups)
+    with (
+        _running(*SERVER) as (server, endpoint),
+        TransformClient.connect(endpoint, timeout_s=30.0) as tf,
+        _session(endpoint) as session,
+    ):
+        tf.set_transforms_xact([_stamped(frame, BEFORE_NS) for frame in frames])
+        for index, frame in enumerate(frames):
+
+            def on_reply(reply: zenoh.Reply, index: int = index) -> None:
+                if reply.ok is not None:
+                    came_ns[index] = time.monotonic_ns()
+
+            lookup = requests.lookup_transform("map", frame, WANTED_NS, WAIT_S)
+            session.get(
+                LOOKUP,
+                on_reply,
+                payload=wire.pack(lookup.body()),
+                timeout=2 * WAIT_S,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        while tf.stats()["waiters"] < lookups:
+            time.sleep(0.1)
+        idle_s, before_s = report.seconds(5.0), cpu_s(server.pid)
+        time.sleep(idle_s)
+        idle_percent = 100 * (cpu_s(server.pid) - before_s) / idle_s
+        released_ns = np.zeros(lookups)
+        for index, frame in enumerate(frames):
+            released_ns[index] = time.monotonic_ns()
+            tf.set_transform(_stamped(frame, WANTED_NS))
+        deadline = time.monotonic() + WAIT_S
+        while not came_ns.all():
+            if time.monotonic() > deadline:
+                raise SystemExit("a lookup had no answer")
+            time.sleep(0.1)
+    spent_us = (came_ns - released_ns) / 1000
+    p50, p99, worst = map(float, np.percentile(spent_us, (50, 99, 100)))
+    trial = {"us_p50": p50, "us_p99": p99, "us_worst": worst, "idle_cpu_percent": idle_percent}
+    labels = {"case": f"{lookups} waiting lookups, from commit to answer"}
+    report.measure("waiting", [Cell(labels, "zenoh-tf", trials=[trial])], 0)
+
+
+def _stamped(frame: str, stamp_ns: int) -> StampedTransform:
+    return StampedTransform("map", frame, stamp_ns, Transform((1.0, 2.0, 3.0)))
