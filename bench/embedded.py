@@ -9,8 +9,8 @@ import sys
 from typing import Any
 
 from bench.machine import ROOT
+from bench.python_system import ROWS
 from bench.report import Cell, Report, Target, Trial, equal_poses
-from bench.workload import ROWS
 
 #: Of each system; python3-tf2 is packaged for Debian's.
 INTERPRETERS = {"zenoh-tf": sys.executable, "tf2": "/usr/bin/python3"}

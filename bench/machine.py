@@ -6,7 +6,6 @@ import os
 import platform
 import re
 import subprocess
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,19 +33,10 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) * TICK_S
 
 
-class BackgroundLoad:
-    """The processor time that all programs but one use from now on."""
-
-    def __init__(self, pid: int) -> None:
-        self._pid, self._start = pid, time.monotonic()
-        self._before_s = self._others_s()
-
-    def cores(self) -> float:
-        return max(0.0, self._others_s() - self._before_s) / (time.monotonic() - self._start)
-
-    def _others_s(self) -> float:
-        ticks = [int(word) for word in Path("/proc/stat").read_text().split()[1:9]]
-        return (sum(ticks) - sum(ticks[3:5])) * TICK_S - cpu_s(self._pid)  # less idle and waiting
+def others_s(pid: int) -> float:
+    """The processor time that all programs but one have used."""
+    ticks = [int(word) for word in Path("/proc/stat").read_text().split()[1:9]]
+    return (sum(ticks) - sum(ticks[3:5])) * TICK_S - cpu_s(pid)  # less idle and waiting
 
 
 def _output(command: str) -> str:

@@ -8,11 +8,12 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.machine import ROOT, BackgroundLoad
+from bench.machine import ROOT, others_s
 from bench.report import Cell, Report, Target, Trial, equal_poses, ratios
 
 BUILD = ROOT / "build/bench"
@@ -22,12 +23,10 @@ COMMON, XACT = "latest-common", "latest-xact"
 @functools.cache
 def build() -> None:
     """Once: all parts of a run measure the same program."""
-    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
-    compiler = subprocess.check_output(["sh", "scripts/compiler.sh"], cwd=ROOT, text=True).strip()
-    environment = os.environ | {"PATH": path, "CXX": compiler}
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     configure = "cmake -S bench/core -B build/bench -G Ninja --log-level=WARNING"
-    for command in (configure, "cmake --build build/bench -- --quiet"):
-        subprocess.run(command.split(), cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
+    build = f'CXX="$(sh scripts/compiler.sh)" {configure} && cmake --build build/bench -- --quiet'
+    subprocess.run(["sh", "-c", build], cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
 
 
 class Program:
@@ -43,10 +42,10 @@ class Program:
             command = [str(BUILD / "bench_core"), f"system={system}", *_words(settings)]
             process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
             self._processes[system] = process
-        started = {system: self._answer(system) for system in self._processes}
+        answers = {system: self._answer(system) for system in self._processes}
         #: Of the systems that are installed; without tf2 its answer is empty.
         self.bytes_per_frame = {
-            system: answer["bytes_per_frame"] for system, answer in started.items() if answer
+            s: found["bytes_per_frame"] for s, found in answers.items() if found
         }
 
     def __enter__(self) -> Program:
@@ -69,24 +68,25 @@ class Program:
         raise SystemExit(f"bench_core with {system} ended early")
 
     def trial(self, system: str, **settings: Any) -> Trial:
-        load = BackgroundLoad(self._processes[system].pid)
+        """Runs one trial, and measures how many cores other programs used meanwhile."""
+        pid = self._processes[system].pid
+        start, before_s = time.monotonic(), others_s(pid)
         trial: Trial = self.ask("trial", system, **settings)
-        return trial | {"background_cores": load.cores()}
+        background_s = max(0.0, others_s(pid) - before_s)
+        return trial | {"background_cores": background_s / (time.monotonic() - start)}
 
     def ways(self, *reads: str) -> list[tuple[str, str]]:
         """Each way to read, with each system that supports it."""
-        pairs = itertools.product(reads, self.bytes_per_frame)
-        return [(read, system) for read, system in pairs if (read, system) != (XACT, "tf2")]
+        ways = itertools.product(reads, self.bytes_per_frame)
+        return [way for way in ways if way != (XACT, "tf2")]
 
     def check(self, *reads: str, **settings: int) -> None:
         """Ends the benchmark if the answers of two systems differ."""
         for read in reads:
-            first, *others = (
-                self.ask("answers", system, read=own, **settings) for own, system in self.ways(read)
-            )
-            for answers in others:
-                if not all(map(equal_poses, first, answers)):
-                    raise SystemExit(f"answers to {read} differ")
+            systems = [system for _, system in self.ways(read)]
+            first, *others = (self.ask("answers", name, read=read, **settings) for name in systems)
+            if not all(all(map(equal_poses, first, answers)) for answers in others):
+                raise SystemExit(f"answers to {read} differ")
 
     def cells(self, labels: dict[str, Any], *reads: str, **run: Any) -> list[Cell]:
         """A cell for each system and each way to read that it supports."""

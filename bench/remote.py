@@ -1,27 +1,28 @@
-"""The service from a client process: round trips, batches, and lookups that wait."""
+"""The service from a client process: round trips, many lookups in a call, and waiting lookups."""
 
 from __future__ import annotations
 
 import contextlib
-import itertools
+import functools
 import socket
 import statistics
 import subprocess
 import sys
 import time
+import timeit
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import zenoh
 
-from bench import empty_server, workload
+from bench import empty_server
 from bench.machine import ROOT, cpu_s
+from bench.python_system import ROWS, SOURCE, TARGET, TIMES_NS, history
 from bench.report import Cell, Report, Target, Trial, ratios
-from bench.workload import ROWS, SOURCE, TARGET
 from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
 from zenoh_tf_client import TransformClient, requests
 
-LOOKUP = keys.operation("main", "lookup")
+LOOKUP, ONCE = keys.operation("main", "lookup"), zenoh.ConsolidationMode.NONE
 SERVER = ("zenoh_tf_server", "--log-level", "error", "--listen")
 #: Each waiting lookup gives up after this; none should come near it.
 WAIT_S = 120.0
@@ -50,96 +51,63 @@ def _session(endpoint: str) -> zenoh.Session:
 
 
 def measure(report: Report) -> None:
-    """Microseconds a round trip; lookups and transforms a second."""
+    """Microseconds a round trip; lookups a second."""
     with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
-        for parent, child, stamp_ns, *pose in workload.history():
+        for parent, child, stamp_ns, *pose in history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
-        _rates(report, tf)
+        _rows(report, tf)
 
 
 def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
-    """A lookup, its messages without the client, and an empty query of as many bytes."""
+    """A lookup beside an empty query of as many bytes."""
     request = wire.pack(requests.lookup_transform(TARGET, SOURCE).body())
     with _session(endpoint) as session:
         reply_bytes = _ask(session, LOOKUP, request)
-        with (
-            _running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
-            _session(empty_endpoint) as empty,
-        ):
-            calls: dict[str, Callable[[], object]] = {
-                "lookup_transform": lambda: tf.lookup_transform(TARGET, SOURCE),
-                "its messages": lambda: _ask(session, LOOKUP, request),
-                "empty query": lambda: _ask(empty, empty_server.KEY, bytes(len(request))),
-            }
-            labels = {"case": f"round trip of {len(request)} and {reply_bytes} bytes"}
-            cells = [Cell(labels, name, run=_round_trip(call)) for name, call in calls.items()]
-            for cell in cells:
-                cell.run()  # warms up
-            report.measure("remote", cells, report.repetitions(21), baseline="empty query")
-    values = ratios(cells[0].values("us_per_call"), cells[2].values("us_per_call"))
+    with (
+        _running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
+        _session(empty_endpoint) as empty,
+    ):
+        calls: dict[str, Callable[[], object]] = {
+            "lookup_transform": lambda: tf.lookup_transform(TARGET, SOURCE),
+            "empty query": lambda: _ask(empty, empty_server.KEY, bytes(len(request))),
+        }
+        labels = {"case": f"round trip of {len(request)} and {reply_bytes} bytes"}
+        trials = {name: functools.partial(_round_trip, call) for name, call in calls.items()}
+        cells = [Cell(labels, name, run=trial) for name, trial in trials.items()]
+        for cell in cells:
+            cell.run()  # warms up
+        report.measure("remote", cells, report.repetitions(21), baseline="empty query")
+    values = ratios(*(cell.values("us_per_call") for cell in cells))
     report.check("remote", [Target("lookup_transform to an empty query", 1.3, values, False)])
 
 
-def _round_trip(call: Callable[[], object]) -> Callable[[], Trial]:
+def _round_trip(call: Callable[[], object]) -> Trial:
     """Short trials and many: a round trip waits for the processor four times."""
-
-    def trial() -> Trial:
-        spent_s = []
-        for _ in range(100):
-            start = time.perf_counter()
-            call()
-            spent_s.append(time.perf_counter() - start)
-        return {"us_per_call": 1e6 * statistics.median(spent_s)}
-
-    return trial
+    return {"us_per_call": 1e6 * statistics.median(timeit.repeat(call, number=1, repeat=100))}
 
 
 def _ask(session: zenoh.Session, key: str, payload: bytes) -> int:
     """The bytes of the reply to a query that is sent as the client sends its own."""
-    once = zenoh.ConsolidationMode.NONE
-    for reply in session.get(key, payload=payload, timeout=5.0, consolidation=once):
+    for reply in session.get(key, payload=payload, timeout=5.0, consolidation=ONCE):
         assert reply.ok is not None
         return len(reply.ok.payload.to_bytes())
     raise SystemExit(f"no answer on {key}")
 
 
-def _rates(report: Report, tf: TransformClient) -> None:
-    """Lookups a second; transforms a second until the server has counted the last."""
-    times_ns, later_ns = np.array(workload.times_ns()), workload.later_ns()
-    calls, transform = 2 if report.quick else 40, Transform(*workload.pose(0, 0))
+def _rows(report: Report, tf: TransformClient) -> None:
+    """Lookups a second, many in a call."""
+    calls = 2 if report.quick else 40
+    call = functools.partial(tf.lookup_transforms, TARGET, SOURCE, np.array(TIMES_NS))
 
-    def lookups() -> Trial:
-        start = time.perf_counter()
-        for _ in range(calls):
-            tf.lookup_transforms(TARGET, SOURCE, times_ns)
-        return {"rows_per_s": calls * ROWS / (time.perf_counter() - start)}
+    def trial() -> Trial:
+        return {"rows_per_s": calls * ROWS / timeit.timeit(call, number=calls)}
 
-    def sets() -> Trial:
-        messages = [
-            [StampedTransform(TARGET, f"joint{i}", at_ns, transform) for i in range(ROWS // 10)]
-            for at_ns in itertools.islice(later_ns, 10 * calls)
-        ]
-        expected = tf.stats()["put_transforms"] + calls * ROWS
-        start = time.perf_counter()
-        for message in messages:
-            sender.send(message)
-        while tf.stats()["put_transforms"] < expected:
-            if time.perf_counter() > start + 60:
-                raise SystemExit(f"transforms were lost: {tf.stats()}")
-            time.sleep(0.001)
-        return {"rows_per_s": calls * ROWS / (time.perf_counter() - start)}
-
-    with tf.broadcaster("bench") as sender:
-        for name, run in (
-            (f"lookup_transforms, {ROWS} rows", lookups),
-            (f"broadcaster, messages of {ROWS // 10}", sets),
-        ):
-            cell = Cell({"case": name}, "zenoh-tf", run=run)
-            cell.run()  # warms up
-            report.measure("remote", [cell], report.repetitions())
-            rates = cell.values("rows_per_s")
-            report.check("remote", [Target(f"{name}, rows/s", 300_000, rates)])
+    trial()  # warms up
+    cell = Cell({"case": f"lookup_transforms, {ROWS} rows"}, "zenoh-tf", run=trial)
+    report.measure("remote", [cell], report.repetitions())
+    rates = cell.values("rows_per_s")
+    report.check("remote", [Target("lookup_transforms, rows/s", 300_000, rates)])
 
 
 def waiting(report: Report) -> None:
@@ -159,14 +127,8 @@ def waiting(report: Report) -> None:
                 if reply.ok is not None:
                     came_ns[index] = time.monotonic_ns()
 
-            lookup = requests.lookup_transform("map", frame, WANTED_NS, WAIT_S)
-            session.get(
-                LOOKUP,
-                on_reply,
-                payload=wire.pack(lookup.body()),
-                timeout=2 * WAIT_S,
-                consolidation=zenoh.ConsolidationMode.NONE,
-            )
+            payload = wire.pack(requests.lookup_transform("map", frame, WANTED_NS, WAIT_S).body())
+            session.get(LOOKUP, on_reply, payload=payload, timeout=2 * WAIT_S, consolidation=ONCE)
         while tf.stats()["waiters"] < lookups:
             time.sleep(0.1)
         idle_s, before_s = report.seconds(5.0), cpu_s(server.pid)

@@ -15,6 +15,10 @@ from typing import Any
 Trial = dict[str, float]
 
 
+def _rounded(values: list[float]) -> list[float]:
+    return [float(f"{value:.4g}") for value in values]
+
+
 @dataclass
 class Cell:
     """One system in one case; cells with equal labels are compared with each other."""
@@ -35,15 +39,12 @@ class Cell:
         record |= {"read": self.read} if self.read else {}
         record["trials"] = len(self.trials)
         for metric in dict.fromkeys(name for trial in self.trials for name in trial):
-            values = {metric: self.values(metric)}
+            values = self.values(metric)
+            record[metric] = _rounded(quartiles(values))
             if base and base is not self and metric.endswith(("_per_s", "us_per_call")):
-                values[f"{metric}_to_{base.system}"] = ratios(
-                    self.values(metric), base.values(metric)
-                )
-            for name, known in values.items():
-                if found := quartiles(known):
-                    record[name] = [float(f"{value:.4g}") for value in found]
-        return record
+                to_base = ratios(values, base.values(metric))
+                record[f"{metric}_to_{base.system}"] = _rounded(quartiles(to_base))
+        return {name: value for name, value in record.items() if value != []}
 
 
 def ratios(ours: Iterable[float], theirs: Iterable[float]) -> list[float]:
