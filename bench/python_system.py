@@ -109,7 +109,8 @@ def tf2() -> dict[str, Any]:
 if __name__ == "__main__":
     system, *statements = sys.argv[1:]
     names = {"zenoh-tf": zenoh_tf, "tf2": tf2}[system]() | {"TARGET": TARGET, "SOURCE": SOURCE}
-    names["build"] = lambda: names["make"]((TARGET, SET_FRAME, next(LATER_NS), *pose(0, 0)))
+    make, set_pose = names["make"], pose(0, 0)
+    names["build"] = lambda: make((TARGET, SET_FRAME, next(LATER_NS), *set_pose))
     for statement in statements:
         calls, seconds = timeit.Timer(statement, globals=names).autorange()
         print(1e6 * seconds / calls)

@@ -85,6 +85,7 @@ class Worker {
           counts_.sums[kCalls] > kReadsPerDelay * counts_.sums[kDelays])
         measure_delay();
     }
+    if (!counted) counts_ = Counts();  // a thread that had no processor in time
     counts_.sums[kRetries] = static_cast<double>(ztf::retries - retries_before);
   }
 
