@@ -52,7 +52,7 @@ def test_answers_are_equal_up_to_the_rotations_sign() -> None:
     pose, stamp = [1.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5], [7.0]
     turned = pose[:3] + [-value for value in pose[3:]]
     assert equal_poses(pose + stamp, turned + stamp)
-    assert not equal_poses(pose + stamp, pose + [8.0])
+    assert not equal_poses(pose + stamp, [*pose, 8.0])
     assert not equal_poses(pose, [1.0, 2.0, 3.1, *pose[3:]])
     assert not equal_poses(pose, [-1.0, -2.0, -3.0, *turned[3:]])
     assert not equal_poses(pose, [float("nan"), *pose[1:]])
