@@ -15,7 +15,11 @@ CORE = {
     "native": "native:lookups",
     **{part: f"native:{part}" for part in ("paper", "delay", "staleness", "memory")},
 }
-PARTS = CORE | {part: f"{part}:measure" for part in ("embedded", "remote", "waiting")}
+PARTS = CORE | {
+    "embedded": "embedded:measure",
+    "remote": "remote:measure",
+    "waiting": "remote:waiting",
+}
 
 
 def main() -> None:
@@ -34,8 +38,6 @@ def main() -> None:
         print(f"\n== {part}", flush=True)
         module, function = PARTS[part].split(":")
         getattr(importlib.import_module(f"bench.{module}"), function)(report)
-    report.machine["load_at_end"] = machine.load()
-    print(f"\nload at the end: {report.machine['load_at_end']}")
     if args.results is not None:
         report.write(args.results)
 

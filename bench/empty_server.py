@@ -1,6 +1,6 @@
 """A Zenoh session whose queryable answers at once: the least that a query can cost.
 
-bench/remote.py runs it as a process: ``ENDPOINT REPLY_BYTES``. Built as the service is: its
+bench/remote.py runs it as a process: ``REPLY_BYTES ENDPOINT``. Built as the service is: its
 session, a channel, and a worker that receives, reads the payload and replies.
 """
 
@@ -16,8 +16,8 @@ from zenoh_tf_server.network import open_session
 KEY = "bench/empty"
 
 if __name__ == "__main__":
-    reply = bytes(int(sys.argv[2]))
-    with open_session([sys.argv[1]], [], Limits()) as session:
+    reply = bytes(int(sys.argv[1]))
+    with open_session([sys.argv[2]], [], Limits()) as session:
         queryable = session.declare_queryable(KEY, zenoh.handlers.FifoChannel(256), complete=True)
         print("ready", flush=True)
         while True:  # until the benchmark ends it

@@ -6,7 +6,6 @@ import os
 import platform
 import re
 import subprocess
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -15,23 +14,17 @@ TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 def describe() -> dict[str, str]:
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
-    packages = ("libtf2-dev", "python3-tf2")
-    versions = (_output("dpkg-query", "-W", "-f", "${Package} ${Version}", p) for p in packages)
+    tf2 = _output("dpkg-query -W -f '${Package} ${Version}, ' libtf2-dev python3-tf2")
     return {
         "cpu": model[1] if model else platform.machine(),
         "cores": str(os.cpu_count()),
-        "load": load(),
+        "load": " ".join(f"{average:.2f}" for average in os.getloadavg()),
         "system": platform.platform(),
-        "compiler": _output("sh", "-c", '"$(sh scripts/compiler.sh)" --version'),
+        "compiler": _output('"$(sh scripts/compiler.sh)" --version'),
         "python": platform.python_version(),
-        "commit": _output("git", "describe", "--always", "--dirty"),
-        "tf2": ", ".join(filter(None, versions)) or "no Debian package",
+        "commit": _output("git describe --always --dirty"),
+        "tf2": tf2.rstrip(", ") or "no Debian package",
     }
-
-
-def load() -> str:
-    """Runnable threads, averaged over 1, 5 and 15 minutes."""
-    return " ".join(f"{average:.2f}" for average in os.getloadavg())
 
 
 def cpu_s(pid: int) -> float:
@@ -40,26 +33,12 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) * TICK_S
 
 
-class BackgroundLoad:
-    """The processor time that all programs but one use from now on."""
-
-    def __init__(self, pid: int) -> None:
-        self._pid, self._start = pid, time.monotonic()
-        self._before_s = self._others_s()
-
-    def cores(self) -> float:
-        return max(0.0, self._others_s() - self._before_s) / (time.monotonic() - self._start)
-
-    def _others_s(self) -> float:
-        ticks = [int(word) for word in Path("/proc/stat").read_text().split()[1:9]]
-        return (sum(ticks) - sum(ticks[3:5])) * TICK_S - cpu_s(self._pid)  # less idle and waiting
+def others_s(pid: int) -> float:
+    """The processor time that all programs but one have used."""
+    ticks = [int(word) for word in Path("/proc/stat").read_text().split()[1:9]]
+    return (sum(ticks) - sum(ticks[3:5])) * TICK_S - cpu_s(pid)  # less idle and waiting
 
 
-def _output(*command: str) -> str:
-    """The first line that a command prints; empty if it is missing or fails."""
-    try:
-        return subprocess.check_output(
-            command, cwd=ROOT, text=True, stderr=subprocess.DEVNULL
-        ).split("\n")[0]
-    except (OSError, subprocess.CalledProcessError):
-        return ""
+def _output(command: str) -> str:
+    """The first line that a shell command prints; empty if it prints nothing."""
+    return subprocess.getoutput(f"cd {ROOT}; {command} 2>/dev/null").partition("\n")[0]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import functools
+import itertools
+import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.machine import ROOT, BackgroundLoad
-from bench.processes import request
-from bench.report import Cell, Report, Target, Trial, ratios
+from bench.machine import ROOT, others_s
+from bench.report import Cell, Report, Target, Trial, equal_poses, ratios
 
 BUILD = ROOT / "build/bench"
 COMMON, XACT = "latest-common", "latest-xact"
@@ -21,59 +23,76 @@ COMMON, XACT = "latest-common", "latest-xact"
 @functools.cache
 def build() -> None:
     """Once: all parts of a run measure the same program."""
-    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
-    compiler = subprocess.check_output(["sh", "scripts/compiler.sh"], cwd=ROOT, text=True).strip()
-    environment = os.environ | {"PATH": path, "CXX": compiler}
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     configure = "cmake -S bench/core -B build/bench -G Ninja --log-level=WARNING"
-    for command in (configure, "cmake --build build/bench -- --quiet"):
-        subprocess.run(command.split(), cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
-
-
-#: Of a trial: rows of one link at random, not always the same frames.
-DEFAULTS = {"length": 1, "target": 0, "source": 0, "own_links": 0, "vary": 0}
+    build = f'CXX="$(sh scripts/compiler.sh)" {configure} && cmake --build build/bench -- --quiet'
+    subprocess.run(["sh", "-c", build], cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
 
 
 class Program:
-    """bench_core with a snake of links, or with chains (0), in each system that is installed."""
+    """bench_core with a row of links, a process for each system that is installed."""
 
     def __init__(self, links: int, *systems: str, **settings: float) -> None:
         build()
-        wanted = systems or ("optimistic", "2pl", "giant", "tf2")
         defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
-        words = _words({"links": links, "systems": ",".join(wanted)} | defaults | settings)
-        command = [str(BUILD / "bench_core"), "child_to_parent=0", *words]
+        settings = {"links": links, "child_to_parent": 0} | defaults | settings
         pipe = subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
-        started = request(self._process, "")
-        self.bytes_per_frame: float = started["bytes_per_frame"]
-        self.systems = [system for system in wanted if system in started]
+        self._processes = {}
+        for system in systems or ("optimistic", "2pl", "giant", "tf2"):
+            command = [str(BUILD / "bench_core"), f"system={system}", *_words(settings)]
+            process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+            self._processes[system] = process
+        answers = {system: self._answer(system) for system in self._processes}
+        #: Of the systems that are installed; without tf2 its answer is empty.
+        self.bytes_per_frame = {
+            s: found["bytes_per_frame"] for s, found in answers.items() if found
+        }
 
     def __enter__(self) -> Program:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.communicate()  # closes its input, at which it ends
+        for process in self._processes.values():
+            process.communicate()  # closes its input, at which it ends
 
-    def ask(self, command: str, **settings: Any) -> Trial:
-        return dict(request(self._process, " ".join((command, *_words(settings)))))
+    def ask(self, command: str, system: str, **settings: Any) -> Any:
+        """Sends a command; returns its answer."""
+        print(command, *_words(settings), file=self._processes[system].stdin, flush=True)
+        return self._answer(system)
+
+    def _answer(self, system: str) -> Any:
+        stdout = self._processes[system].stdout
+        assert stdout is not None
+        if line := stdout.readline():
+            return json.loads(line)
+        raise SystemExit(f"bench_core with {system} ended early")
 
     def trial(self, system: str, **settings: Any) -> Trial:
-        load = BackgroundLoad(self._process.pid)
-        return self.ask("trial", system=system, **settings) | {"background_cores": load.cores()}
+        """Runs one trial, and measures how many cores other programs used meanwhile."""
+        pid = self._processes[system].pid
+        start, before_s = time.monotonic(), others_s(pid)
+        trial: Trial = self.ask("trial", system, **settings)
+        background_s = max(0.0, others_s(pid) - before_s)
+        return trial | {"background_cores": background_s / (time.monotonic() - start)}
+
+    def ways(self, *reads: str) -> list[tuple[str, str]]:
+        """Each way to read, with each system that supports it."""
+        ways = itertools.product(reads, self.bytes_per_frame)
+        return [way for way in ways if way != (XACT, "tf2")]
 
     def check(self, *reads: str, **settings: int) -> None:
-        """Compares the answers of all systems; ends the benchmark if they differ."""
+        """Ends the benchmark if the answers of two systems differ."""
         for read in reads:
-            self.ask("check", read=read, count=500, **(DEFAULTS | settings))
+            systems = [system for _, system in self.ways(read)]
+            first, *others = (self.ask("answers", name, read=read, **settings) for name in systems)
+            if not all(all(map(equal_poses, first, answers)) for answers in others):
+                raise SystemExit(f"answers to {read} differ")
 
-    def cells(self, labels: dict[str, Any], *reads: str, **settings: Any) -> list[Cell]:
+    def cells(self, labels: dict[str, Any], *reads: str, **run: Any) -> list[Cell]:
         """A cell for each system and each way to read that it supports."""
-        run = DEFAULTS | settings
         return [
             Cell(labels, system, read, functools.partial(self.trial, system, read=read, **run))
-            for read in reads
-            for system in self.systems
-            if system != "tf2" or read not in ("latest", XACT)
+            for read, system in self.ways(*reads)
         ]
 
 
@@ -81,29 +100,26 @@ def _words(settings: dict[str, Any]) -> list[str]:
     return [f"{name}={value}" for name, value in settings.items()]
 
 
-#: Name, frames, lookup, and how many times tf2's rate 1 and 2 threads must reach.
+#: Name, lookup, and how many times tf2's rate 1 and 2 threads must reach. The set comes last,
+#: because it changes the history.
 CASES = (
-    ("latest common, ids", (0, 4), COMMON, (10, 35)),
-    ("latest common, names", (0, 4), "latest-common-by-name", (4,)),
-    ("at a time, ids", (0, 4), "at", (10,)),
-    ("siblings, latest common, ids", (10, 12), COMMON, ()),
-    ("siblings, at a time, ids", (10, 12), "at", ()),
-    ("stamps differ, latest common, ids", (0, 8), COMMON, ()),
-    ("set, full history", (0, 4), COMMON, ()),
+    ("latest common, ids", COMMON, (10, 35)),
+    ("latest common, names", "latest-common-by-name", (4,)),
+    ("at a time, ids", "at", (10,)),
+    ("set, full history", COMMON, ()),
 )
 
 
 def lookups(report: Report) -> None:
     """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
-    with Program(0, samples=1000, period_ns=10_000_000, cache_s=10) as program:
-        for name, (target, source), read, limits in CASES:
-            program.check(read, target=target, source=source)
+    with Program(4, samples=1000, period_ns=10_000_000, cache_s=10) as program:
+        for name, read, limits in CASES:
+            program.check(read, length=4, vary=0)
             for threads in (1, 2):
                 readers = 0 if name.startswith("set") else threads
                 roles = {"readers": readers, "writers": threads - readers, "own_links": 1}
-                run = {"target": target, "source": source, "seconds": report.seconds(0.05)}
-                labels = {"case": name, "threads": threads}
-                cells = program.cells(labels, read, **roles, **run)
+                run = {"length": 4, "seconds": report.seconds(0.05)} | roles
+                cells = program.cells({"case": name, "threads": threads}, read, **run)
                 report.measure("native", cells, report.repetitions(15))
                 rates = {cell.system: cell.values("operations_per_s") for cell in cells}
                 if "tf2" in rates and threads <= len(limits):
@@ -144,7 +160,7 @@ def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, in
             for readers, writers in roles:
                 if (writers > 0) == writing:
                     threads = {"readers": readers, "writers": writers}
-                    run = {"length": 16, "seconds": report.seconds(0.15)} | threads
+                    run = {"length": 16, "own_links": 0, "seconds": report.seconds(0.15)} | threads
                     labels = {"links": links, "direction": direction} | threads
                     plan += program.cells(labels, XACT, COMMON, **run)
             report.measure("paper", plan, report.repetitions())
@@ -198,7 +214,7 @@ def delay(report: Report) -> None:
     for half in (1, many):  # a process each: in a second run the data would begin old
         with Program(links, "optimistic", "tf2", samples=17, max_samples=16) as program:
             threads = {"readers": half, "writers": half}
-            run = {"length": 16, "seconds": report.seconds(seconds)} | threads
+            run = {"length": 16, "own_links": 0, "seconds": report.seconds(seconds)} | threads
             labels = {"links": links, "seconds": seconds} | threads
             cells = program.cells(labels, XACT, COMMON, **run)
             report.measure("delay", [cell for cell in cells if (cell.system, cell.read) in ways], 1)
@@ -212,10 +228,10 @@ def staleness(report: Report) -> None:
     """Publishers at fixed rates: how old the data of a lookup is, link by link."""
     run = {"seconds": report.seconds(3), "rates_hz": ",".join(map(str, SOURCES.values()))}
     with Program(len(SOURCES), "optimistic", "tf2") as program:
-        ways = program.cells({}, COMMON, "latest", XACT)
+        ways = program.cells({}, COMMON, XACT)
         for _ in range(report.repetitions(3)):
             for way in ways:
-                way.trials.append(program.ask("staleness", system=way.system, read=way.read, **run))
+                way.trials.append(program.ask("staleness", way.system, read=way.read, **run))
     for i, (link, rate) in enumerate(SOURCES.items()):
         cells = []
         for way in ways:
@@ -229,9 +245,9 @@ def memory(report: Report) -> None:
     """Bytes for a frame, by the samples that it holds."""
     frames = 10_000 if report.quick else 100_000
     for samples in (1, 2, 4, 8, 16, 64):
-        cells = []
-        for system in ("optimistic", "tf2"):
-            with Program(frames, system, samples=samples) as program:
-                trials = [{"bytes_per_frame": program.bytes_per_frame}]
-                cells += [Cell({"samples": samples}, s, trials=trials) for s in program.systems]
+        with Program(frames, "optimistic", "tf2", samples=samples) as program:
+            cells = [
+                Cell({"samples": samples}, system, trials=[{"bytes_per_frame": used}])
+                for system, used in program.bytes_per_frame.items()
+            ]
         report.measure("memory", cells, 0)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("svg")
 from matplotlib import pyplot as plt
@@ -117,10 +118,8 @@ def _measured(
             if cell["part"] == part and (cell["links"], cell["readers"]) == (links, cell["writers"])
             if (cell["system"], cell["read"]) == series and cell.get("direction") != "same"
         )
-        threads, lows, medians, highs = zip(*rows, strict=True)
-        below = [median - low for median, low in zip(medians, lows, strict=True)]
-        above = [high - median for median, high in zip(medians, highs, strict=True)]
-        errors = (below, above)
+        threads, lows, medians, highs = np.array(rows).T
+        errors = (medians - lows, highs - medians)
         drawn = axes.errorbar(threads, medians, errors, color=color, capsize=3, elinewidth=1)
         drawn.set_label(f"{label}, {note}" if note else label)
         plt.setp(drawn[0], marker=marker, linewidth=1.8, linestyle="--" if dash else "-")

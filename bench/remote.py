@@ -1,130 +1,154 @@
-"""The service from a client process: what a lookup costs, and what batches reach."""
+"""The service from a client process: round trips, many lookups in a call, and waiting lookups."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import socket
 import statistics
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+import timeit
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import zenoh
 
-from bench import empty_server, workload
-from bench.processes import free_endpoint, running
+from bench import empty_server
+from bench.machine import ROOT, cpu_s
+from bench.python_system import ROWS, SOURCE, TARGET, TIMES_NS, history
 from bench.report import Cell, Report, Target, Trial, ratios
-from bench.workload import ROWS, SOURCE, TARGET
 from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
 from zenoh_tf_client import TransformClient, requests
 
-TREE = "main"
+LOOKUP, ONCE = keys.operation("main", "lookup"), zenoh.ConsolidationMode.NONE
+SERVER = ("zenoh_tf_server", "--log-level", "error", "--listen")
+#: Each waiting lookup gives up after this; none should come near it.
+WAIT_S = 120.0
+BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
+
+
+@contextlib.contextmanager
+def _running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A Python module as a process that has printed its first line, and its endpoint."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    command = [sys.executable, "-m", module, *arguments, endpoint]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            if not process.stdout.readline():
+                raise SystemExit(f"{module} did not start")
+            yield process, endpoint
+        finally:
+            process.terminate()
+
+
+def _session(endpoint: str) -> zenoh.Session:
+    return zenoh.open(zenoh_config.client([endpoint], 5.0))
 
 
 def measure(report: Report) -> None:
-    """Microseconds a round trip; lookups and transforms a second."""
-    endpoint = free_endpoint()
-    command = ["zenoh_tf_server", "--listen", endpoint, "--tree", TREE, "--log-level", "error"]
-    with running(*command), TransformClient.connect(endpoint, TREE) as tf:
-        for parent, child, stamp_ns, *pose in workload.history():
+    """Microseconds a round trip; lookups a second."""
+    with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
+        for parent, child, stamp_ns, *pose in history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
-        _rates(report, tf)
+        _rows(report, tf)
 
 
 def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
-    """A lookup, its messages without the client, and an empty query of as many bytes."""
+    """A lookup beside an empty query of as many bytes."""
     request = wire.pack(requests.lookup_transform(TARGET, SOURCE).body())
-    key, empty_endpoint = keys.operation(TREE, "lookup"), free_endpoint()
-    with zenoh.open(zenoh_config.client([endpoint], 5.0)) as session:
-        reply_bytes = _ask(session, key, request)
-        with (
-            running("bench.empty_server", empty_endpoint, str(reply_bytes)),
-            zenoh.open(zenoh_config.client([empty_endpoint], 5.0)) as empty,
-        ):
-            calls: dict[str, Callable[[], object]] = {
-                "lookup_transform": lambda: tf.lookup_transform(TARGET, SOURCE),
-                "its messages": lambda: _ask(session, key, request),
-                "empty query": lambda: _ask(empty, empty_server.KEY, bytes(len(request))),
-            }
-            labels = {"case": f"round trip of {len(request)} and {reply_bytes} bytes"}
-            cells = [Cell(labels, name, run=_round_trip(call)) for name, call in calls.items()]
-            for cell in cells:
-                cell.run()  # warms up
-            report.measure("remote", cells, report.repetitions(21), baseline="empty query")
-    values = ratios(cells[0].values("us_per_call"), cells[2].values("us_per_call"))
+    with _session(endpoint) as session:
+        reply_bytes = _ask(session, LOOKUP, request)
+    with (
+        _running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
+        _session(empty_endpoint) as empty,
+    ):
+        calls: dict[str, Callable[[], object]] = {
+            "lookup_transform": lambda: tf.lookup_transform(TARGET, SOURCE),
+            "empty query": lambda: _ask(empty, empty_server.KEY, bytes(len(request))),
+        }
+        labels = {"case": f"round trip of {len(request)} and {reply_bytes} bytes"}
+        trials = {name: functools.partial(_round_trip, call) for name, call in calls.items()}
+        cells = [Cell(labels, name, run=trial) for name, trial in trials.items()]
+        for cell in cells:
+            cell.run()  # warms up
+        report.measure("remote", cells, report.repetitions(21), baseline="empty query")
+    values = ratios(*(cell.values("us_per_call") for cell in cells))
     report.check("remote", [Target("lookup_transform to an empty query", 1.3, values, False)])
 
 
-def _round_trip(call: Callable[[], object]) -> Callable[[], Trial]:
+def _round_trip(call: Callable[[], object]) -> Trial:
     """Short trials and many: a round trip waits for the processor four times."""
-
-    def trial() -> Trial:
-        spent_s = []
-        for _ in range(100):
-            start = time.perf_counter()
-            call()
-            spent_s.append(time.perf_counter() - start)
-        return {"us_per_call": 1e6 * statistics.median(spent_s)}
-
-    return trial
+    return {"us_per_call": 1e6 * statistics.median(timeit.repeat(call, number=1, repeat=100))}
 
 
 def _ask(session: zenoh.Session, key: str, payload: bytes) -> int:
     """The bytes of the reply to a query that is sent as the client sends its own."""
-    once = zenoh.ConsolidationMode.NONE
-    for reply in session.get(key, payload=payload, timeout=5.0, consolidation=once):
+    for reply in session.get(key, payload=payload, timeout=5.0, consolidation=ONCE):
         assert reply.ok is not None
         return len(reply.ok.payload.to_bytes())
     raise SystemExit(f"no answer on {key}")
 
 
-def _rates(report: Report, tf: TransformClient) -> None:
-    """Lookups a second; transforms a second until the server has counted the last."""
-    times_ns, later_ns = workload.times_ns(), workload.later_ns()
-    array, targets, sources = np.array(times_ns), [TARGET] * ROWS, [SOURCE] * ROWS
-    calls, transform = 2 if report.quick else 40, Transform(*workload.pose(0, 0))
+def _rows(report: Report, tf: TransformClient) -> None:
+    """Lookups a second, many in a call."""
+    calls = 2 if report.quick else 40
+    call = functools.partial(tf.lookup_transforms, TARGET, SOURCE, np.array(TIMES_NS))
 
-    def recorded() -> None:
-        with tf.batch() as batch:
-            handles = [batch.lookup_transform(TARGET, SOURCE, at) for at in times_ns]
-        for handle in handles:
-            handle.result()
+    def trial() -> Trial:
+        return {"rows_per_s": calls * ROWS / timeit.timeit(call, number=calls)}
 
-    def message(at_ns: int) -> list[StampedTransform]:
-        return [StampedTransform(TARGET, f"joint{i}", at_ns, transform) for i in range(ROWS // 10)]
+    trial()  # warms up
+    cell = Cell({"case": f"lookup_transforms, {ROWS} rows"}, "zenoh-tf", run=trial)
+    report.measure("remote", [cell], report.repetitions())
+    rates = cell.values("rows_per_s")
+    report.check("remote", [Target("lookup_transforms, rows/s", 300_000, rates)])
 
-    with tf.broadcaster("bench") as sender:
-        built: list[list[StampedTransform]] = []
-        expected = tf.stats()["put_transforms"]
 
-        def trial(call: Callable[[], object], awaited: int) -> Trial:
-            nonlocal expected
-            built[:] = [message(next(later_ns)) for _ in range(10 * calls)]
-            expected += awaited * calls
-            start = time.perf_counter()
-            for _ in range(calls):
-                call()
-            while tf.stats()["put_transforms"] < expected:
-                if time.perf_counter() > start + 60:
-                    raise SystemExit(f"transforms were lost: {tf.stats()}")
-                time.sleep(0.001)
-            return {"rows_per_s": calls * ROWS / (time.perf_counter() - start)}
+def waiting(report: Report) -> None:
+    """From the commit that brings a transform to the answer of the lookup that waits for it."""
+    lookups = 500 if report.quick else 5000
+    frames = [f"frame{index}" for index in range(lookups)]
+    came_ns = np.zeros(lookups)
+    with (
+        _running(*SERVER) as (server, endpoint),
+        TransformClient.connect(endpoint, timeout_s=30.0) as tf,
+        _session(endpoint) as session,
+    ):
+        tf.set_transforms_xact([_stamped(frame, BEFORE_NS) for frame in frames])
+        for index, frame in enumerate(frames):
 
-        def send() -> None:
-            for _ in range(10):
-                sender.send(built.pop())
+            def on_reply(reply: zenoh.Reply, index: int = index) -> None:
+                if reply.ok is not None:
+                    came_ns[index] = time.monotonic_ns()
 
-        lookup = tf.lookup_transforms
-        for name, call, awaited, limit in (
-            (f"lookup_transforms, {ROWS} rows", lambda: lookup(TARGET, SOURCE, array), 0, 300_000),
-            ("the same, names on either side", lambda: lookup(targets, sources, array), 0, 300_000),
-            (f"a batch of {ROWS} lookup_transform", recorded, 0, 0),
-            (f"broadcaster, messages of {ROWS // 10}", send, ROWS, 300_000),
-        ):
-            run = functools.partial(trial, call, awaited)
-            cell = Cell({"case": name}, "zenoh-tf", run=run)
-            cell.run()  # warms up
-            report.measure("remote", [cell], report.repetitions())
-            if limit:
-                target = Target(f"{name}, rows/s", limit, cell.values("rows_per_s"))
-                report.check("remote", [target])
+            payload = wire.pack(requests.lookup_transform("map", frame, WANTED_NS, WAIT_S).body())
+            session.get(LOOKUP, on_reply, payload=payload, timeout=2 * WAIT_S, consolidation=ONCE)
+        while tf.stats()["waiters"] < lookups:
+            time.sleep(0.1)
+        idle_s, before_s = report.seconds(5.0), cpu_s(server.pid)
+        time.sleep(idle_s)
+        idle_percent = 100 * (cpu_s(server.pid) - before_s) / idle_s
+        released_ns = np.zeros(lookups)
+        for index, frame in enumerate(frames):
+            released_ns[index] = time.monotonic_ns()
+            tf.set_transform(_stamped(frame, WANTED_NS))
+        deadline = time.monotonic() + WAIT_S
+        while not came_ns.all():
+            if time.monotonic() > deadline:
+                raise SystemExit("a lookup had no answer")
+            time.sleep(0.1)
+    spent_us = (came_ns - released_ns) / 1000
+    p50, p99, worst = map(float, np.percentile(spent_us, (50, 99, 100)))
+    trial = {"us_p50": p50, "us_p99": p99, "us_worst": worst, "idle_cpu_percent": idle_percent}
+    labels = {"case": f"{lookups} waiting lookups, from commit to answer"}
+    report.measure("waiting", [Cell(labels, "zenoh-tf", trials=[trial])], 0)
+
+
+def _stamped(frame: str, stamp_ns: int) -> StampedTransform:
+    return StampedTransform("map", frame, stamp_ns, Transform((1.0, 2.0, 3.0)))

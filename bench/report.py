@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import statistics
@@ -12,6 +13,10 @@ from typing import Any
 
 #: What one trial measured, by metric.
 Trial = dict[str, float]
+
+
+def _rounded(values: list[float]) -> list[float]:
+    return [float(f"{value:.4g}") for value in values]
 
 
 @dataclass
@@ -34,15 +39,12 @@ class Cell:
         record |= {"read": self.read} if self.read else {}
         record["trials"] = len(self.trials)
         for metric in dict.fromkeys(name for trial in self.trials for name in trial):
-            values = {metric: self.values(metric)}
+            values = self.values(metric)
+            record[metric] = _rounded(quartiles(values))
             if base and base is not self and metric.endswith(("_per_s", "us_per_call")):
-                values[f"{metric}_to_{base.system}"] = ratios(
-                    self.values(metric), base.values(metric)
-                )
-            for name, known in values.items():
-                if found := quartiles(known):
-                    record[name] = [float(f"{value:.4g}") for value in found]
-        return record
+                to_base = ratios(values, base.values(metric))
+                record[f"{metric}_to_{base.system}"] = _rounded(quartiles(to_base))
+        return {name: value for name, value in record.items() if value != []}
 
 
 def ratios(ours: Iterable[float], theirs: Iterable[float]) -> list[float]:
@@ -54,6 +56,14 @@ def quartiles(values: Iterable[float]) -> list[float]:
     """First quartile, median and third quartile of what was measured; empty if nothing was."""
     known = [value for value in values if not math.isnan(value)]
     return statistics.quantiles(known, n=4, method="inclusive") if len(known) > 1 else 3 * known
+
+
+def equal_poses(ours: list[float], theirs: list[float]) -> bool:
+    """Within 1e-9, and up to the rotation's sign; what follows a pose must be equal."""
+    dot = sum(a * b for a, b in zip(ours[3:7], theirs[3:7], strict=True))
+    signed = theirs[:3] + [math.copysign(1, dot) * value for value in theirs[3:7]]
+    near = all(abs(a - b) <= 1e-9 for a, b in zip(ours[:7], signed, strict=True))
+    return near and ours[7:] == theirs[7:]
 
 
 @dataclass(frozen=True)
@@ -93,12 +103,12 @@ class Report:
         for _ in range(repetitions):
             for cell in cells:
                 cell.trials.append(cell.run())
-        for labels in dict.fromkeys(json.dumps(cell.labels) for cell in cells):
-            group = [cell for cell in cells if json.dumps(cell.labels) == labels]
+        for labels, cells_of_case in itertools.groupby(cells, lambda cell: cell.labels):
+            group = list(cells_of_case)
             base = next((cell for cell in group if cell.system == baseline), None)
             records = [cell.record(part, base) for cell in group]
             self.cells += records
-            _print(group[0].labels, records)
+            _print(labels, records)
 
     def check(self, part: str, targets: Iterable[Target]) -> None:
         """Prints and keeps those targets that have values."""
@@ -120,18 +130,14 @@ class Report:
 
 
 def _print(labels: dict[str, Any], records: list[dict[str, Any]]) -> None:
-    """Medians with quartiles, a system a row."""
-    metrics = [key for record in records for key in record if isinstance(record[key], list)]
-    columns = list(dict.fromkeys(metrics))
-    rows = [["system", *columns]]
-    for record in records:
-        name = f"{record['system']} {record.get('read', '')}"
-        rows.append([name, *(_text(record.get(column, [])) for column in columns)])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    """Medians with quartiles, a line for each metric and system."""
     print("\n" + ", ".join(f"{key}: {value}" for key, value in labels.items()))
-    for row in rows:
-        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
-        print("  ".join(cells).rstrip(), flush=True)
+    measured = [key for record in records for key in record if isinstance(record[key], list)]
+    for metric in dict.fromkeys(measured):
+        for record in records:
+            if metric in record:
+                name = f"{record['system']} {record.get('read', '')}"
+                print(f"{metric:<28} {name:<32} {_text(record[metric])}", flush=True)
 
 
 def _text(values: list[float]) -> str:

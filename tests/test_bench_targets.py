@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from bench import native
-from bench.report import Cell, Report, Target, quartiles, ratios
+from bench.report import Cell, Report, Target, equal_poses, quartiles, ratios
 
 RESULTS = Path(__file__).parents[1] / "bench" / "results"
 READS, WRITES, P50, P999 = "reads_per_s", "links_written_per_s", "read_us_p50", "read_us_p999"
@@ -46,6 +46,16 @@ def test_quartiles_are_of_what_was_measured() -> None:
     assert quartiles([float("nan"), 5.0, 1.0, 2.0, 3.0, 4.0]) == [2.0, 3.0, 4.0]
     assert quartiles([7.0]) == [7.0, 7.0, 7.0]
     assert quartiles([float("nan")]) == []
+
+
+def test_answers_are_equal_up_to_the_rotations_sign() -> None:
+    pose, stamp = [1.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5], [7.0]
+    turned = pose[:3] + [-value for value in pose[3:]]
+    assert equal_poses(pose + stamp, turned + stamp)
+    assert not equal_poses(pose + stamp, [*pose, 8.0])
+    assert not equal_poses(pose, [1.0, 2.0, 3.1, *pose[3:]])
+    assert not equal_poses(pose, [-1.0, -2.0, -3.0, *turned[3:]])
+    assert not equal_poses(pose, [float("nan"), *pose[1:]])
 
 
 def test_target_compares_the_median() -> None:
@@ -97,11 +107,11 @@ def test_thread_counts() -> None:
 #: Stands in for bench_core, and answers each command as that did once.
 STUB = """#!{python}
 import sys
-print('{{"bytes_per_frame": 550.5, "optimistic": 1, "2pl": 1, "giant": 1, "tf2": 1}}', flush=True)
+print('{{"bytes_per_frame": 550.5}}', flush=True)
 for line in sys.stdin:
-    tf2, trial = "system=tf2" in line, line.startswith("trial")
+    tf2, trial = "system=tf2" in sys.argv, line.startswith("trial")
     rates = '{{"reads_per_s": %d, "operations_per_s": 3.0}}' % (5 if tf2 else 60)
-    print(rates if trial else "{{}}", flush=True)
+    print(rates if trial else "[]", flush=True)
 """
 
 

@@ -3,7 +3,6 @@
 #include <sched.h>
 
 #include <algorithm>
-#include <atomic>
 #include <numeric>
 #include <thread>
 
@@ -12,8 +11,6 @@
 namespace bench {
 
 namespace {
-
-enum class Phase { warm_up, measure, stop };
 
 // One call of each block is timed. Blocks of this length make the clock readings negligible.
 constexpr auto kBlock = std::chrono::microseconds(4);
@@ -30,6 +27,10 @@ void pin(unsigned nth, unsigned count) {
   CPU_ZERO(&chosen);
   CPU_SET(core, &chosen);
   sched_setaffinity(0, sizeof chosen, &chosen);
+}
+
+Clock::duration to_duration(double seconds) {
+  return std::chrono::duration_cast<Clock::duration>(Seconds(seconds));
 }
 
 // Sorts in part; requires a value.
@@ -58,31 +59,33 @@ class Worker {
   [[nodiscard]] bool reads() const { return thread_ < trial_.readers; }
   [[nodiscard]] const Counts& counts() const { return counts_; }
 
-  void run(const std::atomic<Phase>& phase) {
+  // Calls until `end`, and counts from `start` on.
+  void run(Clock::time_point start, Clock::time_point end) {
     pin(thread_, trial_.readers + trial_.writers);
+    const bool varies = trial_.draw.frames > trial_.draw.length + 1 || trial_.read == Read::at;
     unsigned block = 1;
     std::uint64_t retries_before = 0;
-    for (Phase seen = Phase::warm_up;;) {
-      const Phase now = phase.load(std::memory_order_relaxed);
-      if (now == Phase::stop) break;
-      if (now != seen) {
-        seen = now;
+    bool counted = false;
+    for (Clock::time_point now; (now = Clock::now()) < end;) {
+      if (!counted && now >= start) {
+        counted = true;
         counts_ = Counts();
         retries_before = ztf::retries;
       }
-      if (reads() && (trial_.draw.fixed.source == 0 || trial_.read == Read::at))
+      if (reads() && varies)
         for (unsigned i = 0; i < block; ++i) requests_[i] = trial_.draw(random_);
-      const Clock::time_point start = Clock::now();
+      const Clock::time_point first = Clock::now();
       call(0, block - 1);
-      const Clock::time_point timed = Clock::now();
+      const Clock::time_point last = Clock::now();
       call(block - 1, block);
-      const Clock::time_point end = Clock::now();
-      counts_.ns.push_back(static_cast<std::uint32_t>((end - timed).count()));
-      if (seen == Phase::warm_up && end - start < kBlock && block < kMaxBlock) block *= 2;
+      const Clock::time_point done = Clock::now();
+      counts_.ns.push_back(static_cast<std::uint32_t>((done - last).count()));
+      if (!counted && done - first < kBlock && block < kMaxBlock) block *= 2;
       if (reads() && trial_.writers > 0 &&
           counts_.sums[kCalls] > kReadsPerDelay * counts_.sums[kDelays])
         measure_delay();
     }
+    if (!counted) counts_ = Counts();  // a thread that had no processor in time
     counts_.sums[kRetries] = static_cast<double>(ztf::retries - retries_before);
   }
 
@@ -100,7 +103,7 @@ class Worker {
   unsigned write() {
     if (trial_.own_links) {
       Stamp& stamp = instance_.next_stamp[thread_];
-      return instance_.system->write(kOwnLinks + thread_, 1, stamp += trial_.period);
+      return instance_.system->write(own_link(thread_), 1, stamp += trial_.period);
     }
     const FrameIndex top = random_.below(trial_.draw.frames - trial_.draw.length);
     return instance_.system->write(top + 1, trial_.draw.length, instance_.clock.now());
@@ -155,16 +158,11 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
   std::vector<std::unique_ptr<Worker>> workers;
   for (unsigned t = 0; t < trial.readers + trial.writers; ++t)
     workers.push_back(std::make_unique<Worker>(instance, trial, t));
-  std::atomic<Phase> phase{Phase::warm_up};
   instance.clock.resume();
+  const auto start = Clock::now() + to_duration(std::min(1.0, trial.seconds / 4));
+  const auto end = start + to_duration(trial.seconds);
   std::vector<std::thread> threads;
-  for (auto& worker : workers) threads.emplace_back([&] { worker->run(phase); });
-  std::this_thread::sleep_for(Seconds(std::min(1.0, trial.seconds / 4)));
-  phase = Phase::measure;
-  const Clock::time_point start = Clock::now();
-  std::this_thread::sleep_for(Seconds(trial.seconds));
-  phase = Phase::stop;
-  const double seconds = Seconds(Clock::now() - start).count();
+  for (auto& worker : workers) threads.emplace_back([&] { worker->run(start, end); });
   for (std::thread& thread : threads) thread.join();
   instance.clock.pause();
   Metrics metrics;
@@ -176,8 +174,8 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
       for (int i = 0; i < kCounts; ++i) all.sums[i] += sums[i];
       all.ns.insert(all.ns.end(), ns.begin(), ns.end());
     }
-    summarize(metrics, reads ? "read" : "write", all, seconds,
-              instance.system->supports(Read::latest_xact));
+    summarize(metrics, reads ? "read" : "write", all, trial.seconds,
+              instance.system->has_transactions());
   }
   return metrics;
 }
@@ -185,21 +183,20 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
 Metrics measure_staleness(Instance& instance, Read read, const std::vector<double>& rates_hz,
                           double seconds) {
   const auto links = static_cast<FrameIndex>(rates_hz.size());
-  std::atomic<bool> stop{false};
   std::vector<std::thread> publishers;
   instance.clock.resume();
+  const auto begin = Clock::now() + std::chrono::milliseconds(300);  // when all have published
+  const auto end = begin + to_duration(seconds);
   for (FrameIndex link = 1; link <= links; ++link)
-    publishers.emplace_back([&, link, period = Seconds(1 / rates_hz[link - 1])] {
+    publishers.emplace_back([&, link, period = to_duration(1 / rates_hz[link - 1])] {
       // Publishers know nothing of each other: no two start together.
-      auto next = Clock::now() + period * link / (links + 1.0);
-      for (; !stop.load(); next += period) {
+      for (auto next = Clock::now() + period * link / (links + 1); next < end; next += period) {
         std::this_thread::sleep_until(next);
         instance.system->write(link, 1, instance.clock.now());
       }
     });
-  std::this_thread::sleep_for(std::chrono::milliseconds(300));  // until all have published
+  std::this_thread::sleep_until(begin);
   std::vector<std::vector<double>> ages_ms(links);
-  const auto end = Clock::now() + Seconds(seconds);
   for (unsigned n = 0; Clock::now() < end; ++n) {
     std::this_thread::sleep_for(std::chrono::microseconds(500 + n * 7919 % 1000));  // no fixed rate
     const Request row{0, links};
@@ -213,7 +210,6 @@ Metrics measure_staleness(Instance& instance, Read read, const std::vector<doubl
       ages_ms[i].push_back(static_cast<double>(now - reply.stamp) * 1e-6);
     }
   }
-  stop = true;
   for (std::thread& publisher : publishers) publisher.join();
   instance.clock.pause();
   Metrics metrics;

@@ -35,11 +35,14 @@ struct Instance {
   Stamp next_stamp[kMaxThreads];  // of each thread's own link
 };
 
+// Own links of two threads are no neighbours.
+constexpr FrameIndex own_link(unsigned thread) { return 2 * thread + 1; }
+
 struct Trial {
   unsigned readers, writers;
   Read read;
   Draw draw;
-  bool own_links;  // each writing thread sets a link of its own; else random rows of the snake
+  bool own_links;  // each writing thread sets own_link(); else random rows
   Stamp period;    // between two stamps of an own link
   double seconds;
 };
@@ -48,7 +51,7 @@ struct Trial {
 // warm-up of a quarter of the time.
 Metrics run_trial(Instance& instance, const Trial& trial);
 
-// Reads a snake's only row while each link is written at a rate of its own, for some seconds;
+// Reads the whole row while each link is written at a rate of its own, for some seconds;
 // returns the age of the data used, link by link.
 Metrics measure_staleness(Instance& instance, Read read, const std::vector<double>& rates_hz,
                           double seconds);

@@ -1,11 +1,10 @@
-// bench_core NAME=VALUE... builds the systems under test, then obeys one command a line:
-// "check", "trial" and "staleness", each with NAME=VALUE settings. Every answer is a line of JSON.
+// bench_core NAME=VALUE... builds the system under test, then obeys one command a line: "answers",
+// "trial" and "staleness", each with NAME=VALUE settings. Every answer is a line of JSON.
 #include <malloc.h>
 #include <unistd.h>
 
 #include <cstdio>
 #include <fstream>
-#include <future>
 #include <iostream>
 #include <sstream>
 #include <utility>
@@ -26,17 +25,10 @@ struct Settings : std::map<std::string, std::string> {
   [[nodiscard]] unsigned count(const std::string& name) const {
     return static_cast<unsigned>(std::stoul(at(name)));
   }
-  [[nodiscard]] std::vector<std::string> list(const std::string& name) const {
-    std::vector<std::string> items;
-    std::istringstream rest(at(name));
-    for (std::string item; std::getline(rest, item, ',');) items.push_back(item);
-    return items;
-  }
 };
 
 const std::map<std::string, Read> kReads{{"latest-common", Read::latest_common},
                                          {"latest-common-by-name", Read::latest_common_by_name},
-                                         {"latest", Read::latest},
                                          {"latest-xact", Read::latest_xact},
                                          {"at", Read::at}};
 
@@ -56,40 +48,27 @@ double resident_bytes() {
   return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
-// Equal within 1e-9, and up to the rotation's sign. A NaN equals nothing.
-bool equal(const Reply& a, const Reply& b) {
-  const ztf::Pose &p = a.pose, &q = b.pose;
-  const double sign = p.qx * q.qx + p.qy * q.qy + p.qz * q.qz + p.qw * q.qw < 0 ? -1 : 1;
-  const auto near = [](double x, double y) { return std::abs(x - y) <= 1e-9; };
-  return a.stamp == b.stamp && near(p.x, q.x) && near(p.y, q.y) && near(p.z, q.z) &&
-         near(p.qx, sign * q.qx) && near(p.qy, sign * q.qy) && near(p.qz, sign * q.qz) &&
-         near(p.qw, sign * q.qw);
-}
-
 class Bench {
  public:
-  // links: see make_forest(); samples, period_ns: each link's history; cache_s, max_samples,
-  // child_to_parent: see SystemOptions; systems: those wanted. Prints which of them there are.
+  // system: "optimistic", "2pl", "giant" or "tf2"; links: see make_names(); samples, period_ns:
+  // each link's history; cache_s, max_samples, child_to_parent: see SystemOptions.
   explicit Bench(const Settings& settings)
-      : forest_(make_forest(settings.count("links"))),
+      : names_(make_names(settings.count("links"))),
         samples_(settings.count("samples")),
         period_(static_cast<Stamp>(settings.number("period_ns"))),
         options_{static_cast<Stamp>(settings.number("cache_s") * 1e9),
                  settings.count("max_samples"), settings.count("child_to_parent") != 0} {
     const double before = resident_bytes();
-    for (const std::string& name : settings.list("systems")) {
-      if (name != "tf2") systems_[name].system = make_tree_system(name, forest_, options_);
+    const std::string& system = settings.at("system");
+    if (system != "tf2") instance_.system = make_tree_system(system, names_, options_);
 #ifdef BENCH_WITH_TF2
-      if (name == "tf2") systems_[name].system = make_tf2_system(forest_, options_);
+    if (system == "tf2") instance_.system = make_tf2_system(names_, options_);
 #endif
+    Metrics metrics;  // none without the system
+    if (instance_.system) {
+      fill();
+      metrics["bytes_per_frame"] = (resident_bytes() - before) / size();
     }
-    std::vector<std::future<void>> filled;
-    const FrameIndex row = settings.count("links") == 0 ? 1 : 256;
-    for (auto& entry : systems_)
-      filled.push_back(std::async(std::launch::async, [&] { fill(entry.second, row); }));
-    for (auto& one : filled) one.get();
-    Metrics metrics{{"bytes_per_frame", (resident_bytes() - before) / forest_.size()}};
-    for (const auto& entry : systems_) metrics[entry.first] = 1;
     print(metrics);
   }
 
@@ -98,83 +77,77 @@ class Bench {
     std::string command;
     words >> command;
     const Settings settings(words);
-    if (command == "check") return check(settings);
-    Instance& instance = systems_.at(settings.at("system"));
     const Read read = kReads.at(settings.at("read"));
+    if (command == "answers") return answers(read, settings);
     const double seconds = settings.number("seconds");
-    if (command == "trial") {
-      const Trial trial{settings.count("readers"),
-                        settings.count("writers"),
-                        read,
-                        draw_of(settings),
-                        settings.count("own_links") != 0,
-                        period_,
-                        seconds};
-      if (trial.readers + trial.writers > kMaxThreads) throw std::invalid_argument("threads");
-      return print(run_trial(instance, trial));
+    if (command == "staleness") {
+      std::vector<double> rates_hz;
+      std::istringstream rates(settings.at("rates_hz"));
+      for (std::string rate; std::getline(rates, rate, ',');) rates_hz.push_back(std::stod(rate));
+      return print(measure_staleness(instance_, read, rates_hz, seconds));
     }
-    std::vector<double> rates_hz;
-    for (const std::string& rate : settings.list("rates_hz")) rates_hz.push_back(std::stod(rate));
-    print(measure_staleness(instance, read, rates_hz, seconds));
+    const unsigned readers = settings.count("readers"), writers = settings.count("writers");
+    const bool own_links = settings.count("own_links") != 0;
+    if (readers + writers > kMaxThreads || (own_links && own_link(readers + writers) > size()))
+      throw std::invalid_argument("threads");
+    const Trial trial{readers, writers, read, draw_of(settings), own_links, period_, seconds};
+    print(run_trial(instance_, trial));
   }
 
  private:
-  // Creates the frames in the wanted order, then adds the rest of the history, `row` links at once.
-  void fill(Instance& instance, FrameIndex row) const {
-    System& system = *instance.system;
-    const std::vector<Stamp>& offsets = forest_.offsets;
-    const FrameIndex size = forest_.size();
-    for (FrameIndex i = 1; i < size; ++i) {
-      const FrameIndex link = options_.child_to_parent ? size - i : i;
-      if (!system.write(link, 1, kStart + offsets[link])) throw std::runtime_error("not stored");
+  // Creates the frames in the wanted order, then adds the rest of the history, many links at once.
+  void fill() {
+    System& system = *instance_.system;
+    for (FrameIndex i = 1; i < size(); ++i) {
+      const FrameIndex link = options_.child_to_parent ? size() - i : i;
+      if (!system.write(link, 1, kStart)) throw std::runtime_error("not stored");
     }
     system.resolve_ids();
     for (unsigned sample = 1; sample < samples_; ++sample)
-      for (FrameIndex link = 1; link < size; link += row)
-        system.write(link, std::min(row, size - link), kStart + offsets[link] + sample * period_);
-    std::fill(std::begin(instance.next_stamp), std::end(instance.next_stamp), end());
+      for (FrameIndex link = 1; link < size(); link += 256)
+        system.write(link, std::min(256u, size() - link), kStart + sample * period_);
+    std::fill(std::begin(instance_.next_stamp), std::end(instance_.next_stamp), end());
   }
 
+  [[nodiscard]] FrameIndex size() const { return static_cast<FrameIndex>(names_.size()); }
   [[nodiscard]] Stamp end() const { return kStart + samples_ * period_; }
 
   [[nodiscard]] Draw draw_of(const Settings& settings) const {
-    Draw draw{forest_.size(), settings.count("length"), (end() - kStart) / 4};
+    const Draw draw{size(), settings.count("length"), (end() - kStart) / 4};
     if (draw.length < 1 || draw.length >= draw.frames) throw std::invalid_argument("length");
-    draw.fixed = {settings.count("target"), settings.count("source")};
     return draw;
   }
 
-  // Compares the answers of all systems to `count` requests; throws if they differ. With vary=1,
+  // Prints the poses and stamps that answer 500 requests, the same for every system. With vary=1,
   // first writes a part of each second row, so that the links of a request differ in age.
-  void check(const Settings& settings) {
-    const Read read = kReads.at(settings.at("read"));
+  void answers(Read read, const Settings& settings) {
     const Draw draw = draw_of(settings);
     Random random(42);
     std::vector<Request> requests;
-    for (unsigned i = 0; i < settings.count("count"); ++i) {
+    for (unsigned i = 0; i < 500; ++i) {
       requests.push_back(draw(random));
       if (settings.count("vary") && i % 2)
-        for (auto& entry : systems_)
-          entry.second.system->write(requests[i].target + 1, draw.length / 2 + 1, end() + 1000 * i);
+        instance_.system->write(requests[i].target + 1, draw.length / 2 + 1, end() + 1000 * i);
     }
+    std::cout << '[';
+    const char* separator = "";
     for (const Request& request : requests) {
-      std::vector<Reply> replies;
-      for (auto& [name, instance] : systems_) {
-        if (!instance.system->supports(read)) continue;
-        if (!instance.system->lookup(read, &request, 1, replies.emplace_back()))
-          throw std::runtime_error(name + ": no answer to " + settings.at("read"));
-        if (!equal(replies.front(), replies.back()))
-          throw std::runtime_error(name + ": another answer to " + settings.at("read"));
-      }
+      Reply reply;
+      if (!instance_.system->lookup(read, &request, 1, reply))
+        throw std::runtime_error("no answer to " + settings.at("read"));
+      const auto& [x, y, z, qx, qy, qz, qw] = reply.pose;
+      std::cout << std::exchange(separator, ", ") << '[';
+      for (const double value : {x, y, z, qx, qy, qz, qw}) std::cout << value << ", ";
+      std::cout << reply.stamp << ']';
     }
-    print({});
+    std::cout << ']' << std::endl;
   }
 
-  const Forest forest_;
+  const Names names_;
   const unsigned samples_;
   const Stamp period_;
   const SystemOptions options_;
-  std::map<std::string, Instance> systems_;
+  Instance instance_;
 };
 
 }  // namespace
@@ -184,6 +157,7 @@ class Bench {
 int main(int count, char** values) try {
   std::stringstream words;
   for (int i = 1; i < count; ++i) words << values[i] << ' ';
+  std::cout.precision(17);  // tells every double from its neighbours
   bench::Bench bench{bench::Settings(words)};
   for (std::string line; std::getline(std::cin, line);) bench.obey(line);
   return 0;

@@ -1,4 +1,4 @@
-// What is compared: systems that hold a forest of frames, and the requests that they are asked.
+// What is compared: systems that hold a row of frames, and the requests that they are asked.
 // C++17, because tf2 needs it.
 //
 // Thread safety: lookup() and write() from any thread; all else are values.
@@ -17,32 +17,16 @@ namespace bench {
 
 using Stamp = std::int64_t;  // ns
 using FrameIndex = std::uint32_t;
+using Names = std::vector<std::string>;  // of all frames
 
 constexpr Stamp kStart = 1'700'000'000'000'000'000;  // of every history
 constexpr unsigned kMaxThreads = 64;
 
-// Frame 0 is the root. Every other frame names the link to its parent, which comes before it.
-struct Forest {
-  std::vector<std::string> names;
-  std::vector<FrameIndex> parents;
-  std::vector<Stamp> offsets;  // added to the stamps of the link's history
-
-  [[nodiscard]] FrameIndex size() const { return static_cast<FrameIndex>(names.size()); }
-};
-
-// A snake: `links` links in a row; or, if that is 0, chains below the root: links 1 to 4; 5 to 8,
-// with samples at different times; 9 to 10 and 11 to 12; and from kOwnLinks on one for each thread.
-constexpr FrameIndex kOwnLinks = 13;
-inline Forest make_forest(FrameIndex links) {
-  const bool chains = links == 0;
-  Forest forest;
-  for (FrameIndex i = 0; i <= (chains ? kOwnLinks + kMaxThreads : links); ++i) {
-    const bool top = i == 0 || (chains && (i == 5 || i == 9 || i == 11 || i >= kOwnLinks));
-    forest.names.push_back("link" + std::to_string(i));
-    forest.parents.push_back(top ? 0 : i - 1);
-    forest.offsets.push_back(chains && i >= 5 && i < 9 ? 2'000'000 * (i - 5) : 0);
-  }
-  return forest;
+// A snake: `links` links in a row. Frame 0 is the root, and link i joins frame i to frame i - 1.
+inline Names make_names(FrameIndex links) {
+  Names names;
+  for (FrameIndex i = 0; i <= links; ++i) names.push_back("link" + std::to_string(i));
+  return names;
 }
 
 // A link's transform at a time: every link turns and moves back and forth, none is the identity.
@@ -82,25 +66,19 @@ struct Request {
   Stamp time = 0;  // for lookups at a time
 };
 
-// Draws requests for `length` links of a snake in a row, or always for the same frames; times lie
-// in the middle half of the history.
+// Draws requests for `length` links in a row, at times in the middle half of the history.
 struct Draw {
   FrameIndex frames, length;
-  Stamp quarter;    // of the history's duration
-  Request fixed{};  // if its source is not the root
+  Stamp quarter;  // of the history's duration
 
   Request operator()(Random& random) const noexcept {
-    Request request = fixed;
-    if (fixed.source == 0) {
-      request.target = random.below(frames - length);
-      request.source = request.target + length;
-    }
-    request.time = kStart + quarter + 2 * static_cast<Stamp>(random.below(quarter));
-    return request;
+    const FrameIndex target = random.below(frames - length);
+    const Stamp time = kStart + quarter + 2 * static_cast<Stamp>(random.below(quarter));
+    return {target, target + length, time};
   }
 };
 
-enum class Read { latest_common, latest_common_by_name, latest, latest_xact, at };
+enum class Read { latest_common, latest_common_by_name, latest_xact, at };
 
 struct Reply {
   ztf::Pose pose;
@@ -117,7 +95,7 @@ class System {
  public:
   virtual ~System() = default;
 
-  [[nodiscard]] virtual bool supports(Read read) const = 0;
+  [[nodiscard]] virtual bool has_transactions() const = 0;
 
   // Requires that every link was written; must be called before the first lookup.
   virtual void resolve_ids() {}
@@ -131,10 +109,10 @@ class System {
   virtual unsigned write(FrameIndex first, unsigned links, Stamp stamp) = 0;
 };
 
-// `concurrency`: "optimistic", "2pl" or "giant". The forest must outlive the system.
-std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Forest& forest,
+// `concurrency`: "optimistic", "2pl" or "giant". The names must outlive the system.
+std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Names& names,
                                          const SystemOptions& options);
-std::unique_ptr<System> make_tf2_system(const Forest& forest, const SystemOptions& options);
+std::unique_ptr<System> make_tf2_system(const Names& names, const SystemOptions& options);
 
 // Keeps a result from being optimised away.
 inline void keep(const double& value) { asm volatile("" : : "m"(value) : "memory"); }

@@ -14,17 +14,15 @@ namespace {
 
 class Tf2System final : public System {
  public:
-  Tf2System(const Forest& forest, const SystemOptions& options)
-      : forest_(forest),
+  Tf2System(const Names& names, const SystemOptions& options)
+      : names_(names),
         child_to_parent_(options.child_to_parent),
         buffer_(ros::Duration().fromNSec(options.cache)) {
     // Silences the warning that two writers have set a link at the same nanosecond.
     console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);
   }
 
-  bool supports(Read read) const override {
-    return read != Read::latest && read != Read::latest_xact;
-  }
+  bool has_transactions() const override { return false; }
 
   unsigned lookup(Read read, const Request* requests, unsigned count, Reply& last) override {
     unsigned found = 0;
@@ -32,8 +30,8 @@ class Tf2System final : public System {
       const Request& request = requests[i];
       const ros::Time time = read == Read::at ? to_time(request.time) : ros::Time(0);
       try {
-        const auto m = buffer_.lookupTransform(forest_.names[request.target],
-                                               forest_.names[request.source], time);
+        const auto m =
+            buffer_.lookupTransform(names_[request.target], names_[request.source], time);
         const auto& t = m.transform.translation;
         const auto& q = m.transform.rotation;
         keep(t.x);
@@ -52,8 +50,8 @@ class Tf2System final : public System {
     for (unsigned i = 0; i < links; ++i) {
       const FrameIndex link = first + (child_to_parent_ ? links - 1 - i : i);
       const auto& [x, y, z, qx, qy, qz, qw] = pose_at(link, stamp);
-      m.header.frame_id = forest_.names[forest_.parents[link]];
-      m.child_frame_id = forest_.names[link];
+      m.header.frame_id = names_[link - 1];
+      m.child_frame_id = names_[link];
       m.header.stamp = to_time(stamp);
       auto& t = m.transform.translation;
       auto& q = m.transform.rotation;
@@ -70,15 +68,15 @@ class Tf2System final : public System {
   }
 
   const std::string authority_ = "bench";
-  const Forest& forest_;
+  const Names& names_;
   const bool child_to_parent_;
   tf2::BufferCore buffer_;
 };
 
 }  // namespace
 
-std::unique_ptr<System> make_tf2_system(const Forest& forest, const SystemOptions& options) {
-  return std::make_unique<Tf2System>(forest, options);
+std::unique_ptr<System> make_tf2_system(const Names& names, const SystemOptions& options) {
+  return std::make_unique<Tf2System>(names, options);
 }
 
 }  // namespace bench

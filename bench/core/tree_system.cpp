@@ -9,18 +9,15 @@ namespace bench {
 namespace {
 
 // By Read.
-constexpr ztf::Op kOps[] = {ztf::Op::latest_common, ztf::Op::latest_common, ztf::Op::latest,
-                            ztf::Op::latest_xact, ztf::Op::at};
+constexpr ztf::Op kOps[] = {ztf::Op::latest_common, ztf::Op::latest_common, ztf::Op::latest_xact,
+                            ztf::Op::at};
 
 class TreeSystem final : public System {
  public:
-  TreeSystem(const Forest& forest, bool child_to_parent, const ztf::Options& options)
-      : forest_(forest),
-        child_to_parent_(child_to_parent),
-        tree_(options),
-        names_(forest.names.begin(), forest.names.end()) {}
+  TreeSystem(const Names& names, bool child_to_parent, const ztf::Options& options)
+      : child_to_parent_(child_to_parent), tree_(options), names_(names.begin(), names.end()) {}
 
-  bool supports(Read) const override { return true; }
+  bool has_transactions() const override { return true; }
 
   void resolve_ids() override {
     for (const std::string_view name : names_) ids_.push_back(tree_.find(name));
@@ -44,27 +41,18 @@ class TreeSystem final : public System {
   }
 
   unsigned write(FrameIndex first, unsigned links, Stamp stamp) override {
-    if (links == 1) {
-      const std::string_view names[2] = {names_[forest_.parents[first]], names_[first]};
-      const ztf::Row row{0, 1, stamp, pose_at(first, stamp)};
-      return commit(names, {&row, 1});
-    }
     static thread_local std::vector<ztf::Row> rows;
+    static thread_local std::vector<std::uint8_t> stored;
     rows.resize(links);
+    stored.resize(links);
     for (unsigned i = 0; i < links; ++i)
       rows[child_to_parent_ ? links - 1 - i : i] = {i, i + 1, stamp, pose_at(first + i, stamp)};
-    return commit(std::span(names_).subspan(first - 1, links + 1), rows);
-  }
-
- private:
-  unsigned commit(std::span<const std::string_view> names, std::span<const ztf::Row> rows) {
-    static thread_local std::vector<std::uint8_t> stored;
-    stored.resize(rows.size());
+    const auto names = std::span(names_).subspan(first - 1, links + 1);
     tree_.commit({.names = names, .rows = rows, .authority = "bench", .drop_old = true}, stored);
     return std::accumulate(stored.begin(), stored.end(), 0u);
   }
 
-  const Forest& forest_;
+ private:
   const bool child_to_parent_;
   ztf::Tree tree_;
   const std::vector<std::string_view> names_;
@@ -73,16 +61,16 @@ class TreeSystem final : public System {
 
 }  // namespace
 
-std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Forest& forest,
+std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Names& names,
                                          const SystemOptions& options) {
   ztf::Options tree;
   tree.cache_ns = static_cast<std::uint64_t>(options.cache);
-  tree.max_frames = forest.size();
+  tree.max_frames = static_cast<unsigned>(names.size());
   tree.max_samples_per_frame = options.max_samples;
   tree.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
                      : concurrency == "2pl" ? ztf::Concurrency::two_phase
                                             : ztf::Concurrency::optimistic;
-  return std::make_unique<TreeSystem>(forest, options.child_to_parent, tree);
+  return std::make_unique<TreeSystem>(names, options.child_to_parent, tree);
 }
 
 }  // namespace bench
