@@ -60,9 +60,9 @@ TEST(a_writer_disturbs_no_reader_before_it_begins_to_write) {
   const PathStep step{&f[1], version, {}};
   CHECK(guard.validate({&step, 1}));
   CHECK(!f[1].version.try_lock_writer(other));  // other writers do
-  CHECK(!f[1].version.try_lock(other));
+  CHECK(!f[1].version.try_lock_and_begin_write(other));
   f[1].version.begin_write(before);
-  CHECK(f[1].version.load() & SeqLock::kWriting);
+  CHECK(f[1].version.current() & SeqLock::kWriting);
   CHECK(!guard.validate({&step, 1}));
   f[1].version.unlock_unchanged(before);
   CHECK(guard.validate({&step, 1}));
@@ -84,7 +84,7 @@ TEST(a_consistent_read_locks_after_a_bounded_number_of_attempts) {
   const Version version = lock.read_consistent(read);
   CHECK_EQ(attempts, SeqLock::kOptimisticReads + 1);
   CHECK_EQ(changes, SeqLock::kOptimisticReads);
-  CHECK_EQ(version, lock.load());
+  CHECK_EQ(version, lock.current());
   CHECK(can_be_locked(f[1]));
 }
 
@@ -113,7 +113,7 @@ TEST(the_locking_guard_takes_each_wanted_lock_once_and_releases_all) {
   {
     LockingGuard guard(f.frames.get(), f.reads, wanted);
     for (const std::size_t i : {7, 9}) CHECK(!can_be_locked(f[i]));  // writers wait
-    CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);              // readers do not
+    CHECK_EQ(f[7].version.current(), SeqLock::kIncrement);           // readers do not
     CHECK(f.read(guard, 7));
     CHECK(guard.validate_all());
     CHECK(f.read(guard, 8));  // not locked: reads it, but fails at the end
@@ -127,7 +127,7 @@ TEST(the_locking_guard_takes_each_wanted_lock_once_and_releases_all) {
     CHECK_EQ(f.reads.size(), 3u);
     CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);  // the version before it was locked
   }
-  CHECK_EQ(f[7].version.load(), SeqLock::kIncrement);
+  CHECK_EQ(f[7].version.current(), SeqLock::kIncrement);
 }
 
 TEST(a_shared_guard_heeds_a_starving_writer_if_told_to) {
@@ -143,7 +143,7 @@ TEST(a_shared_guard_heeds_a_starving_writer_if_told_to) {
     CHECK(!f[1].shared.try_lock());
   }
   CHECK(f[1].shared.try_lock());
-  CHECK(f[1].shared.try_lock_shared(false) == SharedLock::Shared::writer);
+  CHECK(f[1].shared.try_lock_shared(false) == SharedLock::TryResult::writer_holds);
   f[1].shared.unlock();
   SharedGuard guard(f.frames.get(), f.reads, true);
   CHECK(f.read(guard, 1));  // the lock was taken, so it is no longer wanted

@@ -260,7 +260,7 @@ TEST(any_history_is_that_of_a_sorted_map) {
       CHECK_EQ(h.frame->count.load(), model.size());
       CHECK_EQ(h.frame->evicted.load(), evicted);
       CHECK_EQ(h.frame->latest.stamp.load(), model.rbegin()->first);
-      CHECK_EQ(oldest_stamp(*h.frame), model.begin()->first);
+      CHECK_EQ(oldest_served_stamp(*h.frame), model.begin()->first);
       std::uint32_t changes = 0;
       for (auto it = model.begin(); std::next(it) != model.end(); ++it)
         changes += it->second.first != std::next(it)->second.first;

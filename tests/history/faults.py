@@ -25,15 +25,15 @@ FAULTS = [
         "a lookup is not validated",
         ("optimistic",),
         "guards.hpp",
-        "if (step.frame->version.load() != step.version) return false;",
-        "(void)step.frame->version.load();",
+        "if (step.frame->version.current() != step.version) return false;",
+        "(void)step.frame->version.current();",
     ),
     Fault(
         "lookups together are not validated",
         ("optimistic",),
         "guards.hpp",
-        "if (frames_[read.frame].version.load() != read.version) return false;",
-        "if (frames_[read.frame].version.load() < read.version) return false;",
+        "if (frames_[read.frame].version.current() != read.version) return false;",
+        "if (frames_[read.frame].version.current() < read.version) return false;",
     ),
     Fault(
         "a lookup does not wait for the writer of a frame",
@@ -135,7 +135,7 @@ FAULTS = [
         "what was read is checked only where it is written, too",
         EVERYWHERE,
         "commit_plan.cpp",
-        "locked ? *locked : id ? tree_.frames_[id].version.load() : 0;",
+        "locked ? *locked : id ? tree_.frames_[id].version.current() : 0;",
         "locked ? *locked : id ? request_.read_versions[i] : 0;",
     ),
     Fault(

@@ -99,7 +99,7 @@ void CommitPlan::validate_read_set(const WriteLocks& locks) const {
   for (std::size_t i = 0; i < request_.read_names.size(); ++i) {
     const FrameId id = tree_.names_.find(request_.read_names[i]);
     const Version* const locked = id ? locks.version_before(id) : nullptr;
-    const Version now = locked ? *locked : id ? tree_.frames_[id].version.load() : 0;
+    const Version now = locked ? *locked : id ? tree_.frames_[id].version.current() : 0;
     if (now != request_.read_versions[i]) reject_conflict(request_.read_names[i]);
   }
 }
@@ -174,7 +174,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
   FrameId parent = parent_before;
   // Rows come by stamp: those for which a full frame has no room come first.
   const bool is_full = has_samples && frame.count.load(relaxed) == limits_.max_samples;
-  const Stamp oldest = is_full ? oldest_stamp(frame) : kNoStamp;
+  const Stamp oldest = is_full ? oldest_served_stamp(frame) : kNoStamp;
   group.wakes_all = request_.is_static || was_static;
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const RowWrite& write = writes_[i];

@@ -10,13 +10,13 @@ namespace {
 constexpr std::size_t kGroup = 4;
 
 // Returns the product of one to four poses, the first on the right. The products of two pairs do
-// not wait for each other.
-template <class PoseOf>
-ZTF_ALWAYS_INLINE Pose product(std::size_t links, PoseOf&& pose_of) noexcept {
-  if (links == 1) return pose_of(0);
-  const Pose first = pose_of(1) * pose_of(0);
+// not wait for each other. get_pose(i) returns pose i.
+template <class GetPose>
+ZTF_ALWAYS_INLINE Pose product(std::size_t links, GetPose&& get_pose) noexcept {
+  if (links == 1) return get_pose(0);
+  const Pose first = get_pose(1) * get_pose(0);
   if (links == 2) return first;
-  return (links == 3 ? pose_of(2) : pose_of(3) * pose_of(2)) * first;
+  return (links == 3 ? get_pose(2) : get_pose(3) * get_pose(2)) * first;
 }
 
 ZTF_ALWAYS_INLINE Pose compose_group(std::span<const PathStep> steps) noexcept {

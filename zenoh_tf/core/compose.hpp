@@ -1,4 +1,4 @@
-// A step of a walk, and the product of the poses along several steps.
+// A step of a walk, and composing the poses along several steps.
 //
 // Thread safety: any reader may call compose() at any time. Its result is meaningful only if the
 // steps' frames still have the steps' versions afterwards (guards.hpp).
@@ -15,7 +15,9 @@ namespace ztf {
 struct PathStep {
   const Frame* frame;
   Version version;
-  SampleInterval interval;  // for the newest link: its own stamp, or kNoStamp if it is static
+  // interval.time is the requested time. For a newest link (SelectLatest) it is the link's own
+  // stamp, or kNoStamp if the link is static.
+  SampleInterval interval;
 };
 
 // Sets X_parent_child, where child is the first step's frame and parent the parent of the last

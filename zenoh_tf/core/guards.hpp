@@ -2,10 +2,12 @@
 //
 // A guard spans one read-only transaction. The reader calls three functions:
 //   read_version(frame, version)  before it reads a frame. False: retry with fresh state.
-//   validate(steps)               after it has read the frames of some steps, for those that its
-//                                 answer depends on. False: a frame has changed, so retry.
-//   validate_all()                at the end: true if everything that was validated was the tree's
-//                                 state at one instant. Not needed with WalkGuard.
+//   validate(steps)               after it has read the steps' frames, for those that its answer
+//                                 depends on. False: a frame has changed, so retry.
+//   validate_all()                at the end. False: retry.
+// There are two kinds of guards. With WalkGuard, validate() compares the versions at once, and
+// there is no validate_all(). With a RecordingGuard, validate() only records the steps, and
+// validate_all() decides: it is true if everything recorded was the tree's state at one instant.
 //
 // Thread safety: a guard belongs to one thread; any number of guards may exist at a time.
 // Invariant (strict serializability of the optimistic guards): between the last read and the first
@@ -24,7 +26,11 @@
 
 namespace ztf {
 
-enum class Concurrency : std::uint8_t { optimistic, two_phase, giant };
+enum class Concurrency : std::uint8_t {
+  optimistic,  // readers take no locks and validate versions; a commit locks the frames it writes
+  two_phase,   // readers and commits lock their frames and unlock them only at the end
+  giant,       // one mutex for every transaction
+};
 
 // A frame and the version in which it was read.
 struct ReadVersion {
@@ -34,9 +40,9 @@ struct ReadVersion {
 using ReadSet = SmallVector<ReadVersion, 64>;
 using FrameList = SmallVector<FrameId, 16>;
 
-// The optimistic guard of a transaction that is one walk, or a walk and a second one that the first
-// made necessary. It keeps no read set: validate() compares the versions at once. A reader
-// validates the first walk after the second, so that both were true at one instant.
+// The optimistic guard of a transaction that is one walk. It keeps no read set: validate() compares
+// the versions at once. A reader may nest a second walk in the first; it validates the inner walk
+// first, the outer last, so both were current at one instant.
 class WalkGuard {
  public:
   ZTF_ALWAYS_INLINE bool read_version(const Frame& frame, Version& version) const {
@@ -46,17 +52,20 @@ class WalkGuard {
   ZTF_ALWAYS_INLINE bool validate(std::span<const PathStep> steps) const noexcept {
     yield_point();
     for (const PathStep& step : steps)
-      if (step.frame->version.load() != step.version) return false;
+      if (step.frame->version.current() != step.version) return false;
     return true;
   }
 };
 
-// The base of the guards for longer transactions: validate() records the read set.
+// The base of the guards for longer transactions. validate() compares nothing: it records the steps
+// in the read set, and validate_all() compares them. The base's validate_all() is true: it serves
+// guards whose locks keep the frames unchanged.
 class RecordingGuard {
  public:
   RecordingGuard(const Frame* frames, ReadSet& reads) noexcept : frames_(frames), reads_(reads) {
     reads_.clear();
   }
+  // Records the steps. Always true.
   bool validate(std::span<const PathStep> steps) {
     ReadVersion* const reads = reads_.append(steps.size());
     for (std::size_t i = 0; i < steps.size(); ++i)
@@ -84,15 +93,15 @@ class OptimisticGuard : public RecordingGuard {
   [[nodiscard]] bool validate_all() const {
     yield_point();
     for (const ReadVersion& read : reads_)
-      if (frames_[read.frame].version.load() != read.version) return false;
+      if (frames_[read.frame].version.current() != read.version) return false;
     return true;
   }
 };
 
 // For a transaction whose optimistic attempts have failed too often. It holds the writer locks of
 // the frames in `wanted`, so that they cannot change. If the attempt needs another frame, it reads
-// that one unprotected, adds it to `wanted`, and fails at the end. Each failed attempt adds a frame
-// at least, so the retries end.
+// that one unprotected, adds it to `wanted`, and fails in validate_all(). Each failed attempt adds
+// at least one frame, so the retries end.
 class LockingGuard : public RecordingGuard {
  public:
   LockingGuard(Frame* frames, ReadSet& reads, SmallVector<FrameId, 64>& wanted)
@@ -133,8 +142,9 @@ class LockingGuard : public RecordingGuard {
 };
 
 // Two-phase locking: takes a shared lock of each frame and holds it to the end. It may wait for a
-// writer while it holds locks, because a two-phase writer never does. With `heed_wanted` it fails
-// at a frame that a starving writer wants.
+// writer while it holds shared locks, because a two-phase writer that holds a SharedLock never
+// waits for another one. (The writer may wait for a SeqLock, which a reader holds only briefly.)
+// With `heed_wanted` it fails at a frame that a starving writer wants.
 class SharedGuard : public RecordingGuard {
  public:
   SharedGuard(Frame* frames, ReadSet& reads, bool heed_wanted)
@@ -151,14 +161,14 @@ class SharedGuard : public RecordingGuard {
     Backoff backoff;
     for (;;) {
       switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {
-        case SharedLock::Shared::taken:
+        case SharedLock::TryResult::acquired:
           held_.push_back(id);
           yield_point();
-          version = frames_[id].version.load();
+          version = frames_[id].version.current();
           return true;
-        case SharedLock::Shared::wanted:
+        case SharedLock::TryResult::writer_wants:
           return false;
-        case SharedLock::Shared::writer:
+        case SharedLock::TryResult::writer_holds:
           backoff.wait();
       }
     }
@@ -175,12 +185,13 @@ class GiantGuard : public RecordingGuard {
  public:
   using RecordingGuard::RecordingGuard;
   bool read_version(const Frame& frame, Version& version) const {
-    version = frame.version.load();
+    version = frame.version.current();
     return true;
   }
 };
 
-// Validates nothing. For lookups that read each link consistently by itself (Reader::latest_each).
+// Neither compares nor records. For lookups that read each link consistently by itself
+// (Reader::latest_each).
 class NoGuard {
  public:
   bool read_version(const Frame&, Version& version) const {

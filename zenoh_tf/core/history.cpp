@@ -1,12 +1,12 @@
-// The slow paths of a history: searching it, and inserting a sample that is not the newest.
+// The slow path of finding samples: a search of the ring.
 #include "history.hpp"
 
 namespace ztf {
 
 namespace {
 
-// Returns the last slot, counted from `first`, whose sample is not after the time. Requires that
-// the sample in slot 0 is not after it and that the one in slot `high` is.
+// Returns the number of the newest sample that is not after the time. Requires that sample 0 is not
+// after it, and that sample `high`, whose stamp is `newest`, is.
 //
 // This is an interpolation search. Each guess starts from the last probe and applies the mean
 // sample rate; with random stamps it misses by about the square root of the distance. Each probe
@@ -17,11 +17,11 @@ std::uint32_t search_ring(Ring ring, std::uint32_t first, std::uint32_t high, do
   constexpr int kGuesses = 12;
   std::uint32_t low = 0, probe = high;
   Stamp stamp = newest;
-  for (int i = 0; high - low > 1; ++i) {
+  for (int guesses = 0; high - low > 1; ++guesses) {
     const double steps =
-        stamp <= time ? distance(stamp, time) * rate : -distance(time, stamp) * rate;
-    const double guess = i < kGuesses ? probe + std::floor(steps) : low + (high - low) / 2;
-    // Written so that any guess ends up between low and high: after a torn read it may be NaN.
+        stamp <= time ? elapsed_ns(stamp, time) * rate : -elapsed_ns(time, stamp) * rate;
+    const double guess = guesses < kGuesses ? probe + std::floor(steps) : low + (high - low) / 2;
+    // The comparisons clamp any guess between low and high, also NaN, which a torn read may cause.
     probe = !(guess > low) ? low + 1 : guess < high ? static_cast<std::uint32_t>(guess) : high - 1;
     stamp = ring.stamp(first + probe);
     if (stamp <= time) {

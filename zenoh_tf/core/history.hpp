@@ -1,9 +1,9 @@
-// The samples of one frame over time: finding and inserting them.
+// Finding samples in one frame's history.
 //
-// Thread safety: any reader may call the finding functions at any time; after a torn read they
-// return arbitrary samples of the frame, which the frame's version reveals (frame.hpp). The writing
-// functions require the frame's write lock.
-// Rules (tf2's, except those marked *)
+// Thread safety: any reader may call these functions at any time. After a torn read they return
+// arbitrary samples of the frame, which validation of the frame's version rejects (frame.hpp).
+// `slot` is an index into the ring, which masks it; sample i is the i-th oldest, in slot first + i.
+// Rules of a history (tf2's, except those marked *); history_insert.hpp upholds 1 to 3 and 6.
 // 1. A sample older than newest - cache is too old to be inserted; one exactly that old is not.
 // 2. Samples are pruned after the insert*, by the same limit.
 // 3. At an equal stamp the last one inserted wins*.
@@ -20,32 +20,39 @@
 namespace ztf {
 
 // The samples around a time: the pose at the time is interpolated between them. They are the same
-// sample if that one alone gives the pose. Both always point into the frame or its ring, after a
-// torn read to arbitrary samples there.
+// sample if that one alone gives the pose. Both always point into the frame or one of its rings,
+// even after a torn read.
 struct SampleInterval {
   const Sample* older;
   const Sample* newer;
-  Stamp time;
+  Stamp time;  // the requested time (but see PathStep)
 };
 
 // The parent that a frame has at a time, or why it has no sample then.
 struct LinkLookup {
-  enum class Status : std::uint8_t { ok, root, no_data, backward, forward };
+  enum class Status : std::uint8_t {
+    ok,
+    root,      // the frame has no parent
+    no_data,   // its only sample is at another time
+    backward,  // the time is before its oldest sample
+    forward,   // the time is after its newest sample
+  };
   Status status;
-  FrameId parent;
+  FrameId parent;  // if not ok: the newest sample's; 0 for a root
 };
 
-// The time between two stamps of a history. A history is shorter than the range of Stamp, so the
-// difference fits; it is computed unsigned because after a torn read it may wrap around.
-ZTF_ALWAYS_INLINE double distance(Stamp from, Stamp to) noexcept {
+// The nanoseconds between two stamps of a history, whose span fits a Stamp. The difference is
+// computed unsigned, because after a torn read it may wrap around.
+ZTF_ALWAYS_INLINE double elapsed_ns(Stamp from, Stamp to) noexcept {
   return static_cast<double>(static_cast<Stamp>(span_ns(from, to)));
 }
 
-// A snapshot of a frame whose samples all have one parent. It is for times between samples: if
-// those come at a regular rate, the rate alone gives the slots of a time's neighbours.
+// A snapshot of a history whose samples all have one parent. It guesses a time's slot from the mean
+// rate of the samples. The guess is right if they come at a regular rate; if not, find() returns
+// false, and the caller has to search.
 class UniformHistory {
  public:
-  // Loads the rate first: a reader that sees a rate also sees a ring (frame.hpp).
+  // Loads the words in the order of the members.
   ZTF_ALWAYS_INLINE explicit UniformHistory(const Frame& frame) noexcept
       : rate_(frame.samples_per_ns.load(std::memory_order_acquire)),
         newest_(frame.latest.stamp.load(std::memory_order_acquire)),
@@ -54,14 +61,16 @@ class UniformHistory {
         end_(frame.first.load(std::memory_order_acquire) +
              frame.count.load(std::memory_order_acquire)) {}
 
-  // True if the history is uniform and has samples on both sides of the time.
+  // True if all samples have one parent, and the time lies between the oldest and the newest.
   [[nodiscard]] ZTF_ALWAYS_INLINE bool contains(Stamp time) const noexcept {
     return rate_ > 0 && oldest_ <= time && time < newest_;
   }
 
-  // Sets the samples around a contained time. Returns false if they are not where the rate says.
+  // Sets the samples around a time. Returns false if they are not where the mean rate says.
+  // Requires contains(time).
   [[nodiscard]] ZTF_ALWAYS_INLINE bool find(Stamp time, SampleInterval& interval) const noexcept {
-    const auto back = static_cast<std::int64_t>(distance(time, newest_) * rate_);
+    // The number of samples between the time and the newest one.
+    const auto back = static_cast<std::int64_t>(elapsed_ns(time, newest_) * rate_);
     return find_in_slot(end_ - 2 - static_cast<std::uint32_t>(back), time, interval);
   }
   // Sets the samples in a slot and in the next one. Returns false if the time is not between them.
@@ -74,17 +83,19 @@ class UniformHistory {
   [[nodiscard]] Ring ring() const noexcept { return ring_; }
 
  private:
+  // Members are initialized, and so the frame's words are loaded, in this order. The rate must come
+  // first: a reader that sees a rate above 0 also sees a ring (frame.hpp).
   const double rate_;
   const Stamp newest_, oldest_;
   const Ring ring_;
-  const std::uint32_t end_;
+  const std::uint32_t end_;  // the slot after the newest sample's
 };
 
 // The slow path of find_link(): searches the ring, and decides why there is no sample.
 LinkLookup find_link_by_search(const Frame& frame, Stamp time, SampleInterval& interval) noexcept;
 
-// Finds a frame's parent and its samples at a time. Always sets the interval: if the frame has no
-// sample then, to the newest one, so that it can be read. `parent` is 0 for a root.
+// Returns a frame's parent at a time and sets its samples then. If the frame has no sample at the
+// time, sets the interval to the newest sample, so that a caller may read it.
 ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp time,
                                        SampleInterval& interval) noexcept {
   using Status = LinkLookup::Status;
@@ -101,9 +112,9 @@ ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp time,
   return find_link_by_search(frame, time, interval);
 }
 
-// Finds a frame's samples for many times in turn, and reads the frame only once. Where the rate
-// misses and times ascend, it steps forward from the samples of the last time. Over an irregular
-// history that makes Tree::lookup_batch 2.4 times as fast.
+// Finds a frame's samples for many times in turn, and reads the frame only once. Where the guess by
+// the rate misses and times ascend, it steps forward from the samples of the last time. Over an
+// irregular history that makes Tree::lookup_batch 2.4 times as fast.
 class HistoryCursor {
  public:
   HistoryCursor(const Frame& frame, bool ascending) noexcept
@@ -120,7 +131,8 @@ class HistoryCursor {
  private:
   static constexpr int kSteps = 4;
 
-  // Requires that the sample in slot_ belongs to the history and is not after the time.
+  // Looks into kSteps slots from slot_ on. Requires that the sample in slot_ belongs to the history
+  // and is not after the time.
   ZTF_ALWAYS_INLINE bool step_to(Stamp time, SampleInterval& interval) noexcept {
     for (int i = 0; i < kSteps; ++i, ++slot_)
       if (history_.find_in_slot(slot_, time, interval)) return true;
@@ -138,24 +150,24 @@ class HistoryCursor {
 
   const Frame& frame_;
   const UniformHistory history_;
-  const bool ascending_;    // no time is before the one before it
-  bool steps_ = false;      // slot_ is set
-  std::uint32_t slot_ = 0;  // where the older sample of the last time is
+  const bool ascending_;    // the times are given in ascending order
+  bool steps_ = false;      // step_to() may be used: slot_ is valid
+  std::uint32_t slot_ = 0;  // the slot of the older sample of the last time
 };
 
-// The parent of the sample in a slot of the ring.
+// Returns the parent of the sample in a slot.
 inline FrameId parent_at(const Frame& frame, Ring ring, std::uint32_t slot) noexcept {
   const auto acquire = std::memory_order_acquire;
   return frame.parent_changes.load(acquire) == 0 ? frame.parent.load(acquire) : ring.parent(slot);
 }
 
-// The oldest stamp that the frame can serve; its only stamp if it is static.
-inline Stamp oldest_stamp(const Frame& frame) noexcept {
+// Returns the oldest stamp that the frame can serve; its only stamp if it is static.
+inline Stamp oldest_served_stamp(const Frame& frame) noexcept {
   const auto acquire = std::memory_order_acquire;
   return (frame.count.load(acquire) == 0 ? frame.latest.stamp : frame.oldest_stamp).load(acquire);
 }
 
-// The parent of the oldest sample.
+// Returns the parent of the oldest sample.
 inline FrameId oldest_parent(const Frame& frame) noexcept {
   const Ring ring = frame.ring.load(std::memory_order_acquire);
   if (!ring || frame.count.load(std::memory_order_acquire) == 0)
@@ -163,14 +175,17 @@ inline FrameId oldest_parent(const Frame& frame) noexcept {
   return parent_at(frame, ring, frame.first.load(std::memory_order_acquire));
 }
 
+// Returns whether a sample is older than newest - cache (rule 1).
 inline bool too_old(Stamp stamp, Stamp newest, std::uint64_t cache_ns) noexcept {
   return stamp < newest && span_ns(stamp, newest) > cache_ns;
 }
 
-// A little less than it is: a time that is a sample's is not taken for one before it. Below 1,
-// for stamps differ; so what is computed from it fits, in a collision too.
+// Returns the mean rate in samples per nanosecond; 0 if there are fewer than two samples. Rounded
+// down slightly, so that a sample's own stamp is not assigned to the slot before it. Stamps are
+// distinct integers, so the rate is below 1 and elapsed_ns * rate fits int64, even after a torn
+// read.
 inline double mean_sample_rate(std::uint32_t count, Stamp oldest, Stamp newest) noexcept {
-  return count < 2 ? 0 : (count - 1 - 1e-9) / distance(oldest, newest);
+  return count < 2 ? 0 : (count - 1 - 1e-9) / elapsed_ns(oldest, newest);
 }
 
 }  // namespace ztf

@@ -16,7 +16,7 @@
 #include <thread>
 #include <type_traits>
 
-#include "pose.hpp"
+#include "compiler.hpp"
 #include "yield_point.hpp"
 
 namespace ztf {
@@ -60,9 +60,9 @@ using Version = std::uint64_t;
 
 // A frame's sequence lock (seqlock) and its writer lock, in one word.
 //
-// Bit 1 (kWriteLocked): a thread owns the frame and other writers wait. Bit 0 (kWriting): its write
-// is in progress and readers wait, too. The other bits count commits; 0 means never written. A
-// writer that reads before it writes sets bit 0 late, so that readers run on while it decides.
+// Bit 1 (kWriteLocked): a thread has the writer lock, and other writers wait. Bit 0 (kWriting): its
+// write is in progress, and readers wait, too. The other bits count commits; 0 means never written.
+// A writer that reads before it writes sets bit 0 late, so that readers run on meanwhile.
 //
 // Memory order: a writer sets kWriting, stores the data with release order, and unlocks. A reader
 // loads the version, loads data with acquire order, and loads the version again. If it has seen any
@@ -70,35 +70,37 @@ using Version = std::uint64_t;
 // therefore means that no load was torn.
 class SeqLock {
  public:
-  // Returns the version without the writer lock's bit; kWriting is set while a write is in
-  // progress.
-  [[nodiscard]] ZTF_ALWAYS_INLINE Version load() const noexcept {
+  // Returns the version as it is now, without kWriteLocked. kWriting is set while a write is in
+  // progress. Does not wait.
+  [[nodiscard]] ZTF_ALWAYS_INLINE Version current() const noexcept {
     return word_.load(std::memory_order_seq_cst) & ~kWriteLocked;
   }
   // Waits until no write is in progress and returns the version.
   [[nodiscard]] ZTF_ALWAYS_INLINE Version read_begin() const {
-    const Version version = load();
+    const Version version = current();
     return version & kWriting ? wait_for_writer() : version;
   }
 
-  // Returns what read(version) returned when no write happened during the call. Earlier calls may
-  // see torn values. After kOptimisticReads failed attempts it takes the writer lock, so that it
-  // ends however often others write. Requires that the caller does not hold the writer lock.
+  // Calls read(version) until no write happened during the call, and returns its result. Discarded
+  // calls may see torn values. After kOptimisticReads failed attempts it takes the writer lock, so
+  // that it ends however often others write. Requires that the caller does not hold that lock.
   template <class Read>
   ZTF_ALWAYS_INLINE auto read_consistent(Read&& read) const {
     static_assert(std::is_nothrow_invocable_v<Read, Version>, "an exception would leave it locked");
     const Version version = read_begin();
     const auto result = read(version);
     yield_point();
-    if (load() == version) [[likely]]
+    if (current() == version) [[likely]]
       return result;
     return read_again(read);
   }
 
   // Takes the writer lock and sets `before` to the version. Returns false if another thread has it.
   bool try_lock_writer(Version& before) const { return try_set(kWriteLocked, before); }
-  // The same, and begins the write in the same step.
-  bool try_lock(Version& before) { return try_set(kWriteLocked | kWriting, before); }
+  // The same, and begins the write in the same step, so that readers wait, too.
+  bool try_lock_and_begin_write(Version& before) {
+    return try_set(kWriteLocked | kWriting, before);
+  }
   // Waits for the writer lock and returns the version. A reader may use it to keep writers out.
   Version lock_writer() const {
     Backoff backoff;
@@ -106,11 +108,11 @@ class SeqLock {
     while (!try_lock_writer(before)) backoff.wait();
     return before;
   }
-  // The same, and begins the write in the same step.
-  Version lock() {
+  // The same, and begins the write in the same step, so that readers wait, too.
+  Version lock_and_begin_write() {
     Backoff backoff;
     Version before;
-    while (!try_lock(before)) backoff.wait();
+    while (!try_lock_and_begin_write(before)) backoff.wait();
     return before;
   }
   // Makes readers wait from now on. Requires the writer lock. The caller needs a sequentially
@@ -119,10 +121,12 @@ class SeqLock {
     word_.store(before | kWriteLocked | kWriting, std::memory_order_relaxed);
   }
 
+  // Releases the writer lock, ends the write, and gives the frame a new version.
   void unlock_changed(Version before) noexcept {
     yield_point();
     word_.store(before + kIncrement, std::memory_order_release);
   }
+  // Releases the writer lock and restores the version. Requires that nothing was written.
   void unlock_unchanged(Version before) const noexcept {
     word_.store(before, std::memory_order_release);
   }
@@ -149,7 +153,7 @@ class SeqLock {
       const Version version = read_begin();
       const auto result = read(version);
       yield_point();
-      if (load() == version) return result;
+      if (current() == version) return result;
     }
     const Version version = lock_writer();
     const auto result = read(version);
@@ -160,7 +164,7 @@ class SeqLock {
     Backoff backoff;
     for (;;) {
       backoff.wait();
-      const Version version = load();
+      const Version version = current();
       if (!(version & kWriting)) return version;
     }
   }
@@ -173,17 +177,21 @@ class SeqLock {
 // writer bit, and a bit by which a starving writer asks new readers to stay away.
 class SharedLock {
  public:
-  enum class Shared { taken, writer, wanted };
+  enum class TryResult {
+    acquired,
+    writer_holds,  // a writer has the lock
+    writer_wants,  // a starving writer has called want(); only with `heed_wanted`
+  };
 
-  // Takes a shared lock, or says why not: a writer has it, or, only if `heed_wanted`, one wants it.
-  Shared try_lock_shared(bool heed_wanted) noexcept {
+  // Takes a shared lock, or returns why not.
+  TryResult try_lock_shared(bool heed_wanted) noexcept {
     std::uint32_t state = word_.load(std::memory_order_relaxed);
     for (;;) {
-      if (state & kWriter) return Shared::writer;
-      if (heed_wanted && (state & kWanted)) return Shared::wanted;
+      if (state & kWriter) return TryResult::writer_holds;
+      if (heed_wanted && (state & kWanted)) return TryResult::writer_wants;
       if (word_.compare_exchange_weak(state, state + 1, std::memory_order_seq_cst,
                                       std::memory_order_relaxed))
-        return Shared::taken;
+        return TryResult::acquired;
     }
   }
   void unlock_shared() noexcept { word_.fetch_sub(1, std::memory_order_release); }
@@ -195,6 +203,7 @@ class SharedLock {
     return word_.compare_exchange_strong(state, kWriter, std::memory_order_seq_cst,
                                          std::memory_order_relaxed);
   }
+  // Asks new readers to stay away, until a writer takes the lock.
   void want() noexcept { word_.fetch_or(kWanted, std::memory_order_relaxed); }
   void unlock() noexcept { word_.fetch_and(~kWriter, std::memory_order_release); }
 

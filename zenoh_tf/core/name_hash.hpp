@@ -12,7 +12,7 @@
 #include <random>
 #include <string_view>
 
-#include "pose.hpp"
+#include "compiler.hpp"
 
 namespace ztf {
 

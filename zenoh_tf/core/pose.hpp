@@ -1,25 +1,14 @@
 // Poses and their arithmetic, which avoids trigonometry for small angles.
 //
-// Notation: X_parent_child maps a point's coordinates in child to coordinates
-// in parent; X_ac = X_ab * X_bc. Rotations are unit quaternions (x, y, z, w).
+// Notation: X_parent_child maps a point's coordinates in child to coordinates in parent. So
+// X_ac = X_ab * X_bc. Rotations are unit quaternions (x, y, z, w).
 // Thread safety: values.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 
-// For functions whose call would cost as much as their work, or that must be inlined into a caller
-// with ZTF_MULTIVERSION to be compiled for its processor.
-#define ZTF_ALWAYS_INLINE [[gnu::always_inline]] inline
-
-// For functions that are mostly arithmetic: compiles them also for processors with fused
-// multiply-add and 256-bit vectors. The loader picks one. GCC knows the architecture since 12.
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__) && \
-    __GNUC__ >= 12 && !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
-#define ZTF_MULTIVERSION __attribute__((target_clones("default", "arch=x86-64-v3")))
-#else
-#define ZTF_MULTIVERSION
-#endif
+#include "compiler.hpp"
 
 namespace ztf {
 
@@ -57,7 +46,8 @@ ZTF_ALWAYS_INLINE Vec3Of<T> rotate(const PoseOf<T>& p, T vx, T vy, T vz) noexcep
   return add_rotation(p, v, v);
 }
 
-// X_ac = X_ab * X_bc. Sums run from left to right, so that each term can be a fused multiply-add.
+// Returns X_ac = X_ab * X_bc. Sums run from left to right, so that each term can be a fused
+// multiply-add.
 template <class T>
 ZTF_ALWAYS_INLINE PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) noexcept {
   const Vec3Of<T> v{bc.x, bc.y, bc.z};
@@ -71,7 +61,7 @@ ZTF_ALWAYS_INLINE PoseOf<T> operator*(const PoseOf<T>& ab, const PoseOf<T>& bc) 
           ab.qw * bc.qw - ab.qx * bc.qx - ab.qy * bc.qy - ab.qz * bc.qz};
 }
 
-// X_ba from X_ab, for a unit rotation.
+// Returns X_ba. Requires a unit rotation.
 template <class T>
 ZTF_ALWAYS_INLINE PoseOf<T> inverse(const PoseOf<T>& ab) noexcept {
   PoseOf<T> ba{{}, {}, {}, -ab.qx, -ab.qy, -ab.qz, ab.qw};

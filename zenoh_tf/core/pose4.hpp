@@ -33,12 +33,12 @@ ZTF_ALWAYS_INLINE Double4 interpolation_ratios(const SampleInterval& a, const Sa
   const auto acquire = std::memory_order_acquire;
   const Stamp from[4] = {a.older->stamp.load(acquire), b.older->stamp.load(acquire),
                          c.older->stamp.load(acquire), d.older->stamp.load(acquire)};
-  const Double4 span{distance(from[0], a.newer->stamp.load(acquire)),
-                     distance(from[1], b.newer->stamp.load(acquire)),
-                     distance(from[2], c.newer->stamp.load(acquire)),
-                     distance(from[3], d.newer->stamp.load(acquire))};
-  const Double4 passed{distance(from[0], a.time), distance(from[1], b.time),
-                       distance(from[2], c.time), distance(from[3], d.time)};
+  const Double4 span{elapsed_ns(from[0], a.newer->stamp.load(acquire)),
+                     elapsed_ns(from[1], b.newer->stamp.load(acquire)),
+                     elapsed_ns(from[2], c.newer->stamp.load(acquire)),
+                     elapsed_ns(from[3], d.newer->stamp.load(acquire))};
+  const Double4 passed{elapsed_ns(from[0], a.time), elapsed_ns(from[1], b.time),
+                       elapsed_ns(from[2], c.time), elapsed_ns(from[3], d.time)};
   const Double4 zero{};
   return span > zero ? passed / span : zero;
 }

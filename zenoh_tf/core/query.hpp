@@ -34,26 +34,32 @@ constexpr std::uint8_t kOps = 6;
 struct Query {
   Op op;
   FrameId target, source;  // 0 for an unknown frame
-  Stamp stamp = kNoStamp;  // of `at` and `full`; in `full` kNoStamp is the latest common time
-  FrameId fixed = 0;       // of `full`
-  Stamp source_stamp = kNoStamp;  // of `full`, kNoStamp likewise
+  // The time of the target. `at` requires one. kNoStamp means the latest common time in `full`, and
+  // the newest links in Tree::chain(). The other operations ignore it.
+  Stamp stamp = kNoStamp;
+  FrameId fixed = 0;              // `full` only: the frame that the two lookups have in common
+  Stamp source_stamp = kNoStamp;  // `full` only: the time of the source, kNoStamp as above
 };
 
-// Why there is no transform. Fields that do not apply are 0 or kNoStamp.
+// Why there is no transform. The other fields mean something only if `code` is not ok; then those
+// that do not apply are 0 or kNoStamp.
 struct Failure {
   Code code = Code::ok;
   FrameId target = 0, source = 0;              // of the walk that failed
   FrameId frame = 0, parent = 0;               // the offending link: child and parent
   FrameId target_root = 0, source_root = 0;    // connectivity: where the two paths end
-  Stamp stamp = kNoStamp;                      // the time that was asked for
+  Stamp stamp = kNoStamp;                      // the requested time; kNoStamp: the newest links
   Stamp oldest = kNoStamp, newest = kNoStamp;  // of the offending link's history
 };
 
+// If `failure.code` is not ok, the pose and the stamps mean nothing.
 struct Answer {
   Failure failure = {};
-  Pose pose = {};    // X_target_source
-  Stamp stamp = 0;   // the time of the pose; of the newest samples that of the oldest one used
-  Stamp newest = 0;  // of the newest samples: that of the newest one used
+  Pose pose = {};  // X_target_source
+  // The time of the pose; for latest and latest_xact: the oldest stamp used. If all links are
+  // static, it is kNoStamp for common_time and 0 for the other lookups of newest samples.
+  Stamp stamp = 0;
+  Stamp newest = 0;  // for latest and latest_xact only: the newest stamp used
 };
 
 }  // namespace ztf

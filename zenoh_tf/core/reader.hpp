@@ -48,6 +48,8 @@ class Reader {
       case Op::latest_common:
         return lookup_latest_common(q.target, q.source, a);
       case Op::latest:
+        // `latest` promises less than latest_xact, so one answer serves both. It gets here only
+        // where Tree::lookup() does not use latest_each(), or that gave no answer.
       case Op::latest_xact:
         return lookup_latest(q.target, q.source, a);
       case Op::common_time:
@@ -79,9 +81,9 @@ class Reader {
     return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
   }
 
-  // Answers the rows of a block that one chain serves. If the first row has no answer, only its
-  // failure is reported.
-  bool sample(SampleBlock& block) {
+  // Answers the rows of a block that one chain serves, and marks the others as unanswered. If there
+  // is no chain at the first row's time, reports only that row's failure.
+  bool answer_block(SampleBlock& block) {
     const Query& q = block.first();
     Answer& a = block.first_answer();
     a.failure.code = Code::ok;
@@ -95,7 +97,8 @@ class Reader {
   }
 
   // Composes the newest links, each of which is consistent by itself; together they may mix
-  // commits. Returns false also if the path has changed since the walk. Requires NoGuard.
+  // commits. Returns false also if the path has changed since the walk. A failure that it reports
+  // may rest on a torn read. Requires NoGuard.
   ZTF_ALWAYS_INLINE bool latest_each(FrameId target, FrameId source, Answer& a) {
     return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       StampRange stamps;
@@ -114,16 +117,17 @@ class Reader {
     return static_cast<FrameId>(frame - frames_);
   }
 
-  // True if no frame's history ever had samples of two parents, so that a chain found for one time
-  // serves all times. Otherwise links of past times may form loops, with two chains between the
-  // same frames. The commit that ends this state changes the versions of all frames, so a
-  // conclusion from it is validated together with the frames of the chain.
+  // True if no frame ever had samples of two parents in its history. Then a chain found for one
+  // time serves all times. Otherwise past links may form loops, with two chains between the same
+  // frames. The first commit that makes it false changes the versions of all frames. So validating
+  // a chain's frames also validates a decision that rests on this.
   [[nodiscard]] bool never_reparented() const noexcept {
     return !ever_reparented_.load(std::memory_order_seq_cst);
   }
 
   // Finds the chain between two frames and calls body(chain), or reports in `a` why there is none.
-  // Then validates what was read. `stamp` is the time that a failure reports.
+  // Then validates what was read. `stamp` is the time that a failure reports: that of SelectAt, or
+  // kNoStamp for SelectLatest.
   template <class LinkSelector, class Body>
   ZTF_ALWAYS_INLINE bool with_chain(FrameId target, FrameId source, LinkSelector select,
                                     Stamp stamp, Answer& a, Body body) {
@@ -133,7 +137,8 @@ class Reader {
     switch (walker.find_chain(from_source, from_target, chain)) {
       case WalkResult::reached:
         if (!body(chain)) return false;
-        // In a loop, a frame above the common ancestor may belong to a second chain.
+        // Past links may form a loop. Then there may be two chains, and which one is found depends
+        // on frames outside it. So every frame that was read is validated.
         if (!LinkSelector::is_forest && !never_reparented())
           return validate(from_source) && validate(from_target);
         return guard_.validate(chain.source) && guard_.validate(chain.target);
@@ -146,7 +151,7 @@ class Reader {
     return validate(from_source) && validate(from_target);
   }
 
-  // Validates a whole path, and the frame that ended it.
+  // Validates a whole path. If it has an end, validates the frame at the end, too.
   bool validate(AncestorPath& path) {
     if (!guard_.validate({path.steps.begin(), path.steps.size()})) return false;
     if (path.state == AncestorPath::State::open) return true;
@@ -224,8 +229,8 @@ class Reader {
     return true;
   }
 
-  // A frame in itself: the identity, with the stamp of the frame's newest sample. `timeless_stamp`
-  // is given for a root or a static frame.
+  // Answers the lookup of a frame in itself: the identity, with the stamp of its newest sample. For
+  // a root or a static frame the stamp is `timeless_stamp`, which is kNoStamp for common_time.
   bool lookup_self(FrameId id, Stamp timeless_stamp, Answer& a) {
     const Frame& frame = frames_[id];
     Version version;
@@ -238,7 +243,7 @@ class Reader {
     return guard_.validate({&step, 1});
   }
 
-  // The newest links' stamps.
+  // Returns the range of the newest links' stamps. Requires a chain of SelectLatest.
   static StampRange stamps_of(const Chain& chain) noexcept {
     StampRange stamps;
     for (const PathStep& step : chain.source) stamps.include(step.interval.time);
@@ -246,7 +251,7 @@ class Reader {
     return stamps;
   }
 
-  // 0 if all links are static, because any time serves then.
+  // Returns 0 if all links are static, because any time serves then.
   static Stamp oldest_or_zero(const StampRange& stamps) noexcept {
     return stamps.empty() ? 0 : stamps.oldest();
   }
@@ -255,8 +260,8 @@ class Reader {
     a.newest = stamps.empty() ? 0 : stamps.newest();
   }
 
-  // Moves steps of newest links to an earlier time. Returns false if a link has no sample then.
-  // Requires never_reparented(): the links must have the same parents at that time.
+  // Sets the intervals of newest links to an earlier time. Returns false if a link has no sample
+  // then. Requires never_reparented(), because the links must have the same parents at that time.
   static bool move_to_time(PathSegment steps, Stamp time) noexcept {
     for (PathStep& step : steps) {
       if (step.interval.time == time || step.interval.time == kNoStamp) continue;
@@ -266,7 +271,8 @@ class Reader {
     return true;
   }
 
-  // X_target_source = inverse(X_ancestor_target) * X_ancestor_source
+  // Sets X_target_source = inverse(X_ancestor_target) * X_ancestor_source. Requires at least one
+  // link.
   ZTF_ALWAYS_INLINE static void compose_chain(const Chain& chain, Pose& pose) noexcept {
     if (!chain.source.empty()) compose(chain.source, pose);
     if (chain.target.empty()) return;
@@ -276,7 +282,7 @@ class Reader {
   }
 
   // Reads the steps' newest links again, each consistently, and sets the product of their poses.
-  // Returns false if a link leads to another frame than at the walk.
+  // Returns false if a link leads to another frame than during the walk.
   ZTF_ALWAYS_INLINE bool compose_each(PathSegment steps, const Frame* common_ancestor,
                                       StampRange& stamps, Pose& pose) const {
     for (std::size_t i = 0; i < steps.size(); ++i) {
@@ -299,8 +305,8 @@ class Reader {
     return true;
   }
 
-  // Sets the reason why two complete paths do not meet. If there are several, the choice is tf2's:
-  // a path that is too deep, then a link without a sample, then unconnected trees.
+  // Sets the reason why two complete paths have no common frame. If there are several, the order is
+  // tf2's: a path that is too deep, then a link without a sample, then unconnected trees.
   void report_failure(const AncestorPath& from_target, const AncestorPath& from_source, Stamp stamp,
                       Answer& a) const {
     a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
@@ -318,11 +324,11 @@ class Reader {
         const Frame& frame = *path->highest;
         a.failure.code = code_of(path->failure);
         a.failure.frame = id_of(path->highest);
-        // The parent at the end of the history that the time lies beyond.
+        // A time before the history gets the oldest sample's parent, one after it the newest's.
         a.failure.parent = path->failure == LinkLookup::Status::backward
                                ? oldest_parent(frame)
                                : frame.parent.load(std::memory_order_acquire);
-        a.failure.oldest = oldest_stamp(frame);
+        a.failure.oldest = oldest_served_stamp(frame);
         a.failure.newest = frame.latest.stamp.load(std::memory_order_acquire);
         return;
       }

@@ -1,4 +1,4 @@
-// The links of a block one after the other, each at all times, and four times at once.
+// Computes a block link by link: each link at all times of the block, four times at once.
 #include "sample_block.hpp"
 
 namespace ztf {

@@ -1,7 +1,7 @@
 // The oldest and the newest of some links' stamps.
 //
 // Thread safety: a value.
-// Invariant: static links (kNoStamp) serve all times and do not count.
+// Invariant: static links serve all times and do not count; their stamp is given as kNoStamp.
 #pragma once
 
 #include <algorithm>
@@ -22,8 +22,8 @@ class StampRange {
   [[nodiscard]] bool empty() const noexcept { return newest_ == kNoStamp; }
   [[nodiscard]] Stamp oldest() const noexcept { return oldest_; }
   [[nodiscard]] Stamp newest() const noexcept { return newest_; }
-  // True if all included stamps are equal.
-  [[nodiscard]] bool uniform() const noexcept { return oldest_ >= newest_; }
+  // True if all included stamps are equal, or none was included.
+  [[nodiscard]] bool all_equal() const noexcept { return oldest_ >= newest_; }
 
  private:
   Stamp oldest_ = std::numeric_limits<Stamp>::max();

@@ -149,7 +149,7 @@ class Tree {
 
   [[nodiscard]] std::uint64_t commits() const noexcept { return count_.sum(); }
   [[nodiscard]] Version version(FrameId frame) const noexcept {
-    return frames_[frame].version.load();
+    return frames_[frame].version.current();
   }
 
  private:
@@ -164,7 +164,7 @@ class Tree {
   void read(ReadSet& reads, Body&& body) const;
 
   bool latest_each(const Query& query, Answer& answer) const;
-  std::size_t sample(std::span<const Query> queries, std::span<Answer> answers) const;
+  std::size_t lookup_block(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
   PlanOutcome try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope);

@@ -3,6 +3,7 @@
 
 namespace ztf {
 
+// Answers `latest` without validation, each link consistent by itself (Reader::latest_each).
 // Returns false if there is no chain, or if it changed during the lookup.
 ZTF_MULTIVERSION bool Tree::latest_each(const Query& query, Answer& answer) const {
   if (query.target == 0 || query.source == 0 || query.target == query.source) return false;
@@ -13,11 +14,12 @@ ZTF_MULTIVERSION bool Tree::latest_each(const Query& query, Answer& answer) cons
 }
 
 ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {
-  // An error must be decided on consistent data, so it takes the guarded lookup below.
+  // If latest_each() finds no chain, the lookups below decide on consistent data whether to fail.
   if (query.op == Op::latest && options_.concurrency != Concurrency::giant &&
       latest_each(query, answer))
     return;
-  // A `full` lookup takes two walks, which must be validated together.
+  // A `full` lookup takes two walks one after the other, which a WalkGuard cannot validate
+  // together.
   if (options_.concurrency == Concurrency::optimistic && query.op != Op::full) [[likely]] {
     for (int i = 0; i < kOptimisticAttempts; ++i) {
       WalkGuard guard;
@@ -71,7 +73,7 @@ FrameInfo Tree::info(FrameId id) const {
     info.is_static = frame.is_static.load(acquire);
     info.samples = frame.count.load(acquire);
     info.evicted = frame.evicted.load(acquire);
-    info.oldest = oldest_stamp(frame);
+    info.oldest = oldest_served_stamp(frame);
     info.newest = frame.latest.stamp.load(acquire);
     const FrameEvents& events = events_[id];
     info.change = events.change.load(acquire);

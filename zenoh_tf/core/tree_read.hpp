@@ -10,7 +10,11 @@
 
 namespace ztf {
 
+// The length of each of two series of optimistic attempts. Tree::lookup() makes 64 with a
+// WalkGuard. If all fail, or for a longer transaction, Tree::read() makes 64 with an
+// OptimisticGuard. Then it locks frames (LockingGuard), which always ends.
 constexpr int kOptimisticAttempts = 64;
+// Two-phase locking: after so many attempts a reader no longer gives way to a starving writer.
 constexpr int kHeedWantedAttempts = 8;
 
 template <class Guard>
@@ -19,7 +23,7 @@ ZTF_ALWAYS_INLINE Reader<Guard> Tree::reader(Guard& guard) const noexcept {
 }
 
 // Runs body(reader) until everything that it read was the tree's state at one instant. `reads` is
-// then the read set. If optimistic attempts fail too often, the frames are locked.
+// then the read set. If optimistic attempts fail too often, it locks the frames.
 template <class Body>
 void Tree::read(ReadSet& reads, Body&& body) const {
   const auto attempt = [&](auto& guard) {

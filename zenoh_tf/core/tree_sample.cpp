@@ -1,4 +1,5 @@
-// Batches of lookups, each row its own transaction. Many times of one pair of frames go in blocks.
+// Batches of lookups, each row its own transaction. Rows of one pair of frames at many times are
+// answered in blocks.
 #include "tree_read.hpp"
 
 namespace ztf {
@@ -6,9 +7,10 @@ namespace ztf {
 namespace {
 
 constexpr std::size_t kMinBlockRows = 8;  // fewer rows are faster one by one
-constexpr int kBlockAttempts = 3;         // then row by row, because each row is answered in time
+constexpr int kBlockAttempts = 3;         // then row by row, which always ends
 
-// Returns how many rows from the first on differ in nothing but their time.
+// Returns how many rows from the first on are `at` and differ in nothing but their time. Returns 0
+// if the first row is another operation.
 std::size_t count_same_pair(std::span<const Query> queries) noexcept {
   const Query& first = queries[0];
   std::size_t n = 0;
@@ -33,23 +35,24 @@ void Tree::lookup_batch(std::span<const Query> queries, std::span<Answer> answer
     const std::size_t end = i + same;
     while (i < end) {
       const std::size_t rows = std::min(SampleBlock::kRows, end - i);
-      i += sample(queries.subspan(i, rows), answers.subspan(i, rows));
+      i += lookup_block(queries.subspan(i, rows), answers.subspan(i, rows));
     }
   }
 }
 
-// Answers up to all rows of a block and returns how many, at least one.
-std::size_t Tree::sample(std::span<const Query> queries, std::span<Answer> answers) const {
+// Answers the rows of a block and returns how many it answered: all, or only the first, if that one
+// fails.
+std::size_t Tree::lookup_block(std::span<const Query> queries, std::span<Answer> answers) const {
   SampleBlock block(queries, answers);
   bool valid = false;
   if (options_.concurrency == Concurrency::optimistic) {
     for (int i = 0; i < kBlockAttempts && !valid; ++i) {
       WalkGuard guard;
-      valid = reader(guard).sample(block);
+      valid = reader(guard).answer_block(block);
     }
   } else {
     ReadSet reads;
-    read(reads, [&](auto& reader) { return reader.sample(block); });
+    read(reads, [&](auto& reader) { return reader.answer_block(block); });
     valid = true;
   }
   if (valid && answers[0].failure.code != Code::ok) return 1;

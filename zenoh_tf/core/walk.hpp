@@ -1,7 +1,10 @@
 // Walking from two frames up to their lowest common ancestor.
 //
-// Both paths are extended in turns. Near frames therefore cost little in a high tree, and a change
-// far above the common ancestor cannot disturb the lookup.
+// A walk first tries the source's path alone, for up to 16 links, because the target is often a
+// near ancestor. Then it extends both paths in turns, so near frames cost little in a high tree.
+// If it finds a chain, the reader validates only the chain's links, so a change above the common
+// ancestor cannot disturb the lookup. There is one exception: once any frame was reparented, a
+// lookup at a time validates both paths as a whole (Reader::with_chain).
 //
 // Thread safety: paths and chains belong to one thread. What a walk finds, a failure included, is
 // meaningful only after its guard has validated the steps (guards.hpp).
@@ -12,7 +15,7 @@
 
 namespace ztf {
 
-// The link of a frame's newest sample.
+// The link of a frame's newest sample, loaded from its record.
 struct LatestLink {
   ZTF_ALWAYS_INLINE explicit LatestLink(const Frame& frame) noexcept
       : parent(frame.parent.load(std::memory_order_acquire)),
@@ -23,9 +26,9 @@ struct LatestLink {
   Stamp stamp;     // kNoStamp for a static link
 };
 
-// A link selector decides which of a frame's links a walk follows: its newest one,
+// A link selector decides which of a frame's links a walk follows. This one selects the newest.
 struct SelectLatest {
-  static constexpr bool is_forest = true;
+  static constexpr bool is_forest = true;  // newest links never form a loop (tree.hpp)
   ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
                                           SampleInterval& interval) const noexcept {
     const LatestLink link(frame);
@@ -34,7 +37,8 @@ struct SelectLatest {
   }
 };
 
-// or the one at a given time. Links of past times may form a loop, which the depth limit ends.
+// A link selector for the link at a given time. Past links may form a loop; the depth limit ends a
+// walk in it.
 struct SelectAt {
   static constexpr bool is_forest = false;
   Stamp time;
@@ -49,20 +53,20 @@ struct AncestorPath {
   enum class State : std::uint8_t {
     open,       // can be extended
     root,       // `highest` has no parent
-    no_sample,  // `highest` has no sample at the time, see `failure`
-    too_deep,   // as long as the depth limit allows, without an end
+    no_sample,  // `highest` has no sample at the time; `failure` says why
+    too_deep,   // `highest` has a parent, but the path is as long as the depth limit allows
   };
 
   ZTF_ALWAYS_INLINE explicit AncestorPath(const Frame* from) noexcept
       : start(from), highest(from) {}
 
-  // The number of links from the start to a frame, or -1 if the frame is not on the path.
+  // Returns the number of links from the start to a frame, or -1 if it is not on the path.
   [[nodiscard]] std::ptrdiff_t find(const Frame* frame) const noexcept {
     for (std::size_t i = 0; i < steps.size(); ++i)
       if (steps[i].frame == frame) return static_cast<std::ptrdiff_t>(i);
     return highest == frame ? static_cast<std::ptrdiff_t>(steps.size()) : -1;
   }
-  // The frame that many links above the start.
+  // Returns the frame that many links above the start.
   [[nodiscard]] const Frame* frame_above(std::size_t links) const noexcept {
     return links < steps.size() ? steps[links].frame : highest;
   }
@@ -75,7 +79,7 @@ struct AncestorPath {
   SmallVector<PathStep, 32> steps;  // steps[i].frame is start, its parent, ...
 };
 
-// The lowest steps of an ancestor path.
+// The first steps of an ancestor path, from its start up to the common ancestor.
 using PathSegment = std::span<PathStep>;
 
 // The links between two frames: from each of them up to their common ancestor.
@@ -83,6 +87,10 @@ struct Chain {
   PathSegment source, target;
   const Frame* common_ancestor;
 };
+
+// The number of links that a walk first extends the source's path by. compose_newest_links() has
+// the same limit (fast_path.hpp).
+constexpr std::size_t kDirectLinks = 16;
 
 enum class WalkResult : std::uint8_t {
   reached,    // the walk has found what it was looking for
@@ -102,7 +110,7 @@ class Walker {
   // and neither path is open.
   ZTF_ALWAYS_INLINE WalkResult find_chain(AncestorPath& from_source, AncestorPath& from_target,
                                           Chain& chain) {
-    // Common case: the target is an ancestor of the source, and near.
+    // Common case: the target is a near ancestor of the source.
     const WalkResult direct = extend(from_source, kDirectLinks, from_target.start);
     if (direct == WalkResult::exhausted)
       return find_common_ancestor(from_source, from_target, chain);
@@ -111,11 +119,14 @@ class Walker {
   }
 
  private:
-  static constexpr std::size_t kDirectLinks = 16;
+  // By how many links both paths are extended in turns. Each new frame is looked for in the whole
+  // other path, which is quadratic and pays only for short paths.
   static constexpr int kNearLinks = 48;
+  // By how many links at a time a path is then extended to its end. Sorting finds the ancestor.
   static constexpr std::size_t kFarLinks = 64;
 
-  // Extends a path by up to that many links. Stops early with `reached` at the frame `goal`.
+  // Extends a path by up to that many links. Returns `reached` at the frame `goal`, `retry` if the
+  // guard demands it, else `exhausted`.
   ZTF_ALWAYS_INLINE WalkResult extend(AncestorPath& path, std::size_t links, const Frame* goal) {
     using State = AncestorPath::State;
     if (path.state != State::open) return WalkResult::exhausted;
@@ -147,7 +158,7 @@ class Walker {
     return result;
   }
 
-  // Extends both paths until they meet.
+  // Extends both paths until they have a common frame.
   [[gnu::noinline]] WalkResult find_common_ancestor(AncestorPath& from_source,
                                                     AncestorPath& from_target, Chain& chain) {
     for (int i = 0; i < kNearLinks; ++i)

@@ -36,7 +36,7 @@ class WriteLocks {
     // Other writers are excluded already. A reader may hold one frame (SeqLock::read_consistent).
     for (const FrameId id : ascending) {
       SeqLock& word = tree.frames_[id].version;
-      locked_.push_back({id, readers_may_read_ ? word.lock_writer() : word.lock()});
+      locked_.push_back({id, readers_may_read_ ? word.lock_writer() : word.lock_and_begin_write()});
     }
   }
   ~WriteLocks() {
@@ -95,7 +95,8 @@ class WriteLocks {
       const FrameId id = ids[locked_.size()];
       SeqLock& word = tree_.frames_[id].version;
       Version before;
-      if (readers_may_read_ ? word.try_lock_writer(before) : word.try_lock(before)) {
+      if (readers_may_read_ ? word.try_lock_writer(before)
+                            : word.try_lock_and_begin_write(before)) {
         locked_.push_back({id, before});
       } else if (!backoff.spin()) {
         if (++naps <= kMaxRestarts && locked_.size() <= kFewLocks) release({});
