@@ -3,9 +3,9 @@
 //
 // Thread safety: every function, from any thread.
 // Lock order: giant mutex (giant only), topology mutex, frames in ascending id, ring arena's mutex.
-// The wait list's mutex precedes the frames: its holder calls info() or parent(), which may lock one
-// frame for a moment. That cannot deadlock, because no thread takes the list's mutex while it holds
-// a frame's lock. Lookups take none of these mutexes but the giant one.
+// The wait list's mutex precedes the frames: its holder calls info() and parent(), which may take
+// one frame's writer lock for a moment. That cannot deadlock, because no thread takes the list's
+// mutex while it holds a frame's lock. Lookups take none of these mutexes but the giant one.
 // Invariants
 // 1. Frames are never freed or moved: an id stays valid for the tree's life.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
