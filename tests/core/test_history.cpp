@@ -33,7 +33,7 @@ class History {
   std::optional<InsertResult> put(Stamp stamp, FrameId parent, double x = 0) {
     if (frame->count.load() > 0 && too_old(stamp, frame->latest.stamp.load(), limits.cache_ns))
       return std::nullopt;
-    reserve(*frame, 1, limits, *memory);
+    reserve_samples(*frame, 1, limits, *memory);
     return insert(*frame, stamp, parent, at_x(x), limits);
   }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
@@ -312,8 +312,8 @@ TEST(a_cursor_ignores_the_slots_of_a_ring_that_was_replaced) {
   clear_history(*h.frame);  // the slots keep their samples
   for (const Stamp stamp : {0, 1, 2, 3, 80}) h.put(stamp, 1);
   HistoryCursor cursor(*h.frame, true);
-  reserve(*h.frame, 12, h.limits, *h.memory);  // replaces the ring, as the plan of a commit does
-  for (const Stamp time : {3, 55}) {           // 55 would also fit between two old samples
+  reserve_samples(*h.frame, 12, h.limits, *h.memory);  // replaces the ring, as a commit's plan does
+  for (const Stamp time : {3, 55}) {                   // 55 would also fit between two old samples
     SampleInterval found, expected;
     CHECK(cursor.find(time, found));
     CHECK_EQ(find_link(*h.frame, time, expected).status, Status::ok);

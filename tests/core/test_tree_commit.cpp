@@ -148,9 +148,9 @@ TEST(the_frame_limit) {
 }
 
 TEST(messages_name_the_value_and_the_limit) {
-  CHECK_EQ(grouped(0), "0");
-  CHECK_EQ(grouped(999), "999");
-  CHECK_EQ(grouped(1'048'576), "1,048,576");
+  CHECK_EQ(with_separators(0), "0");
+  CHECK_EQ(with_separators(999), "999");
+  CHECK_EQ(with_separators(1'048'576), "1,048,576");
   World w(
       Options{.cache_ns = 10, .max_frames = 3, .max_samples_per_frame = 2, .max_authorities = 1});
   w.set("a", "b", 100);

@@ -1,7 +1,11 @@
 // How a plan is applied: names, samples, counters, wake-ups.
+//
+// Measured gains: the second prefetch takes a fifth off a commit of 16 links beside a reader on
+// another core. With count_authority() after the release a commit of one row took 5 % longer.
 #include "commit_apply.hpp"
 
 #include <algorithm>
+#include <cassert>
 
 namespace ztf {
 
@@ -11,21 +15,20 @@ void CommitExecution::reserve(const WriteLocks& locks) {
 }
 
 void CommitExecution::apply(const WriteLocks& locks) noexcept {
-  // Readers took these lines back since the plan fetched them. Prefetched again, all at once, a
-  // commit of 16 links takes a fifth less beside a reader on another core.
+  // Readers may have taken these lines back since the plan prefetched them.
   if (plan_.groups().size() > 1)
     for (const FrameWrites& group : plan_.groups()) group.frame->prefetch_for_write();
   plan_.names().publish(plan_.children());
   if (plan_.clears_samples()) clear_samples(locks.frames());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
-  if (plan_.clears_samples()) {  // some frames are listed twice, and not in order
+  if (plan_.clears_samples()) {  // clear_samples() and apply_group() may list the same frame
     std::sort(changed_.begin(), changed_.end());
     changed_.set_size(
         static_cast<std::size_t>(std::unique(changed_.begin(), changed_.end()) - changed_.begin()));
   }
   if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
-  count_authority();  // after the release a set took 5 % longer
+  count_authority();
 }
 
 void CommitExecution::clear_samples(const FrameList& all) noexcept {
@@ -33,7 +36,7 @@ void CommitExecution::clear_samples(const FrameList& all) noexcept {
   tree_.drop_samples(all, true, changed_);
 }
 
-// Returns whether the frame has changed.
+// Stores the group's rows. Returns whether the frame has changed.
 bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
   if (!group.is_append) [[unlikely]]
     return apply_rows(group);
@@ -69,8 +72,12 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
     ++tally_.stored;
     if (plan_.request().is_static) {
       set_static(*group.frame, write.stamp, write.parent, pose);
-    } else if (insert(*group.frame, write.stamp, write.parent, pose, plan_.limits()) ==
-               InsertResult::replaced) {
+      continue;
+    }
+    const InsertResult result =
+        insert(*group.frame, write.stamp, write.parent, pose, plan_.limits());
+    assert(result != InsertResult::rejected);  // CommitPlan::decide() has excluded this
+    if (result == InsertResult::replaced) {
       increment(events.rewritten);
       ++tally_.rewritten;
     }
@@ -78,6 +85,7 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
 }
 
 // Counts changes of the frame's link (another parent, authority or kind), and records the last one.
+// A frame's first link is no change.
 void CommitExecution::record_link_change(const FrameWrites& group, FrameId parent_before,
                                          bool static_before) noexcept {
   using Change = FrameEvents::Change;

@@ -1,7 +1,7 @@
 // The execution of a commit's plan.
 //
-// Thread safety: lives on the writer's stack. Nothing here can fail: CommitPlan has reserved all
-// memory.
+// Thread safety: lives on the writer's stack.
+// Invariant: apply() and what follows cannot fail. reserve() comes first and may throw.
 #pragma once
 
 #include "commit_plan.hpp"
@@ -12,21 +12,24 @@ class CommitExecution {
  public:
   CommitExecution(Tree& tree, const CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
 
-  // Makes room in the list of changed frames, so that apply() cannot fail. Throws bad_alloc.
+  // Makes room in the list of changed frames, so that apply() allocates nothing. Requires a ready
+  // plan. Throws bad_alloc.
   void reserve(const WriteLocks& locks);
 
-  // Stores the plan's rows and publishes its names. Requires a ready plan, its write locks, and
-  // that readers already wait (WriteLocks::begin_write).
+  // Stores the plan's rows and publishes its names. Requires reserve(), the write locks, and that
+  // WriteLocks::begin_write() has been called. Names are no part of a reader's snapshot: they are
+  // published one by one, so a lookup may find one new name and not yet another.
   void apply(const WriteLocks& locks) noexcept;
 
-  // The frames that get a new version when they are unlocked, ascending: all of them on the first
-  // reparenting (CommitPlan::decide).
+  // Returns the frames that get a new version when they are unlocked, ascending. These are the
+  // changed frames; on the first reparenting all frames (CommitPlan::decide).
   [[nodiscard]] const FrameList& frames_with_new_version(const WriteLocks& locks) const noexcept {
     return plan_.is_first_reparenting() ? locks.frames() : changed_;
   }
 
-  // Wakes the lookups that this commit may help. Requires that the locks are released and that the
-  // commit is counted (wait_list.hpp). Allocates nothing: a commit that is done cannot fail.
+  // Wakes the lookups whose result this commit may have changed. Requires that the locks are
+  // released and that the commit is counted (wait_list.hpp). Allocates nothing, as a commit that is
+  // done must not fail.
   void notify_waiters() const noexcept;
 
  private:

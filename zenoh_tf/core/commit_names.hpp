@@ -1,8 +1,13 @@
-// The names of a commit as frame ids: known names are found, new ones get numbers in the order of
-// the commit's rows, and are published once nothing can fail any more.
+// The names of a commit as frame ids.
 //
-// Thread safety: lives on the writer's stack. Numbering and publishing require the topology mutex:
-// it keeps a new name new, and the next number free.
+// A name is new if no frame has it now: it never existed, or its frame was removed. A removed name
+// comes back with its old id; the others get the next ids, in the order of the commit's rows.
+//
+// Thread safety: lives on the writer's stack. Assigning ids and publishing names require the
+// topology mutex: it keeps a new name new, and the next id free.
+// Invariant: ids that were found without the mutex may be stale, which is safe. A removed child has
+// no parent, and a removed parent has no children. So the row stores another parent than the child
+// has: CommitPlan::decide() asks for the topology mutex, and the names are looked up again.
 #pragma once
 
 #include <algorithm>
@@ -32,9 +37,9 @@ class CommitNames {
   // The id of a name of the request; 0 if the name is new.
   [[nodiscard]] FrameId id(std::uint32_t index) const noexcept { return ids_[index]; }
 
-  // Looks up the names and the authority, and forgets what an earlier attempt has numbered. Returns
-  // false where one is new and may not be added. `may_add` requires the topology mutex. Throws
-  // Rejected.
+  // Looks up the authority, and with `may_add` looks up the names again and forgets the ids that an
+  // earlier attempt has assigned. Returns false if a name or the authority is new and may not be
+  // added. `may_add` requires the topology mutex. Throws Rejected.
   bool resolve(bool may_add) {
     if (may_add) {
       new_.reset();
@@ -44,14 +49,15 @@ class CommitNames {
            (may_add || std::find(ids_.begin(), ids_.end(), FrameId{0}) == ids_.end());
   }
 
-  // The id of a name of the request; for a new name, the id that it will have. Throws Rejected.
+  // Returns the id of a name of the request; for a new name, the id that it will have. Requires the
+  // topology mutex, and resolve(true). Throws Rejected at the limit of frames.
   FrameId id_or_new(std::uint32_t index) {
-    if (ids_[index] == 0) ids_[index] = number(names_[index]);
+    if (ids_[index] == 0) ids_[index] = assign_id(names_[index]);
     return ids_[index];
   }
 
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
-  // True if a name is new, or was removed and comes back.
+  // True if id_or_new() has assigned an id to a new name.
   [[nodiscard]] bool any_new() const noexcept { return new_.has_value(); }
   [[nodiscard]] std::uint64_t frame_count_after() const noexcept {
     return std::uint64_t{tree_.names_.size()} + (new_ ? new_->created : 0);
@@ -75,10 +81,13 @@ class CommitNames {
     tree_.names_.reserve(new_->in_order.size(), bytes);
   }
 
-  // Shows the new names to others. `locked` are this commit's children, ascending: their versions
-  // change when they are unlocked. A new frame that is only a parent gets its first version here,
-  // as version 0 means that a frame does not exist. A frame that comes back has a version.
-  void publish(const FrameList& locked) const noexcept {
+  // Publishes the new names one by one; they are no part of a reader's snapshot. Requires
+  // reserve(), and the topology mutex if a name is new.
+  //
+  // Version 0 means that a frame does not exist. `children`, ascending, are locked and get a new
+  // version when they are unlocked. A frame that is only a parent gets its first version here. One
+  // that comes back keeps its version: its record does not change, and the version is not 0.
+  void publish(const FrameList& children) const noexcept {
     if (new_authority_) tree_.authorities_.insert(request_.authority);
     if (!new_) return;
     for (const auto& [id, name] : new_->in_order) {
@@ -86,7 +95,8 @@ class CommitNames {
         tree_.names_.show(id);
         continue;
       }
-      if (!std::binary_search(locked.begin(), locked.end(), id))
+      // Nobody holds this lock. No other thread uses a frame without a name, so a store suffices.
+      if (!std::binary_search(children.begin(), children.end(), id))
         tree_.frames_[id].version.unlock_changed(0);
       tree_.names_.insert(name);
     }
@@ -96,8 +106,8 @@ class CommitNames {
   struct NewNames {
     NewNames() {}  // a constructor of its own: clang needs one for optional::emplace()
 
-    std::map<std::string_view, FrameId> ids;  // the ids that they will have
-    std::uint32_t created = 0;  // names that never existed; the others were removed and come back
+    std::map<std::string_view, FrameId> ids;                     // the ids that they will have
+    std::uint32_t created = 0;                                   // how many of them never existed
     std::vector<std::pair<FrameId, std::string_view>> in_order;  // by id
   };
 
@@ -118,11 +128,12 @@ class CommitNames {
 
   void find() noexcept { tree_.names_.find_each({names_.begin(), names_.size()}, ids_.begin()); }
 
-  FrameId number(std::string_view name) {
+  // Returns the id that a new name will have. Throws Rejected at the limit of frames.
+  FrameId assign_id(std::string_view name) {
     if (!new_) new_.emplace();
     const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
     FrameId& id = it->second;
-    if (!is_first || id != 0) return id;  // numbered by an earlier row, or a removed frame's id
+    if (!is_first || id != 0) return id;  // an earlier row's name, or a removed frame's
     if (frame_count_after() >= tree_.options_.max_frames)
       reject_frame(name, tree_.options_.max_frames);
     ++new_->created;

@@ -1,4 +1,8 @@
 // How a commit is planned: resolve, sort, group, decide.
+//
+// Measured gains: prefetching the records takes a third off a commit of 16 links. Prefetching the
+// rings and the names' slots (NameTable::find_each) takes another fifth. is_append() takes a third
+// off a commit of one row.
 #include "commit_plan.hpp"
 
 #include <algorithm>
@@ -18,7 +22,7 @@ CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::
     const Row& row = request.rows[i];
     const FrameId child = names_.id(row.child), parent = names_.id(row.parent);
     writes[i] = {child, parent, i, row.stamp};
-    // Prefetched here, while the other rows are checked, a commit of 16 links takes a third less.
+    // The record arrives while the other rows are checked.
     if (rows > 1) tree.frames_[child].prefetch_for_write();
     // Equal ids are one name, unless both are 0: then the names must be compared.
     if (!names_.all_valid() || child == parent) [[unlikely]]
@@ -41,14 +45,13 @@ bool CommitPlan::resolve_and_group(CommitScope scope) {
   if (may_add) assign_new_ids();
   sort_rows();
   group_rows();
-  // Prefetched before the locks are taken, rings arrive meanwhile: with the names' prefetch
-  // (NameTable::find_each) this takes a fifth off a commit of 16 links.
+  // The rings arrive while the locks are taken.
   if (groups_.size() > 1)
     for (const FrameWrites& group : groups_) prefetch_history(*group.frame);
   return true;
 }
 
-// New names are numbered in the order of their rows, the child before the parent, as tf2 does.
+// Assigns ids in the order of the rows, to the child before the parent, as tf2 does.
 void CommitPlan::assign_new_ids() {
   std::sort(writes_.begin(), writes_.end(),
             [](const RowWrite& a, const RowWrite& b) { return a.row < b.row; });
@@ -106,8 +109,8 @@ void CommitPlan::validate_read_set(const WriteLocks& locks) const {
 
 PlanOutcome CommitPlan::decide(CommitScope scope) {
   is_first_reparenting_ = false;
-  // Another commit may have dropped the samples since an earlier attempt found the jump, and stored
-  // newer ones. Those stay.
+  // Another commit may have cleared the samples since an earlier attempt found the jump. Then the
+  // samples that it has stored stay.
   clears_samples_ = found_time_jump_ && scope == CommitScope::all_frames && is_time_set_back();
 
   bool topology_changes = names_.any_new();
@@ -118,15 +121,14 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
       continue;
     }
     if (decide_rows(group) != PlanOutcome::ready) return PlanOutcome::needs_all_frames;
-    topology_changes |= group.changes_link;
+    topology_changes |= group.stores_other_parent;
   }
   if (topology_changes) {
     if (scope == CommitScope::children) return PlanOutcome::needs_topology;
     check_cycles();
   }
-  // While no frame was ever reparented, readers use one path for all times. So the first
-  // reparenting gives every frame a new version: a transaction that read any frame before fails
-  // validation.
+  // While no frame was ever reparented, readers use one path for all times. The first reparenting
+  // therefore gives every frame a new version, so that readers which relied on it must retry.
   if (is_first_reparenting_ && scope != CommitScope::all_frames)
     return PlanOutcome::needs_all_frames;
   reserve_memory();
@@ -148,7 +150,7 @@ bool CommitPlan::will_be_cleared(const Frame& frame) const noexcept {
   return clears_samples_ && !frame.is_static.load(std::memory_order_relaxed);
 }
 
-// The common case, decided without looking further: a commit takes a third less.
+// Recognises the common case, for which decide_rows() is not needed.
 bool CommitPlan::is_append(const FrameWrites& group) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;
@@ -159,8 +161,9 @@ bool CommitPlan::is_append(const FrameWrites& group) const noexcept {
          frame.authority.load(relaxed) == names_.authority();
 }
 
-// Decides which rows of a group are stored, and what they change. Returns needs_all_frames where a
-// row is so old that it means a time jump.
+// Decides which rows of a group are stored, and what they change. Returns needs_all_frames if a row
+// is so old that it means a time jump. The retries end: the next attempt locks all frames and
+// clears their samples first, and rows come by stamp, so no row is too old then.
 PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;
@@ -172,7 +175,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
   bool has_samples = !cleared && !was_static && frame.count.load(relaxed) > 0;
   Stamp newest = frame.latest.stamp.load(relaxed);
   FrameId parent = parent_before;
-  // Rows come by stamp: those for which a full frame has no room come first.
+  // Rows come by stamp, so those for which a full frame has no room come first.
   const bool is_full = has_samples && frame.count.load(relaxed) == limits_.max_samples;
   const Stamp oldest = is_full ? oldest_served_stamp(frame) : kNoStamp;
   group.wakes_all = request_.is_static || was_static;
@@ -188,12 +191,9 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
       if (!request_.drop_old) reject_stamp(write, fate, newest, oldest);
       continue;
     }
-    // Even where a later row of this commit restores the parent, and for a sample in the past: the
-    // topology mutex keeps the parent from being removed, and others from following links while
-    // the rows are applied.
-    group.changes_link |= write.parent != parent_before;
+    group.stores_other_parent |= write.parent != parent_before;
     group.wakes_all |= write.parent != parent || (has_samples && write.stamp <= newest);
-    // A newest sample so old that this row prunes it takes all samples of the old parent with it.
+    // If this row prunes the newest sample, it prunes all, so no second parent remains.
     if (!request_.is_static && has_samples && write.parent != parent &&
         !too_old(newest, write.stamp, limits_.cache_ns))
       is_first_reparenting_ |= !tree_.ever_reparented_.load();
@@ -207,7 +207,8 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
   return PlanOutcome::ready;
 }
 
-// `oldest_of_full`: a full frame's oldest stamp, else kNoStamp.
+// Decides one row. Requires the stamp of the newest sample, if there is one, and as
+// `oldest_of_full` the oldest stamp of a full frame, else kNoStamp.
 CommitPlan::RowFate CommitPlan::fate_of(const RowWrite& write, bool has_samples, Stamp newest,
                                         Stamp oldest_of_full) const noexcept {
   if (request_.is_static) return RowFate::stored;
@@ -232,11 +233,13 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
            stamp + "the newest sample's, " + std::to_string(newest) +
                " ns, by more than the cache time of " + std::to_string(limits_.cache_ns) + " ns");
   reject(request_, row, "stamp_ns",
-         stamp + "all samples of the frame, which is full: it has " + grouped(limits_.max_samples) +
-             " (max_samples_per_frame), from " + std::to_string(oldest) + " ns on");
+         stamp + "all samples of the frame, which is full: it has " +
+             with_separators(limits_.max_samples) + " (max_samples_per_frame), from " +
+             std::to_string(oldest) + " ns on");
 }
 
-// Rejects if the newest parents, with all of this commit's applied at once, would form a cycle.
+// Throws Rejected if the newest parents would form a cycle once all rows are applied. Requires the
+// topology mutex.
 void CommitPlan::check_cycles() const {
   const std::uint64_t frames = names_.frame_count_after();
   FrameList new_parents;
@@ -269,7 +272,7 @@ void CommitPlan::reserve_memory() {
   names_.reserve();
   if (request_.is_static) return;
   for (const FrameWrites& group : groups_)
-    reserve(*group.frame, group.end - group.begin, limits_, tree_.ring_arena_);
+    reserve_samples(*group.frame, group.end - group.begin, limits_, tree_.ring_arena_);
 }
 
 const FrameWrites* CommitPlan::group_of(FrameId child) const noexcept {

@@ -1,13 +1,13 @@
 // What a commit will do: its rows in order, grouped by child, with a decision for each group.
 //
-// A commit is a plan and its execution (commit_apply.hpp). Planning does all that can fail: it
-// rejects the request, reserves memory and numbers new names. Applying a ready plan cannot fail.
-// Tree::commit (tree_write.cpp) takes the locks between the steps.
+// A commit is a plan and its execution (commit_apply.hpp). Planning rejects the request, reserves
+// memory for samples and names, and assigns ids to new names. Tree::commit (tree_write.cpp) takes
+// the locks between the steps.
 //
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
-// 1. After a retry all steps run again and decide anew. Only a time jump that an attempt has found
-//    is remembered: it may clear samples once all frames are locked.
+// 1. After a retry all steps run again and decide anew. The plan remembers only that an attempt has
+//    found a time jump: the next one may clear samples, as it locks all frames.
 // 2. Planning changes nothing that readers can see.
 #pragma once
 
@@ -23,7 +23,7 @@ namespace ztf {
 enum class CommitScope : std::uint8_t {
   children,    // the frames that get samples
   topology,    // and the topology mutex: names may be added, newest parents may change
-  all_frames,  // and every frame: all samples may be dropped, the first reparenting may happen
+  all_frames,  // and every frame: samples may be cleared, the first reparenting may happen
 };
 
 // Whether a plan can be applied in the scope of its attempt, or which scope it needs.
@@ -36,16 +36,18 @@ struct RowWrite {
   Stamp stamp;
 };
 
-// The rows of one child, in the order of their stamps, and what they will do to its frame.
+// The rows of one child, in the order of their stamps, and what they will do to its frame. Here the
+// newest sample is that of the frame before the commit.
 struct FrameWrites {
   Frame* frame;
   FrameId child;
   std::uint32_t begin, end;  // the rows: CommitPlan::writes()[begin, end)
-  FrameId new_parent = 0;    // of the newest sample after this commit; 0: unchanged
-  bool changes_link =
-      false;               // a stored row has another parent than the frame's newest sample so far
-  bool is_append = false;  // one row, newer than all samples; parent and authority stay
-  bool wakes_all = false;  // more than newer samples of the same parent: every waiter looks again
+  FrameId new_parent = 0;    // the frame's parent after this commit; 0: as before
+  // A stored row has another parent than the newest sample. Also set if a later row restores the
+  // parent, or the sample is late: the topology mutex must keep that parent from being removed.
+  bool stores_other_parent = false;
+  bool is_append = false;  // one row, newer than the newest sample, of its parent and authority
+  bool wakes_all = false;  // not only newer samples of the same parent: all waiters are woken
 };
 
 class CommitPlan {
@@ -59,8 +61,8 @@ class CommitPlan {
   [[nodiscard]] CommitScope initial_scope() const noexcept;
 
   // Step 1: resolves names, sorts the rows by child and time, and groups them by child. Requires
-  // the scope's mutex, if any. Returns false where a name or the authority is new, and adding it
-  // needs the topology mutex. Throws Rejected.
+  // the scope's mutex, if any. Returns false if a name or the authority is new, and adding it needs
+  // the topology mutex. Throws Rejected and bad_alloc.
   bool resolve_and_group(CommitScope scope);
 
   // The frames that get samples, ascending. The next steps require their write locks.
@@ -72,12 +74,12 @@ class CommitPlan {
   [[nodiscard]] bool has_read_set() const noexcept { return !request_.read_names.empty(); }
 
   // Step 2: checks that every version which the transaction has read is unchanged. Requires the
-  // write locks, and that readers already wait (WriteLocks::begin_write): then of two commits that
-  // each read what the other writes, at most one passes. Throws Rejected.
+  // write locks, and that WriteLocks::begin_write() has been called: so at most one of two commits
+  // passes if each has read what the other writes. Throws Rejected.
   void validate_read_set(const WriteLocks& locks) const;
 
   // Step 3: decides what each group stores, and reserves memory for it. Requires the write locks.
-  // Throws Rejected.
+  // Throws Rejected and bad_alloc.
   PlanOutcome decide(CommitScope scope);
 
   // The results, once decide() has returned ready.
@@ -92,7 +94,8 @@ class CommitPlan {
   [[nodiscard]] const HistoryLimits& limits() const noexcept { return limits_; }
   // True if time was set back: all dynamic samples are dropped before the rows are stored.
   [[nodiscard]] bool clears_samples() const noexcept { return clears_samples_; }
-  // True if this commit is the first in the tree's life that leaves a frame with two parents.
+  // True if this commit is the first in the tree's life that may leave a frame with samples of two
+  // parents.
   [[nodiscard]] bool is_first_reparenting() const noexcept { return is_first_reparenting_; }
   // The group of a child, or null.
   [[nodiscard]] const FrameWrites* group_of(FrameId child) const noexcept;

@@ -14,14 +14,14 @@ inline std::string quoted(std::string_view name) {
   return std::string("'").append(name).append("'");
 }
 
-// A count with separators: 1,048,576.
-inline std::string grouped(std::uint64_t value) {
+// Formats a count with separators: 1,048,576.
+inline std::string with_separators(std::uint64_t value) {
   std::string digits = std::to_string(value);
   for (std::size_t at = digits.size(); at > 3; at -= 3) digits.insert(at - 3, 1, ',');
   return digits;
 }
 
-// A frame's name as it is stored: without one leading slash, as tf2 does on insert.
+// Returns a frame's name as it is stored: without one leading slash, as tf2 does on insert.
 inline std::string_view stripped(std::string_view name) noexcept {
   return name.starts_with('/') ? name.substr(1) : name;
 }
@@ -42,7 +42,7 @@ inline std::string_view stripped(std::string_view name) noexcept {
 [[noreturn]] inline void reject_frame(std::string_view name, std::uint32_t max_frames) {
   throw Rejected{.code = Code::limit,
                  .message = "cannot create frame " + quoted(name) + ": the limit of " +
-                            grouped(max_frames) + " frames is reached (max_frames)",
+                            with_separators(max_frames) + " frames is reached (max_frames)",
                  .frame = std::string(name),
                  .field = "max_frames",
                  .limit = max_frames};
@@ -51,7 +51,8 @@ inline std::string_view stripped(std::string_view name) noexcept {
 [[noreturn]] inline void reject_authority(std::string_view name, std::uint32_t max_authorities) {
   throw Rejected{.code = Code::limit,
                  .message = "cannot add authority " + quoted(name) + ": the limit of " +
-                            grouped(max_authorities) + " authorities is reached (max_authorities)",
+                            with_separators(max_authorities) +
+                            " authorities is reached (max_authorities)",
                  .field = "max_authorities",
                  .limit = max_authorities};
 }
@@ -66,8 +67,8 @@ inline std::string_view stripped(std::string_view name) noexcept {
 inline void check_length(std::size_t bytes, const char* what, const Options& options) {
   if (bytes <= options.max_name_bytes) return;
   throw Rejected{.code = Code::limit,
-                 .message = std::string(what) + ": the name has " + grouped(bytes) +
-                            " bytes, the limit is " + grouped(options.max_name_bytes) +
+                 .message = std::string(what) + ": the name has " + with_separators(bytes) +
+                            " bytes, the limit is " + with_separators(options.max_name_bytes) +
                             " (max_name_bytes)",
                  .field = "max_name_bytes",
                  .limit = options.max_name_bytes,
@@ -88,7 +89,7 @@ inline void check_authority(const CommitRequest& request, const Options& options
              ", but must differ from 1 by less than 0.01: normalise it");
 }
 
-// Neither empty nor too long.
+// True if the name is neither empty nor too long.
 inline bool is_valid_name(std::string_view name, const Options& options) noexcept {
   return !name.empty() && name.size() <= options.max_name_bytes;
 }
@@ -106,7 +107,7 @@ inline void check_names(const CommitRequest& request, const Row& row, const Opti
 }
 
 // Checks the row's stamp and pose, and stores the pose with its rotation normalised. Throws
-// Rejected. Writes through a reference: copying a result that was just stored in parts would stall.
+// Rejected. It writes through a reference, because a copy of a value just stored in parts stalls.
 inline void check_values(const CommitRequest& request, const Row& row, Pose& pose) {
   if (row.stamp == kNoStamp)
     reject(request, row, "stamp_ns", "the stamp is out of range: it must be greater than -2^63 ns");
@@ -116,7 +117,7 @@ inline void check_values(const CommitRequest& request, const Row& row, Pose& pos
   const double zero = (p.x - p.x) + (p.y - p.y) + (p.z - p.z);
   if (zero != 0 || !(std::abs(norm2 - 1) < 1e-2)) [[unlikely]]
     reject_pose(request, row, norm2);
-  // The root's series, exact to rounding this near to 1: a commit of one row takes 7 % less.
+  // This near to 1 the root's series is exact to rounding. It takes 7 % off a commit of one row.
   const double excess = norm2 - 1;
   const double scale = std::abs(excess) < 1e-8 ? 1 - 0.5 * excess : 1 / std::sqrt(norm2);
   pose.x = p.x, pose.y = p.y, pose.z = p.z;

@@ -3,7 +3,7 @@
 // Thread safety: every function, from any thread. A counter is split into shards, of which a thread
 // uses one, so that writers rarely share a cache line.
 // Ordering: ShardedCounter is sequentially consistent. A commit unlocks its frames, then counts
-// itself: a thread that has seen the count sees the frames' new versions.
+// itself, so a thread that has seen the count sees the frames' new versions.
 #pragma once
 
 #include <pthread.h>
@@ -19,9 +19,9 @@ namespace ztf {
 
 using AuthorityId = std::uint32_t;  // 1, 2, ...; 0: none was named
 
-// The shard of the calling thread, out of a power of two. Computed from the thread's address: a
-// thread-local number would cost a call, as this is a loaded module. Thread stacks mostly lie at
-// equal distances, which this multiplier spreads evenly.
+// Returns the shard of the calling thread, out of a power of two. It is computed from the thread's
+// address, because in a loaded module a thread-local number would cost a call. Thread stacks mostly
+// lie at equal distances, which this multiplier spreads evenly.
 template <std::size_t shards>
 std::size_t shard_of_thread() noexcept {
   const auto self = reinterpret_cast<std::uintptr_t>(pthread_self());
@@ -49,8 +49,9 @@ class ShardedCounter {
   Shard shards_[kShards];
 };
 
-// What one commit did: rows stored and dropped as too old, samples replaced at their stamp, and
-// frames taken over from another authority.
+// What one commit did: rows stored, rows dropped, samples replaced at their stamp, and frames taken
+// over from another authority. A row is dropped if it is too old, or older than all samples of a
+// full frame. `conflicts` has nothing to do with Code::conflict, a read set that has changed.
 struct CommitTally {
   std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
 };

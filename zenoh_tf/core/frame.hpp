@@ -37,10 +37,13 @@ static_assert(
 using FrameId = std::uint32_t;  // 1, 2, ... in order of creation; 0: none
 using Stamp = std::int64_t;     // nanoseconds
 
-// Prefetches a cache line for writing, so that other cores' copies are invalidated early. By an
-// instruction of its own on x86-64, where compilers make a read prefetch of it without -mprfchw;
-// every x86-64 processor accepts it. What it is worth is said where it is used (commit_plan.cpp,
-// commit_apply.cpp).
+// No stamp. In a query: no time given, so the latest. As a link's stamp on a path: the link is
+// static. In a failure: the field does not apply. No row has this stamp (commit_validation.hpp).
+constexpr Stamp kNoStamp = std::numeric_limits<Stamp>::min();
+
+// Prefetches a cache line for writing, so that other cores' copies are invalidated early. On x86-64
+// it names the instruction, as compilers emit a read prefetch without -mprfchw. Every x86-64
+// processor accepts it. commit_plan.cpp and commit_apply.cpp give the measured gains.
 ZTF_ALWAYS_INLINE void prefetch_for_write(const void* line) noexcept {
 #if defined(__x86_64__)
   asm volatile("prefetchw %0" ::"m"(*static_cast<const char*>(line)));
@@ -49,9 +52,7 @@ ZTF_ALWAYS_INLINE void prefetch_for_write(const void* line) noexcept {
 #endif
 }
 
-constexpr Stamp kNoStamp = std::numeric_limits<Stamp>::min();
-
-// The distance from `from` to `to`, in ns. Requires from <= to. Cannot overflow.
+// Returns the time from `from` to `to`, in ns. Requires from <= to. Cannot overflow.
 inline std::uint64_t span_ns(Stamp from, Stamp to) noexcept {
   return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);
 }
@@ -78,7 +79,7 @@ class AtomicPose {
   std::atomic<double> values_[7];
 };
 
-// A stamped pose. One cache line, so that a lookup at a time touches two: the time's neighbours.
+// A stamped pose in one cache line. A lookup at a time touches two, the time's neighbours.
 struct alignas(64) Sample {
   std::atomic<Stamp> stamp;
   AtomicPose pose;
@@ -86,15 +87,15 @@ struct alignas(64) Sample {
 static_assert(sizeof(Sample) == 64);
 
 // The samples behind a frame's record: their address and capacity in one word. The low bits, which
-// the address leaves free, hold the capacity's logarithm. So a reader always sees an address and a
-// capacity that belong together. The samples' parents are stored after all samples: mostly they are
-// all the frame's parent, and neither inserts nor lookups touch them.
+// the address leaves free, hold the capacity's logarithm, so both always belong together. The
+// samples' parents are stored after all samples. They are rarely touched, as mostly all samples
+// have the frame's parent.
 class Ring {
  public:
   Ring() noexcept = default;  // none
   explicit operator bool() const noexcept { return word_ != 0; }
 
-  // A ring of zeros. Requires a capacity that is a power of two. Throws bad_alloc.
+  // Returns a ring of zeros. Requires a capacity that is a power of two. Throws bad_alloc.
   static Ring make(std::uint32_t capacity, RingArena& memory) {
     Ring ring;
     ring.word_ = reinterpret_cast<std::uintptr_t>(memory.allocate(lines(capacity))) |
@@ -112,7 +113,7 @@ class Ring {
   [[nodiscard]] ZTF_ALWAYS_INLINE Stamp stamp(std::uint32_t i) const noexcept {
     return sample(i).stamp.load(std::memory_order_acquire);
   }
-  // The index of a sample of this ring. In a torn read the sample may be another ring's; then the
+  // Returns the index of a sample of this ring. For another ring's sample, as in a torn read, the
   // result is any number.
   [[nodiscard]] std::uint32_t index_of(const Sample& sample) const noexcept {
     const auto offset = reinterpret_cast<std::uintptr_t>(&sample) - (word_ & ~kLogarithm);
@@ -160,11 +161,13 @@ struct alignas(128) Frame {
   SeqLock version;
   SharedLock shared;  // two-phase locking only
   std::atomic<FrameId> parent;
+  // A commit may replace the ring before begin_write(), without a change of the version. Each
+  // search must load this word once and stay with that ring, which keeps its samples.
   std::atomic<Ring> ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
   std::atomic<Stamp> oldest_stamp;            // of the ring's samples
-  std::atomic<double> samples_per_ns;         // mean rate of the ring's samples; 0: see above
+  std::atomic<double> samples_per_ns;         // mean rate of the ring's samples; 0: invariant 4
   std::atomic<std::uint32_t> parent_changes;  // how often a ring's sample has another parent than
                                               // the sample before it
   std::atomic<bool> is_static;

@@ -1,7 +1,7 @@
 // What is known about a frame beside its samples.
 //
 // Thread safety: FrameEvents are written under the frame's write lock, and may be read at any time,
-// each word by itself. A FrameInfo is a value that was read at one instant.
+// each word by itself. A FrameInfo is a value, read at one instant.
 #pragma once
 
 #include <atomic>
@@ -14,11 +14,18 @@ namespace ztf {
 
 // How often rare events happened to a frame, and the last one that changed its link.
 struct FrameEvents {
-  enum class Change : std::uint8_t { none, reparented, switched, authority };
+  enum class Change : std::uint8_t {
+    none,
+    reparented,  // the newest sample has another parent
+    switched,    // between static and dynamic
+    authority,   // another authority writes the frame
+  };
 
-  // Samples replaced at their stamp, rows dropped as too old, new parents, changes between static
-  // and dynamic, new authorities.
-  std::atomic<std::uint32_t> rewritten, dropped, reparented, switched, authority_changes;
+  std::atomic<std::uint32_t> rewritten;   // samples replaced at their stamp
+  std::atomic<std::uint32_t> dropped;     // rows too old, or older than all of a full frame
+  std::atomic<std::uint32_t> reparented;  // changes of the link, by kind
+  std::atomic<std::uint32_t> switched;
+  std::atomic<std::uint32_t> authority_changes;
 
   // The last change of the link, and what the link was before.
   std::atomic<Stamp> change_stamp;  // of the row that made the change
@@ -29,13 +36,15 @@ struct FrameEvents {
 };
 
 struct FrameInfo {
-  FrameId parent;
-  AuthorityId authority;
+  FrameId parent;         // of the newest sample; 0: a root
+  AuthorityId authority;  // of the last commit to the frame
   bool is_static;
-  std::uint32_t samples, evicted;
-  Stamp oldest, newest;
+  std::uint32_t samples;  // in the history; 0 for a static frame
+  std::uint32_t evicted;  // samples dropped because the frame was full
+  Stamp oldest, newest;   // both a static frame's stamp; unspecified for a root
   Version version;
 
+  // As in FrameEvents.
   FrameEvents::Change change;
   Stamp change_stamp;
   AuthorityId change_authority;

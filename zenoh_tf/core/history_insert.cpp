@@ -1,4 +1,4 @@
-// The rare parts of inserting: a larger ring, a late sample, a second parent.
+// The slow paths of inserting: a larger ring, a late sample, a second parent.
 #include "history_insert.hpp"
 
 namespace ztf {
@@ -43,7 +43,7 @@ InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
 
 std::uint32_t RingEdit::find_place(Ring ring, std::uint32_t first, std::uint32_t count,
                                    Stamp stamp) noexcept {
-  // From the newest sample on, as most late samples are newer than all but a few.
+  // Starts at the newest sample, as most late samples are newer than all but a few.
   std::uint32_t place = count;
   while (place > 0 && ring.stamp(first + place - 1) > stamp) --place;
   return place;

@@ -1,8 +1,15 @@
 // Changing one frame's history: inserting a sample, making a frame static, dropping everything.
 //
-// Thread safety: every function requires the frame's write lock, and that readers already wait
-// (SeqLock::begin_write). reserve() and prefetch_history() are the exceptions: see there.
-// Rules: those of history.hpp. The caller has dropped samples that are too old.
+// Thread safety: every function requires the frame's write lock, and that SeqLock::begin_write()
+// has been called. reserve_samples() requires only the lock, prefetch_history() nothing.
+// Rules (tf2's, except those marked *)
+// 1. Samples are kept in the order of their stamps; a late one is inserted at its place.
+// 2. At an equal stamp the last one inserted wins*.
+// 3. A sample older than newest - cache is too old to be inserted; one exactly that old is not. The
+//    caller has dropped those that are too old.
+// 4. After the insert*, samples are pruned by the same limit.
+// 5. A full frame evicts its oldest sample for a new one*, and rejects one older than all*.
+// 6. A static transform replaces a dynamic one with its history, and the other way round.
 // Invariants: frame.hpp's hold again when a function returns. In between a reader may see any
 // mixture, which validation rejects.
 #pragma once
@@ -25,9 +32,9 @@ enum class InsertResult : std::uint8_t {
 };
 
 // Adds one to a counter of a frame. Requires the frame's write lock, so a plain load and store
-// suffice; an atomic add would drain the store buffer. The store is a release, so that it cannot
-// become visible before the lock: on ARM a relaxed store may overtake the store half of the
-// compare-and-swap that took the lock, and a reader would validate a count it must not see yet.
+// suffice; an atomic add would drain the store buffer. The store has release order, so that it
+// cannot become visible before the lock. On ARM a relaxed store may overtake the store half of the
+// compare-and-swap that took the lock. A reader would then validate a count too early.
 inline void increment(std::atomic<std::uint32_t>& counter) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_release);
 }
@@ -54,22 +61,23 @@ inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   store_latest(frame, stamp, parent, pose);
 }
 
-// Replaces the ring by one of at least `wanted` slots. Requires the write lock only: readers may
-// go on meanwhile. Throws bad_alloc.
+// Replaces the ring by a copy of at least `wanted` slots. Requires the write lock only, as readers
+// may go on with the old ring. Throws bad_alloc.
 void grow_ring(Frame& frame, std::uint64_t wanted, RingArena& memory);
 
-// Makes room for `extra` more samples, so that insert() cannot fail. Requires the write lock only,
-// as it changes nothing that a reader sees. Throws bad_alloc.
-inline void reserve(Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
-                    RingArena& memory) {
+// Makes room for `extra` more samples, so that insert() needs no memory. Requires the write lock
+// only, as it changes no sample. Readers already wait if the commit has one frame or a read set;
+// else they go on meanwhile. Throws bad_alloc.
+inline void reserve_samples(Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
+                            RingArena& memory) {
   const Ring ring = frame.ring.load(std::memory_order_relaxed);
   const std::uint64_t wanted = std::min<std::uint64_t>(
       std::uint64_t{frame.count.load(std::memory_order_relaxed)} + extra, limits.max_samples);
   if (!ring || ring.capacity() < wanted) grow_ring(frame, wanted, memory);
 }
 
-// Prefetches the slots that an insert of a newer sample stores to and reads. Requires nothing: what
-// another writer changes meanwhile only makes the wrong lines come.
+// Prefetches the slots that an insert of a newer sample stores to and reads. Requires no lock: if
+// another writer interferes, the wrong lines are prefetched.
 inline void prefetch_history(const Frame& frame) noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const Ring ring = frame.ring.load(relaxed);
@@ -80,11 +88,11 @@ inline void prefetch_history(const Frame& frame) noexcept {
 }
 
 // A frame's samples during one insert: a copy of the words that say which slots are used. Sample i
-// is the i-th oldest. The frame's own words change only in publish().
+// is the i-th oldest. The frame's own words change only in prune_and_publish().
 class RingEdit {
  public:
-  // For the insert of a sample of this parent. The ring's parents are kept up to date only while
-  // its samples have more than one; this fills them in for the first sample of a second parent.
+  // Prepares the insert of a sample of this parent. The ring's parents are kept up to date only
+  // while its samples have several; the first sample of a second parent fills them in.
   ZTF_ALWAYS_INLINE RingEdit(const Frame& frame, FrameId parent) noexcept
       : ring_(frame.ring.load(std::memory_order_relaxed)),
         first_(frame.first.load(std::memory_order_relaxed)),
@@ -99,12 +107,12 @@ class RingEdit {
 
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
   [[nodiscard]] Stamp stamp(std::uint32_t i) const noexcept { return ring_.stamp(first_ + i); }
-  // The number of samples that are not newer than the stamp: where it would be inserted.
+  // Returns the number of samples that are not newer than the stamp: its place.
   [[nodiscard]] std::uint32_t place_of(Stamp stamp) const noexcept {
     return find_place(ring_, first_, count_, stamp);
   }
 
-  // Requires that store() sets the only sample next, if this drops the only one.
+  // Drops the oldest sample. If it is the only one, the caller must store() another next.
   ZTF_ALWAYS_INLINE void drop_oldest() noexcept {
     if (has_parents_) [[unlikely]]
       parent_changes_ -= changes_around(ring_, first_, count_, 0);
@@ -122,10 +130,11 @@ class RingEdit {
     }
     ++count_;
   }
-  // Requires that store() replaces sample i next: takes it out of the count of parent changes.
+  // Takes sample i out of the count of parent changes. Requires that store() replaces it next.
   void forget_parent(std::uint32_t i) noexcept {
     if (has_parents_) parent_changes_ -= changes_around(ring_, first_, count_, i);
   }
+  // Stores sample i, and counts the changes of parent on both of its sides.
   ZTF_ALWAYS_INLINE void store(std::uint32_t i, Stamp stamp, FrameId parent,
                                const Pose& pose) noexcept {
     ring_.store(first_ + i, stamp, pose);
@@ -136,8 +145,8 @@ class RingEdit {
     }
   }
 
-  // Drops what is older than the cache time, and makes the rest the frame's samples. These are the
-  // last stores of an insert.
+  // Prunes the samples older than the cache time, and makes the rest the frame's samples. These are
+  // the last stores of an insert.
   ZTF_ALWAYS_INLINE void prune_and_publish(Frame& frame, Stamp newest,
                                            std::uint64_t cache_ns) noexcept {
     while (too_old(oldest_, newest, cache_ns)) drop_oldest();
@@ -152,7 +161,7 @@ class RingEdit {
   }
 
  private:
-  // The rare parts. They take values, so that the members of a RingEdit stay in registers.
+  // The rare parts. They are static, so that the members of a RingEdit can stay in registers.
   static std::uint32_t find_place(Ring ring, std::uint32_t first, std::uint32_t count,
                                   Stamp stamp) noexcept;
   static void fill_in_parents(Ring ring, std::uint32_t first, std::uint32_t count,
@@ -160,7 +169,7 @@ class RingEdit {
   // Moves the samples in the slots from `begin` up to `end` by one slot.
   static void move_up(Ring ring, std::uint32_t begin, std::uint32_t end,
                       bool with_parents) noexcept;
-  // How often the parent changes between sample i and its neighbours.
+  // Returns how often the parent changes between sample i and its neighbours.
   static std::uint32_t changes_around(Ring ring, std::uint32_t first, std::uint32_t count,
                                       std::uint32_t i) noexcept;
 
@@ -168,15 +177,14 @@ class RingEdit {
   std::uint32_t first_, count_;
   Stamp oldest_;
   std::uint32_t parent_changes_;
-  bool has_parents_ = false;  // before or after this insert, the samples have several parents
+  bool has_parents_ = false;  // the samples have several parents before or after this insert
 };
 
-// insert() of a sample that is not newer than all others.
+// The slow path of insert(), for a sample that is not newer than all others.
 InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                          const HistoryLimits& limits) noexcept;
 
-// Inserts a sample. A full frame evicts its oldest sample for it; samples older than the cache time
-// are pruned. Requires reserve(), and a sample that is not too old itself.
+// Inserts a sample by the rules above. Requires reserve_samples(), and that it is not too old.
 inline InsertResult insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                            const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;

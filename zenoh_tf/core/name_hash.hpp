@@ -1,7 +1,7 @@
 // A seeded hash of names.
 //
-// It multiplies words of the name and folds both halves of the product into one, as wyhash does: a
-// few cycles for the usual name. The seed is random for each table, so that nobody can prepare
+// It multiplies words of the name and folds both halves of the product into one, as wyhash does. A
+// name of usual length takes a few cycles. Each table has a random seed, so that nobody can prepare
 // names that all fall into one slot.
 //
 // Thread safety: constant once constructed.
@@ -23,8 +23,7 @@ ZTF_ALWAYS_INLINE Word word_at(const char* text) noexcept {
   return word;
 }
 
-// Returns a == b. Names are short: without a call to memcmp() a commit of 16 links takes a tenth
-// less.
+// Returns a == b. Names are short: a call of memcmp() would cost a tenth of a commit of 16 links.
 ZTF_ALWAYS_INLINE bool same_name(std::string_view a, std::string_view b) noexcept {
   if (a.size() != b.size()) return false;
   const char *p = a.data(), *q = b.data();

@@ -6,10 +6,9 @@
 // 1. Ids count up from 1 without gaps; 0 means that there is no such name.
 // 2. A filled slot never changes, but a name may be hidden and shown again.
 // 3. A table that was outgrown is kept until the end, as a reader may still probe it. Tables
-// double,
-//    so all of them together are smaller than twice the last one.
+//    double, so all of them together are smaller than twice the last one.
 // 4. insert() fills names_[id] before it publishes the slot with release order.
-// Short names are stored in their entries: in a large tree each line that is touched is a miss.
+// Short names are stored in their entries, because in a large tree each line touched is a miss.
 #pragma once
 
 #include <algorithm>
@@ -38,7 +37,7 @@ class NameTable {
   NameTable(const NameTable&) = delete;
   NameTable& operator=(const NameTable&) = delete;
 
-  // The name's id; 0 if there is no such name, or it is hidden.
+  // Returns the name's id; 0 if there is no such name, or it is hidden.
   [[nodiscard]] Id find(std::string_view name) const noexcept {
     const Id id = find_any(name);
     return hidden(id) ? 0 : id;
@@ -48,8 +47,8 @@ class NameTable {
     return find_any(*table_.load(std::memory_order_acquire), hash_(name), name);
   }
 
-  // find() for each name. All slots are prefetched before the first is read: their misses overlap.
-  // With the prefetch of rings this takes a fifth off a commit of 16 links (commit_plan.cpp).
+  // Does find() for each name. All slots are prefetched before the first is read, so that their
+  // misses overlap (measured in commit_plan.cpp).
   void find_each(std::span<const std::string_view> names, Id* ids) const noexcept {
     constexpr std::size_t kTogether = 32;
     const Table& table = *table_.load(std::memory_order_acquire);
@@ -68,7 +67,7 @@ class NameTable {
     }
   }
 
-  // The name of an id. Requires an id that this thread has got from find() or size().
+  // Returns the name of an id. Requires an id that this thread has got from find() or size().
   [[nodiscard]] std::string_view name(Id id) const noexcept {
     const Entry& entry = names_[id];
     return {entry.length <= sizeof entry.text ? entry.text : entry.long_text, entry.length};

@@ -1,4 +1,4 @@
-// The tree as a whole, and the writes that drop samples: clear() and remove_frame().
+// The tree as a whole, and the writes that drop samples: clear(), reset() and remove_frame().
 #include "tree.hpp"
 
 #include <algorithm>
@@ -46,13 +46,13 @@ void Tree::clear(bool keep_static) {
   {
     const std::lock_guard topology(topology_);
     list_frames(all);
-    (void)dropped.reserve(all.size());  // before the first write: nothing may fail after it
+    (void)dropped.reserve(all.size());  // before the first write, after which nothing may fail
     WriteLocks locks(*this, all);
     locks.begin_write();
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
   }
-  count_.add();
+  commit_count_.add();
   notify_waiters_of(dropped);
 }
 
@@ -68,7 +68,7 @@ void Tree::reset() {
     drop_frames(all);
     locks.release(all);
   }
-  count_.add();
+  commit_count_.add();
   notify_waiters_of(all);
 }
 
@@ -95,7 +95,7 @@ void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) 
     if (const FrameId parent = frames_[child].parent.load(std::memory_order_relaxed); parent != 0)
       links.emplace_back(parent, child);
   std::sort(links.begin(), links.end());
-  for (std::size_t i = 0; i < frames.size(); ++i) {  // grows while it is read
+  for (std::size_t i = 0; i < frames.size(); ++i) {  // the loop appends to `frames`
     auto link = std::lower_bound(links.begin(), links.end(), std::pair(frames[i], FrameId{0}));
     for (; link != links.end() && link->first == frames[i]; ++link) {
       const std::string_view child = names_.name(link->second);
@@ -124,7 +124,7 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
     drop_frames(removed);
     locks.release(removed);
   }
-  count_.add();
+  commit_count_.add();
   notify_waiters_of(removed);
 }
 

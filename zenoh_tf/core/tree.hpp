@@ -2,8 +2,10 @@
 // and commits. Needs a 64-bit target (frame.hpp).
 //
 // Thread safety: every function, from any thread.
-// Lock order: giant mutex (giant only), topology mutex, frames in ascending id, then the mutex of
-// the wait list or of the ring arena. Reads take none of these mutexes but the giant one.
+// Lock order: giant mutex (giant only), topology mutex, frames in ascending id, ring arena's mutex.
+// The wait list's mutex precedes the frames: its holder calls info() and parent(), which may take
+// one frame's writer lock for a moment. That cannot deadlock, because no thread takes the list's
+// mutex while it holds a frame's lock. Lookups take none of these mutexes but the giant one.
 // Invariants
 // 1. Frames are never freed or moved: an id stays valid for the tree's life.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
@@ -31,7 +33,7 @@
 namespace ztf {
 
 struct Options {
-  std::uint64_t cache_ns = 10'000'000'000;
+  std::uint64_t cache_ns = 10'000'000'000;  // less than 2^63
   Concurrency concurrency = Concurrency::optimistic;
   std::uint32_t max_frames = 1u << 20;
   std::uint32_t max_samples_per_frame = 1u << 16;
@@ -39,12 +41,13 @@ struct Options {
   std::uint32_t max_depth = 1000;
   std::uint32_t max_authorities = 4096;
   bool one_authority_per_frame = false;
-  // A dynamic row that is too old for its frame means that time was set back: the commit drops all
+  // A dynamic row that is too old for its frame means that time was set back: the commit clears all
   // dynamic samples and stores the row, instead of dropping or rejecting it.
   bool clear_on_time_jump = false;
 };
 
-// One transform to be written. parent and child are indices into CommitRequest::names.
+// One transform to be written. parent and child are indices into CommitRequest::names, and less
+// than its size.
 struct Row {
   std::uint32_t parent, child;
   Stamp stamp;
@@ -56,13 +59,17 @@ struct CommitRequest {
   std::span<const Row> rows;
   std::string_view authority = {};
   bool is_static = false;
-  bool drop_old = false;  // drop rows that are too old; else one rejects the commit
+  // Drops rows that are too old, or older than all samples of a full frame. Without it, one such
+  // row rejects the commit.
+  bool drop_old = false;
   // The read set: the commit is rejected unless every frame still has the version that was read.
+  // Version 0 asserts that the frame does not exist. read_names and read_versions are equally long.
   std::span<const std::string_view> read_names = {};
   std::span<const Version> read_versions = {};
 };
 
-// Thrown where a commit or a removal is rejected: the reason, and the facts it rests on.
+// Thrown if a commit or a removal is rejected: the reason, and the facts that it rests on. Facts
+// that do not apply are empty, kNoStamp or -1.
 struct Rejected {
   Code code;
   std::string message;
@@ -84,7 +91,7 @@ class Tree {
   Tree(const Tree&) = delete;
   Tree& operator=(const Tree&) = delete;
 
-  // The frame's id; 0 if there is none of that name.
+  // Returns the frame's id; 0 if no frame has that name.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
   [[nodiscard]] std::string_view name(FrameId id) const noexcept { return names_.name(id); }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
@@ -93,23 +100,24 @@ class Tree {
 
   // One query as a transaction of its own.
   void lookup(const Query& query, Answer& answer) const;
-  // Each query as a transaction of its own, or together with its neighbours: one
-  // pair of frames at many times takes a fraction of the time.
+  // Each query as a transaction of its own, or together with its neighbours. Queries of one pair of
+  // frames at many times then take a fraction of the time.
   void lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const;
-  // All queries in one transaction: one instant for all. `reads`: what they rest on.
+  // All queries in one transaction, at one instant. Sets `reads` to the frames that the answers
+  // rest on, with their versions.
   void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
                           ReadSet& reads) const;
 
   // Stores all rows, or throws Rejected or bad_alloc and stores none. Sets stored[i] to whether row
-  // i was stored; with drop_old a row that is too old is not.
+  // i was stored; drop_old allows that it was not. Requires stored.size() >= request.rows.size().
   void commit(const CommitRequest& request, std::span<std::uint8_t> stored);
 
-  // All that the answer rests on is read in one transaction.
+  // Reads all that the answer rests on in one transaction.
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
 
-  // The frames from target to source over their common ancestor.
+  // Sets `frames` to those from target to source over their common ancestor.
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
-  // 0: no parent at that time; kNoStamp: the newest.
+  // Returns the parent at a time, or of the newest sample for kNoStamp; 0 if there is none.
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
   [[nodiscard]] const FrameEvents& events(FrameId id) const noexcept { return events_[id]; }
@@ -120,7 +128,7 @@ class Tree {
   [[nodiscard]] AuthorityCounts authority_counts(AuthorityId id) const noexcept {
     return authority_counters_.sum(id);
   }
-  // How often commits dropped all samples because time was set back.
+  // How often commits cleared all samples because time was set back.
   [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
 
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
@@ -135,11 +143,11 @@ class Tree {
 
   // True if a later commit could make a lookup succeed that failed so.
   [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
-  // The oldest stamp that a frame accepts: not too old, and not older than a full history. It only
-  // grows, until the history is cleared.
+  // Returns the oldest stamp that a frame accepts: one that is not too old, nor older than all
+  // samples of a full frame. It only grows, until the history is cleared.
   [[nodiscard]] Stamp oldest_insertable(const FrameInfo& info) const noexcept;
   WaitList& wait_list() const noexcept { return wait_list_; }
-  // For the wait list: one waiting lookup more or less on this frame.
+  // For the wait list: counts one waiting lookup more, or less, on this frame.
   void add_waiter(FrameId frame) const noexcept {
     waiters_[frame].fetch_add(1, std::memory_order_seq_cst);
   }
@@ -147,7 +155,7 @@ class Tree {
     waiters_[frame].fetch_sub(1, std::memory_order_seq_cst);
   }
 
-  [[nodiscard]] std::uint64_t commits() const noexcept { return count_.sum(); }
+  [[nodiscard]] std::uint64_t commits() const noexcept { return commit_count_.sum(); }
   [[nodiscard]] Version version(FrameId frame) const noexcept {
     return frames_[frame].version.current();
   }
@@ -195,7 +203,7 @@ class Tree {
   NameTable authorities_;
   mutable std::mutex giant_;
   std::mutex topology_;
-  ShardedCounter count_;
+  ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
   mutable WaitList wait_list_{*this};
 };

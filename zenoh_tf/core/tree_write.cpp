@@ -1,4 +1,4 @@
-// Commits: lock, validate, plan, apply.
+// Commits: resolve, lock, validate, decide, apply.
 #include "commit_apply.hpp"
 
 namespace ztf {
@@ -18,12 +18,13 @@ void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) 
       count_retry();
     }
   }
-  count_.add();
+  commit_count_.add();
   execution.notify_waiters();
 }
 
-// One attempt. Unless it returns ready it has changed nothing. Throws Rejected and bad_alloc, then
-// it has changed nothing either.
+// One attempt to commit. Returns `ready` if the commit is applied, else the scope that it needs.
+// Throws Rejected and bad_alloc. Unless it returns `ready` it has changed nothing that others can
+// see, and `stored` is unspecified.
 PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope) {
   std::unique_lock topology(topology_, std::defer_lock);
   if (scope != CommitScope::children) topology.lock();
@@ -39,7 +40,7 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
   if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
   execution.reserve(locks);
 
-  // The linearization point: readers of the old state are ordered before it.
+  // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
   locks.begin_write();
   execution.apply(locks);
   locks.release(execution.frames_with_new_version(locks));

@@ -26,7 +26,7 @@ class WaitList::WokenList {
   void add(Iterator begin, Iterator end) noexcept {
     for (; begin != end; ++begin) add(begin->second);
   }
-  // Calls visit(waiter) for each. The waiter may be gone when visit() returns.
+  // Calls visit(waiter) for each. The waiter may be destroyed when visit() returns.
   template <class Visit>
   void for_each(Visit&& visit) const noexcept {
     for (Waiter* waiter = first_; waiter != nullptr;) {
@@ -42,7 +42,7 @@ class WaitList::WokenList {
 };
 
 bool WaitList::lookup_or_park(Waiter& waiter) {
-  // Copies: once parked, the waiter may belong to the thread that is woken.
+  // Copied, because a parked waiter may belong to another thread.
   const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
   for (;;) {
     Query& query = waiter.query_;
@@ -67,7 +67,8 @@ bool WaitList::lookup_or_park(Waiter& waiter) {
     bool unchanged = true;
     for (const ReadVersion& read : reads) unchanged &= tree_.version(read.frame) == read.version;
     for (int i = 0; i < 3; ++i) unchanged &= names[i].empty() || tree_.find(names[i]) == ids[i];
-    // A commit came in between. If it has woken the waiter already, this thread has given it away.
+    // If something changed, a commit came in between. If that has woken the waiter already,
+    // cancel() fails, and the waiter belongs to the woken thread.
     if (unchanged || !cancel(waiter)) return false;
   }
 }
@@ -111,13 +112,18 @@ void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
     need = tree_.parent(frame, failed_at) == 0 ? Need::sample : Need::link;
     stamp = failed_at;
   }
-  Waiter::ByTime& waiters = frames_[frame].of(need);
-  waiter.on_frames_.push_back({frame, need, waiters.emplace(stamp, &waiter)});
+  const auto at = frames_.try_emplace(frame).first;
+  try {
+    waiter.on_frames_.push_back({frame, need, at->second.of(need).emplace(stamp, &waiter)});
+  } catch (...) {
+    erase_if_empty(at);
+    throw;
+  }
   tree_.add_waiter(frame);
 }
 
-// Parks the waiter under a name that it misses. Does nothing if the frame exists, or no name is
-// asked for.
+// Parks the waiter under a name that it misses. Does nothing if the frame exists or the name is
+// empty.
 void WaitList::park_on_name(Waiter& waiter, FrameId id, std::string_view name) {
   if (id != 0 || name.empty()) return;
   for (const auto& entry : waiter.on_names_)
@@ -129,8 +135,7 @@ void WaitList::unpark(Waiter& waiter) noexcept {
   for (const Waiter::ParkedOnFrame& parked : waiter.on_frames_) {
     const auto waiters = frames_.find(parked.frame);
     waiters->second.of(parked.need).erase(parked.entry);
-    if (waiters->second.need_sample.empty() && waiters->second.need_link.empty())
-      frames_.erase(waiters);
+    erase_if_empty(waiters);
     tree_.remove_waiter(parked.frame);
   }
   for (const auto& entry : waiter.on_names_) names_.erase(entry);
@@ -138,6 +143,10 @@ void WaitList::unpark(Waiter& waiter) noexcept {
   waiter.on_names_.clear();
   waiter.parked_ = false;
   size_.fetch_sub(1, std::memory_order_seq_cst);
+}
+
+void WaitList::erase_if_empty(Frames::iterator frame) noexcept {
+  if (frame->second.need_sample.empty() && frame->second.need_link.empty()) frames_.erase(frame);
 }
 
 void WaitList::wake(const WokenList& woken) noexcept {
@@ -157,8 +166,8 @@ void WaitList::notify_frame(FrameId frame, Change change) noexcept {
     woken.add(need_sample.begin(), need_sample.end());
     woken.add(need_link.begin(), need_link.end());
   } else {
-    // The frame now serves the times from its oldest to its newest sample. It can never serve older
-    // times that it does not accept any more, so those lookups are woken to fail.
+    // The frame now serves the times from its oldest to its newest sample. Lookups at times that it
+    // does not accept any more are woken to fail for good.
     const FrameInfo info = tree_.info(frame);
     const Stamp oldest_possible = std::min(tree_.oldest_insertable(info), info.oldest);
     woken.add(need_sample.begin(), need_sample.lower_bound(oldest_possible));

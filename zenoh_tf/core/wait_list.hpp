@@ -8,18 +8,23 @@
 // Thread safety: every function, from any thread. A waiter belongs to one thread at a time:
 // lookup_or_park() takes it over, and keeps it if it parks it. cancel() that returns true, or
 // notify(), gives it back.
-// Lock order: the list's mutex is the last but for what notify() locks, which runs under it.
+// Lock order: the list's mutex precedes what notify() locks, and the frames. Under it Tree::info()
+// or parent() may take one frame's writer lock for a moment (SeqLock::read_consistent). That cannot
+// deadlock, because no thread takes the list's mutex while it holds a frame's lock.
 //
 // Why no wake-up is lost. Four steps are sequentially consistent, two of each side:
 //   lookup_or_park():  W1 marks the frames as waited for;  W2 reads the commit count.
 //   a commit:          C1 counts itself;                   C2 reads the marks of its frames.
 // In the single order of these steps either W1 precedes C2 or C1 precedes W2.
 // - W1 before C2: the commit sees the mark and takes the list's mutex. Parking completed under that
-//   mutex, so the commit finds the waiter and wakes it.
+//   mutex, so the commit finds the waiter and wakes it, with the exception below.
 // - C1 before W2: the commit unlocked its frames before C1, so that happens before what
 //   lookup_or_park() does after W2: it compares the frames' versions with those that the lookup
 //   read, sees the new version, and runs the lookup again.
-// The same holds for names, with WaitList::size() as the mark.
+// The exception: notify_frame(appended) wakes selectively. It may pass over a waiter that was
+// parked by what Tree::parent() returned after the commit. The commit's unlock happened before that
+// read, so the comparison after W2 sees the new version. Both cases therefore need the comparison.
+// The same holds for names, with WaitList::size() as the mark. Names are compared by their ids.
 #pragma once
 
 #include <chrono>
@@ -38,7 +43,8 @@ namespace ztf {
 class Tree;
 
 // One waiting lookup. Derived classes say how it is woken. They must call WaitList::cancel() in
-// their destructor.
+// their destructor. A waiter must outlive each call of lookup_or_park(), even if notify() runs
+// meanwhile.
 class Waiter {
  public:
   // The query's ids are looked up by these names, which must outlive the waiter.
@@ -54,8 +60,8 @@ class Waiter {
   [[nodiscard]] const Answer& answer() const noexcept { return answer_; }
 
  protected:
-  // Called once after the waiter was parked, unless it is cancelled. Must not block, nor call the
-  // list, which has its mutex locked.
+  // Called once after the waiter was parked, unless it is cancelled: the lookup may now succeed, or
+  // fail for good. Runs under the list's mutex, so it must not block, nor call the list.
   virtual void notify() noexcept = 0;
 
  private:
@@ -86,10 +92,10 @@ class WaitList {
   explicit WaitList(const Tree& tree) noexcept : tree_(tree) {}
 
   // Runs the lookup. Returns true if it is done: it succeeded, or failed for good. Returns false if
-  // the waiter is parked: notify() will be called once, when a commit may help. Throws bad_alloc;
-  // then the waiter is not parked.
+  // the waiter is parked: notify() will be called once, when a commit may have changed the result.
+  // Throws bad_alloc; then the waiter is not parked.
   bool lookup_or_park(Waiter& waiter);
-  // Returns whether the waiter was still parked. If so notify() will not be called any more.
+  // Returns whether the waiter was still parked. If so, notify() will not be called any more.
   bool cancel(Waiter& waiter);
 
   [[nodiscard]] std::size_t size() const noexcept { return size_.load(std::memory_order_seq_cst); }
@@ -99,8 +105,9 @@ class WaitList {
     appended,  // only added samples newer than all before, under the same parent
     other,
   };
-  // Wake the lookups that a commit on this frame, or of this new name, may help. Require that the
-  // commit is counted. Allocate nothing, for the commit is done and must not fail.
+  // Wake the lookups that may now succeed, or fail for good, after a commit on this frame or of
+  // this new name. Require that the commit is counted. Allocate nothing, as a commit that is done
+  // must not fail.
   void notify_frame(FrameId frame, Change change) noexcept;
   void notify_name(std::string_view name) noexcept;
 
@@ -116,17 +123,19 @@ class WaitList {
   };
   // Waiters to be woken, linked through the waiters, so that collecting them cannot fail.
   class WokenList;
+  using Frames = std::unordered_map<FrameId, FrameWaiters>;
 
   void park(Waiter& waiter, const ReadSet& reads);
   void park_on_frame(Waiter& waiter, FrameId frame);
   void park_on_name(Waiter& waiter, FrameId id, std::string_view name);
   void unpark(Waiter& waiter) noexcept;
+  void erase_if_empty(Frames::iterator frame) noexcept;
   void wake(const WokenList& woken) noexcept;
 
   const Tree& tree_;
   std::atomic<std::size_t> size_{0};  // parked waiters
   std::mutex mutex_;                  // guards what follows
-  std::unordered_map<FrameId, FrameWaiters> frames_;
+  Frames frames_;
   Waiter::ByName names_;
 };
 

@@ -1,12 +1,14 @@
 // The locks of a commit's write set, under each concurrency control.
 //
 // Strict two-phase locking: all locks are taken before the first write and released after the last.
-// Frames are locked in ascending id, without duplicates. That is the one order in which writers
-// wait while they hold locks, so they cannot deadlock.
-// The linearization point is in begin_write(), which makes readers of all frames wait before the
-// first frame is unlocked. A reader of the old state is ordered before the commit, a reader of the
-// new state after it. begin_write() may come long after the locks are taken, but must precede the
-// validation of the commit's read set.
+// A writer that waits while it holds locks takes them in ascending id, without duplicates. Writers
+// therefore cannot deadlock.
+//
+// The linearization point is the instant from which all frames of the write set have kWriting set.
+// It lies in begin_write(), or for a single frame in the constructor. No frame is unlocked before
+// it, so a reader of the old state is ordered before the commit, a reader of the new state after
+// it. begin_write() may come long after the locks are taken, but must precede the validation of the
+// commit's read set.
 //
 // Thread safety: lives on the writer's stack.
 #pragma once
@@ -22,17 +24,17 @@ namespace ztf {
 
 class WriteLocks {
  public:
-  // Waits for the locks of these frames. A single frame is locked and begin_write() done in one
-  // step: its readers hardly lose time by it. The list must outlive this.
+  // Waits for the locks of these frames. For a single frame the same step begins the write, as its
+  // readers wait hardly longer then. Requires that the list outlives this object. Throws bad_alloc.
   WriteLocks(Tree& tree, const FrameList& ascending)
       : tree_(tree), frames_(ascending), readers_may_read_(ascending.size() > 1) {
-    // Before the first lock: this may throw, and a constructor that throws unlocks nothing.
+    // Allocates before the first lock, because a constructor that throws would unlock nothing.
     (void)locked_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::optimistic) {
       lock_versions(ascending);
       return;
     }
-    if (tree.options_.concurrency == Concurrency::two_phase) lock_shared_words(ascending);
+    if (tree.options_.concurrency == Concurrency::two_phase) lock_exclusive(ascending);
     // Other writers are excluded already. A reader may hold one frame (SeqLock::read_consistent).
     for (const FrameId id : ascending) {
       SeqLock& word = tree.frames_[id].version;
@@ -56,8 +58,8 @@ class WriteLocks {
   }
 
   // Makes readers of the frames wait. Must precede the first write and the validation of a read
-  // set. May be called again. The sequentially consistent fence orders it before the unlocking for
-  // all threads: two readers cannot see two independent commits in opposite orders.
+  // set. Further calls do nothing. The sequentially consistent fence orders it before the unlocking
+  // for all threads, so two readers cannot see two independent commits in opposite orders.
   void begin_write() noexcept {
     if (!readers_may_read_) return;
     yield_point();
@@ -67,7 +69,8 @@ class WriteLocks {
     readers_may_read_ = false;
   }
 
-  // Unlocks all frames, and gives those in `changed` a new version. `changed` must be ascending.
+  // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a
+  // subset of the locked frames, ascending.
   void release(const FrameList& changed) noexcept {
     const bool all = changed.size() == locked_.size();
     const FrameId* next = changed.begin();
@@ -86,9 +89,9 @@ class WriteLocks {
   }
 
  private:
-  // Takes the locks one by one. After a long wait it releases all locks and starts over, so that
-  // other writers need not wait for a writer that waits: at most 16 times, and only while it holds
-  // few locks.
+  // Takes the locks one by one. After a long wait it releases all locks and starts over, so that no
+  // writer waits for a waiting one. It does so at most kMaxRestarts times, and only while it holds
+  // at most kFewLocks.
   void lock_versions(const FrameList& ids) {
     Backoff backoff;
     for (int naps = 0; locked_.size() < ids.size();) {
@@ -106,15 +109,16 @@ class WriteLocks {
     }
   }
 
-  // Two-phase locking: takes all locks or none, and tries again after a random pause, so that it
-  // never waits while it holds a lock. After 16 attempts it asks new readers to stay away.
-  void lock_shared_words(const FrameList& ids) {
+  // Two-phase locking: takes the exclusive locks of all shared words, or of none, and tries again
+  // after a random pause. So it never waits for a shared word while it holds another. After
+  // kAttemptsBeforeWant attempts it asks new readers to stay away.
+  void lock_exclusive(const FrameList& ids) {
     for (int attempt = 0;; ++attempt) {
       std::size_t taken = 0;
       while (taken < ids.size() && tree_.frames_[ids[taken]].shared.try_lock()) ++taken;
       if (taken == ids.size()) break;
       while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
-      if (attempt >= kMaxRestarts)
+      if (attempt >= kAttemptsBeforeWant)
         for (const FrameId id : ids) tree_.frames_[id].shared.want();
       count_retry();
       pause(attempt);
@@ -122,6 +126,7 @@ class WriteLocks {
     yield_point();
   }
 
+  // Spins for a random time that grows with the attempts; later it sleeps.
   static void pause(int attempt) {
     thread_local std::minstd_rand random(
         static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
@@ -132,11 +137,12 @@ class WriteLocks {
   }
 
   static constexpr int kMaxRestarts = 16;
+  static constexpr int kAttemptsBeforeWant = 16;
   static constexpr std::size_t kFewLocks = 64;
 
   Tree& tree_;
   const FrameList& frames_;
-  bool readers_may_read_;                // false once begin_write() has been called
+  bool readers_may_read_;                // false once the write has begun
   SmallVector<ReadVersion, 16> locked_;  // the frames locked so far, with their old versions
 };
 
