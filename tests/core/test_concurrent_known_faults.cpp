@@ -31,13 +31,13 @@ TEST(crossed_lookups_do_not_block) {
     World w(c);
     constexpr int kLinks = 6;
     CHECK_EQ(w.refusal(chain(kLinks, 1, 1)), Code::ok);
-    ThreadGroup crowd;
-    crowd.background([&](const auto& stop) {
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
       for (Stamp stamp = 2; !stop; ++stamp)
         CHECK_EQ(w.refusal(chain(kLinks, stamp, static_cast<double>(stamp))), Code::ok);
     });
     for (int thread = 0; thread < 4; ++thread)
-      crowd.foreground([&, up = thread % 2 == 0] {
+      threads.foreground([&, up = thread % 2 == 0] {
         for (int i = 0; i < 2000; ++i) {
           const Answer a = up ? w.ask(Op::latest_common, "f0", link(kLinks))
                               : w.ask(Op::latest_common, link(kLinks), "f0");
@@ -45,7 +45,7 @@ TEST(crossed_lookups_do_not_block) {
           CHECK_EQ(a.pose.x, (up ? kLinks : -kLinks) * static_cast<double>(a.stamp));
         }
       });
-    crowd.join();
+    threads.join();
   });
 }
 
@@ -55,9 +55,9 @@ TEST(rows_in_any_order_and_twice_do_not_block) {
     World w(c);
     constexpr int kLinks = 8, kCommits = 500;
     CHECK_EQ(w.refusal(chain(kLinks, 0, 0)), Code::ok);
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (unsigned thread = 0; thread < 3; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         std::mt19937 random(thread);
         for (int i = 1; i <= kCommits; ++i) {
           std::vector<Set> sets = chain(kLinks, i, i);
@@ -66,7 +66,7 @@ TEST(rows_in_any_order_and_twice_do_not_block) {
           CHECK_EQ(w.refusal(sets), Code::ok);
         }
       });
-    crowd.join();
+    threads.join();
     for (int i = 1; i <= kLinks; ++i)
       CHECK_EQ(w.tree.info(w.id(link(i))).version / SeqLock::kIncrement, Version{3 * kCommits + 1});
   });
@@ -79,8 +79,8 @@ TEST(a_lookup_that_retries_starts_anew) {
     World w(c);
     constexpr int kLinks = 12;
     CHECK_EQ(w.refusal(chain(kLinks, 1, 1)), Code::ok);
-    ThreadGroup crowd;
-    crowd.background([&](const auto& stop) {
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
       for (Stamp stamp = 2; !stop; ++stamp) {
         std::vector<Set> sets = chain(kLinks, stamp, 1);
         if (stamp % 2) sets[6].parent = "f0";
@@ -88,14 +88,14 @@ TEST(a_lookup_that_retries_starts_anew) {
       }
     });
     for (const Op op : {Op::latest_xact, Op::latest_common})
-      crowd.foreground([&, op] {
+      threads.foreground([&, op] {
         for (int i = 0; i < 3000; ++i) {
           const Answer a = w.ask(op, "f0", link(kLinks));
           CHECK_EQ(a.failure.code, Code::ok);
           CHECK(a.pose.x == kLinks || a.pose.x == kLinks - 6);
         }
       });
-    crowd.join();
+    threads.join();
   });
 }
 
@@ -106,18 +106,18 @@ TEST(no_error_is_made_of_two_states) {
     World w(c);
     CHECK_EQ(w.refusal({{"here", "a", 1}, {"here", "b", 1}}), Code::ok);
     CHECK_EQ(w.refusal({{"there", "else", 1}}), Code::ok);
-    ThreadGroup crowd;
-    crowd.background([&](const auto& stop) {
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
       for (Stamp stamp = 2; !stop; ++stamp) {
         const char* const parent = stamp % 2 ? "here" : "there";
         CHECK_EQ(w.refusal({{parent, "a", stamp}, {parent, "b", stamp}}), Code::ok);
       }
     });
     for (const Op op : {Op::latest_xact, Op::latest_common, Op::latest})
-      crowd.foreground([&, op] {
+      threads.foreground([&, op] {
         for (int i = 0; i < 3000; ++i) CHECK_EQ(w.code(op, "a", "b"), Code::ok);
       });
-    crowd.join();
+    threads.join();
   });
 }
 
@@ -128,20 +128,20 @@ TEST(far_more_threads_than_processors_make_progress) {
     constexpr int kLinks = 16, kEach = 300;
     CHECK_EQ(w.refusal(chain(kLinks, 0, 0)), Code::ok);
     std::atomic<Stamp> stamp{1};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (int thread = 0; thread < 12; ++thread) {
-      crowd.foreground([&] {
+      threads.foreground([&] {
         for (int i = 0; i < kEach; ++i) {
           const Stamp now = stamp.fetch_add(1);
           CHECK_EQ(w.refusal(chain(kLinks, now, static_cast<double>(now))), Code::ok);
         }
       });
-      crowd.foreground([&] {
+      threads.foreground([&] {
         for (int i = 0; i < kEach; ++i)
           CHECK_EQ(w.code(Op::latest_xact, "f0", link(kLinks)), Code::ok);
       });
     }
-    crowd.join();
+    threads.join();
     CHECK_EQ(w.tree.info(w.id("f1")).version / SeqLock::kIncrement, Version{12 * kEach + 1});
   });
 }

@@ -61,11 +61,11 @@ TEST(transactions_never_see_torn_chains) {
   for_each_concurrency([](Concurrency c) {
     ZeroSums z(c);
     const World& w = z.world;
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (unsigned i = 0; i < 2; ++i)
-      crowd.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
+      threads.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
     for (int thread = 0; thread < 2; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         int past = 0;
         for (int i = 0; i < 400 || z.commits < 200; ++i) {
           // Crossed: one thread looks up (a, b) where the other looks up (b, a).
@@ -106,7 +106,7 @@ TEST(transactions_never_see_torn_chains) {
         }
         CHECK(past > 0);
       });
-    crowd.join();
+    threads.join();
     CHECK(z.commits >= 200);
   });
 }
@@ -116,10 +116,10 @@ TEST(transactions_never_see_torn_chains) {
 TEST(latest_alone_mixes_commits_and_says_so) {
   for (const auto c : {Concurrency::optimistic, Concurrency::two_phase}) {
     ZeroSums z(c);
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (unsigned i = 0; i < 2; ++i)
-      crowd.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
-    crowd.foreground([&] {
+      threads.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
+    threads.foreground([&] {
       int torn = 0;
       for (int i = 0; i < 2'000'000 && torn == 0; ++i) {
         const Answer a = z.world.ask(Op::latest, "f0", "f8");
@@ -129,7 +129,7 @@ TEST(latest_alone_mixes_commits_and_says_so) {
       }
       CHECK(torn > 0);
     });
-    crowd.join();
+    threads.join();
   }
 }
 
@@ -142,10 +142,10 @@ TEST(a_reader_that_never_wins_is_answered) {
     for (int i = 1; i <= kLong; ++i)
       chain.push_back({"f" + std::to_string(i - 1), "f" + std::to_string(i), 1, at_x(0)});
     CHECK_EQ(w.refusal(chain), Code::ok);
-    ThreadGroup crowd;
+    ThreadGroup threads;
     std::atomic<int> commits{0};
     for (int writer = 0; writer < 4; ++writer)
-      crowd.background([&, writer](const auto& stop) {
+      threads.background([&, writer](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(writer));
         for (Stamp stamp = 2; !stop; ++stamp) {
           // Two links at once, which cancel.
@@ -161,14 +161,14 @@ TEST(a_reader_that_never_wins_is_answered) {
           ++commits;
         }
       });
-    crowd.foreground([&] {
+    threads.foreground([&] {
       for (int i = 0; i < 50 || commits < 100; ++i) {
         const Answer a = w.ask(Op::latest_xact, i % 2 ? "f0" : "f150", i % 2 ? "f150" : "f0");
         CHECK_EQ(a.failure.code, Code::ok);
         CHECK_EQ(a.pose.x, 0);
       }
     });
-    crowd.join();
+    threads.join();
   });
 }
 
@@ -186,9 +186,9 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
     }
     std::atomic<Stamp> now{1};
     std::atomic<int> lookups{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (const auto& link : {std::pair{"a", "b"}, std::pair{"b", "c"}})
-      crowd.background([&, parent = link.first, child = link.second](const auto& stop) {
+      threads.background([&, parent = link.first, child = link.second](const auto& stop) {
         std::mt19937 random(static_cast<unsigned>(*child));
         for (int commits = 0; !stop; ++commits) {
           // No faster than the readers: all samples would be gone before they are asked for.
@@ -199,7 +199,7 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
         }
       });
     for (unsigned thread = 0; thread < 2; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         std::mt19937 random(thread);
         int answered = 0;
         // While one writer has no processor, the two links may have no time in common: then on.
@@ -222,7 +222,7 @@ TEST(past_times_while_rings_grow_and_lose_their_oldest) {
             CHECK_NEAR(common.pose.x, -2 * static_cast<double>(common.stamp), 1e-6);
         }
       });
-    crowd.join();
+    threads.join();
   });
 }
 

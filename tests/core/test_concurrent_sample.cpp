@@ -35,9 +35,9 @@ TEST(rows_never_mix_commits) {
     std::mt19937 random(1);
     CHECK_EQ(w.refusal(zero_sums(random)), Code::ok);
     std::atomic<int> commits{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (unsigned i = 0; i < 2; ++i)
-      crowd.background([&, i](const auto& stop) {
+      threads.background([&, i](const auto& stop) {
         std::mt19937 own(i + 2);
         for (; !stop; ++commits) {
           if (commits % 4 == 0) {  // one sample only: readers now and then get through in a block
@@ -53,7 +53,7 @@ TEST(rows_never_mix_commits) {
         }
       });
     for (int thread = 0; thread < 2; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         std::mt19937 own(static_cast<unsigned>(thread) + 10);
         for (int i = 0; i < 60 || commits < 200; ++i) {
           const bool crossed = (i + thread) % 2;
@@ -72,7 +72,7 @@ TEST(rows_never_mix_commits) {
           }
         }
       });
-    crowd.join();
+    threads.join();
     CHECK(commits >= 200);
   });
 }
@@ -92,8 +92,8 @@ TEST(rows_while_rings_turn_and_parents_change) {
     w.set("a", "right", 0, {}, true);
     std::atomic<Stamp> now{1};
     std::atomic<int> rows_answered{0};
-    ThreadGroup crowd;
-    crowd.background([&](const auto& stop) {
+    ThreadGroup threads;
+    threads.background([&](const auto& stop) {
       std::mt19937 random(1);
       for (int commits = 0; !stop; ++commits) {
         // No faster than the readers: all samples would be gone before they are asked for.
@@ -105,7 +105,7 @@ TEST(rows_while_rings_turn_and_parents_change) {
       }
     });
     for (unsigned thread = 0; thread < 2; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         std::mt19937 random(thread);
         int answered = 0;
         for (int i = 0; i < 200 || answered < 2000; ++i) {
@@ -131,6 +131,6 @@ TEST(rows_while_rings_turn_and_parents_change) {
           }
         }
       });
-    crowd.join();
+    threads.join();
   });
 }

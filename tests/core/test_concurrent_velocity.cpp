@@ -26,14 +26,14 @@ TEST(a_velocity_is_of_one_state) {
     std::mt19937 random(1);
     CHECK_EQ(w.refusal(same_motion(random)), Code::ok);
     std::atomic<int> commits{0};
-    ThreadGroup crowd;
+    ThreadGroup threads;
     for (unsigned i = 0; i < 2; ++i)
-      crowd.background([&, i](const auto& stop) {
+      threads.background([&, i](const auto& stop) {
         std::mt19937 own(i + 2);
         for (; !stop; ++commits) CHECK_EQ(w.refusal(same_motion(own)), Code::ok);
       });
     for (int thread = 0; thread < 2; ++thread)
-      crowd.foreground([&, thread] {
+      threads.foreground([&, thread] {
         for (int i = 0; i < 400 || commits < 200; ++i) {
           const auto root = w.id("root"), leaf = w.id("leaf");
           const bool crossed = (i + thread) % 2;
@@ -52,7 +52,7 @@ TEST(a_velocity_is_of_one_state) {
           CHECK_NEAR(a.twist.linear.x * 100e-9, crossed ? -3 : 3, 1e-9);
         }
       });
-    crowd.join();
+    threads.join();
     CHECK(commits >= 200);
   });
 }

@@ -3,14 +3,11 @@
 // Thread safety: any reader may call these functions at any time. After a torn read they return
 // arbitrary samples of the frame, which validation of the frame's version rejects (frame.hpp).
 // `slot` is an index into the ring, which masks it; sample i is the i-th oldest, in slot first + i.
-// Rules of a history (tf2's, except those marked *); history_insert.hpp upholds 1 to 3 and 6.
-// 1. A sample older than newest - cache is too old to be inserted; one exactly that old is not.
-// 2. Samples are pruned after the insert*, by the same limit.
-// 3. At an equal stamp the last one inserted wins*.
-// 4. Between two samples of one parent the pose is interpolated. Between samples of two parents the
+// Rules (those of inserting are in history_insert.hpp)
+// 1. Between two samples of one parent the pose is interpolated. Between samples of two parents the
 //    older sample holds until the newer one's time.
-// 5. If there is only one sample, it serves its own time only.
-// 6. A static transform replaces a dynamic one with its history, and the other way round.
+// 2. If there is only one sample, it serves its own time only.
+// 3. A static transform serves all times.
 #pragma once
 
 #include <algorithm>
