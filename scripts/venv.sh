@@ -54,7 +54,8 @@ with open("pyproject.toml", "rb") as file:
 project = config["project"]
 requirements = config["build-system"]["requires"] + project["dependencies"]
 if sys.argv[1] == "dev":
-    requirements += sum(project["optional-dependencies"].values(), [])
+    extras = project["optional-dependencies"].items()
+    requirements += sum((extra for name, extra in extras if name != "dist"), [])
 for requirement in requirements:
     if not requirement.startswith(project["name"]):
         print(requirement)
