@@ -10,6 +10,7 @@ from zenoh_tf import errors
 from zenoh_tf._core import LatestTransform, StampedTransform, Transform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import (
+    AccessDenied,
     BackwardExtrapolationException,
     ConnectivityException,
     ExtrapolationException,
@@ -20,6 +21,7 @@ from zenoh_tf.errors import (
     NoDataForExtrapolationException,
     OutcomeUnknown,
     ProtocolError,
+    ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     ServiceException,
@@ -34,6 +36,7 @@ from zenoh_tf.velocity import Velocity
 __version__ = _version("zenoh-tf")
 
 __all__ = [
+    "AccessDenied",
     "AuthorityInfo",
     "BackwardExtrapolationException",
     "ConnectivityException",
@@ -48,6 +51,7 @@ __all__ = [
     "NoDataForExtrapolationException",
     "OutcomeUnknown",
     "ProtocolError",
+    "ServerBusy",
     "ServerRestarted",
     "ServerUnavailable",
     "ServiceException",

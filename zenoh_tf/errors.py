@@ -15,7 +15,9 @@
         ├── ServerUnavailable               no server answered
         ├── OutcomeUnknown                  a write was sent, but no reply came
         ├── ServerRestarted                 the server instance of the earlier reads is gone
-        └── ProtocolError                   a message is malformed
+        ├── ProtocolError                   a message is malformed
+        ├── ServerBusy                      the server has too much to do: try again later
+        └── AccessDenied                    the server's access rules do not allow this
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
 apply is ``None``. The classes up to the extrapolation errors are tf2's.
@@ -37,6 +39,7 @@ FACTS = {
     "field": "the argument or message field at fault",
     "limit": "the limit that is reached",
     "value": "the value at fault",
+    "retry_after_s": "server busy: try again after this many seconds",
 }
 
 
@@ -58,6 +61,7 @@ class TransformException(Exception):
     field: str | None = None
     limit: int | None = None
     value: int | float | str | None = None
+    retry_after_s: float | None = None
 
     def __init__(self, message: str = "", **facts: object) -> None:
         super().__init__(message)
@@ -172,6 +176,19 @@ class ProtocolError(ServiceException):
     code = 16
 
 
+class ServerBusy(ServiceException):
+    """The server has too much to do and did not run the request; send it again after
+    ``retry_after_s``."""
+
+    code = 17
+
+
+class AccessDenied(ServiceException):
+    """The server's access rules do not allow the connection or the operation."""
+
+    code = 18
+
+
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
@@ -192,6 +209,8 @@ BY_CODE: dict[int, type[TransformException]] = {
         OutcomeUnknown,
         ServerRestarted,
         ProtocolError,
+        ServerBusy,
+        AccessDenied,
     )
 }
 

@@ -8,6 +8,7 @@
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
     tf/v1/{tree}/server/{instance}    liveliness token of the server
+    tf/v1/{tree}/client/{client}      liveliness token of a client
 
 Tree and authority names may be any UTF-8 text. They are percent-escaped, so that each fills
 exactly one chunk of the key. Frame names are never part of a key: they travel in payloads.
@@ -124,11 +125,21 @@ def all_servers() -> str:
     return f"{PREFIX}/*/server/*"
 
 
+def client(tree: str, client_id: str) -> str:
+    """The key of a client's liveliness token."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/client/{escape(client_id, 'client')}"
+
+
+def clients(tree: str) -> str:
+    """The key expression of every client's liveliness token."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/client/*"
+
+
 def tree_name(key: str) -> str:
     """The tree of any key of the service."""
     return unescape(key.removeprefix(f"{PREFIX}/").partition("/")[0])
 
 
 def last_name(key: str) -> str:
-    """The authority of a put's key, or the instance of a liveliness token's key."""
+    """The authority of a put's key, or the instance or client of a liveliness token's key."""
     return unescape(key.rpartition("/")[2])

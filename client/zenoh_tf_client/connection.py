@@ -86,7 +86,12 @@ class Connection:
         with OPENING:
             self.session = self._open()
         self.calls = SessionCalls(self.session.close)
+        # Each query carries the client's id, so that the server can hold clients apart. The token
+        # under the same id tells the server when the client is gone.
+        client_id = str(self.session.zid())
+        self._attachment = client_id.encode()
         try:
+            self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
         except BaseException:
             self.close()
@@ -184,6 +189,7 @@ class Connection:
         replies = self.session.get(
             self._keys[operation],
             payload=payload,
+            attachment=self._attachment,
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
         )

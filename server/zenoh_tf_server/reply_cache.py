@@ -10,13 +10,21 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from .limits import Limits
 
-#: Takes a reply's bytes, and whether it is an error. Called exactly once.
-ReplyCallback = Callable[[bytes, bool], None]
+
+class ReplyCallback(Protocol):
+    """Takes the reply to one request. Called exactly once."""
+
+    @property
+    def client(self) -> str:
+        """The id of the client that sent the request; empty if it is not known."""
+
+    def __call__(self, reply: bytes, failed: bool) -> None:
+        """Send the reply's bytes; `failed`: they are an error."""
 
 
 @dataclass(slots=True)

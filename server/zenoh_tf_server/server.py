@@ -12,6 +12,7 @@ from typing import Literal
 from zenoh_tf import TransformTree
 
 from . import network, tree_claim
+from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
 from .service import Service
@@ -55,11 +56,14 @@ class Server:
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
             tree_claim.refuse_if_taken(session, settings.tree)
+            clients = Clients(limits.connections)
+            stack.callback(clients.close)
             service = Service(tree, settings.tree, self.instance, limits, loop)
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
+            clients.start(session, settings.tree)
             workers = Workers(service, settings.workers)
             stack.callback(workers.close)
             workers.start(session, settings.tree)

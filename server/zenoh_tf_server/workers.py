@@ -25,6 +25,8 @@ from .service import Service
 log = logging.getLogger("zenoh_tf.server")
 
 _CHANNEL = 256
+#: A Zenoh id has 32 hexadecimal digits.
+_MAX_CLIENT_ID_BYTES = 64
 #: Families whose requests are short and rare: one thread serves them.
 _SMALL = ("info", "admin")
 
@@ -38,6 +40,14 @@ class QueryReply:
     def __init__(self, query: zenoh.Query, key: zenoh.KeyExpr) -> None:
         self._query = query
         self._key = key
+
+    @property
+    def client(self) -> str:
+        """The id of the client that sent the query; empty if it did not say."""
+        attachment = self._query.attachment
+        if attachment is None or len(attachment) > _MAX_CLIENT_ID_BYTES:
+            return ""
+        return attachment.to_bytes().decode("ascii", "replace")
 
     def __call__(self, reply: bytes, failed: bool) -> None:
         query = self._query

@@ -1,0 +1,82 @@
+"""The clients that are connected, by their liveliness tokens.
+
+A query says which client sent it, but anyone may say anything: only an id with a live token is
+taken for a client of its own. All other queries belong to the client "".
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any, Final
+
+import zenoh
+
+from zenoh_tf import keys
+from zenoh_tf.errors import InvalidArgumentException
+
+log = logging.getLogger("zenoh_tf.server")
+
+#: The client of every query whose sender is not known.
+UNKNOWN: Final = ""
+
+
+class Clients:
+    """The ids of the clients that are connected."""
+
+    def __init__(self, max_clients: int) -> None:
+        self._max_clients = max_clients
+        self._lock = threading.Lock()
+        self._connected: set[str] = set()
+        self._when_gone: list[Callable[[str], None]] = []
+        self._subscriber: zenoh.Subscriber[Any] | None = None
+
+    def start(self, session: zenoh.Session, tree: str) -> None:
+        """Follow the tokens of a tree's clients."""
+        self._subscriber = session.liveliness().declare_subscriber(
+            keys.clients(tree), self._changed, history=True
+        )
+
+    def close(self) -> None:
+        """Follow no more tokens."""
+        if self._subscriber is not None:
+            self._subscriber.undeclare()
+
+    def known(self, client: str) -> str:
+        """The client's id if it is connected, else UNKNOWN."""
+        return client if client in self._connected else UNKNOWN
+
+    def when_gone(self, callback: Callable[[str], None]) -> None:
+        """Call `callback` with the id of each client that goes, on a thread of Zenoh."""
+        self._when_gone.append(callback)
+
+    def __len__(self) -> int:
+        return len(self._connected)
+
+    def _changed(self, token: zenoh.Sample) -> None:
+        with contextlib.suppress(InvalidArgumentException):  # not an id that a client would have
+            client = keys.last_name(str(token.key_expr))
+            if token.kind == zenoh.SampleKind.PUT:
+                self._add(client)
+            else:
+                self._remove(client)
+
+    def _add(self, client: str) -> None:
+        with self._lock:
+            if len(self._connected) < self._max_clients:
+                self._connected.add(client)
+
+    def _remove(self, client: str) -> None:
+        with self._lock:
+            if client not in self._connected:
+                return
+            self._connected.remove(client)
+        for callback in self._when_gone:
+            try:
+                callback(client)
+            except Exception:  # the other callbacks must be called
+                log.exception("internal error after client %s has gone", client)

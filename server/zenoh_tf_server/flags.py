@@ -1,0 +1,120 @@
+"""The command-line flags of ``zenoh-tf-server`` and the settings that they give.
+
+A module with flags of its own adds them with a function `add_flags(parser)`, as `limits` does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from importlib.metadata import version
+
+from zenoh_tf import keys, zenoh_config
+from zenoh_tf.errors import TransformException
+
+from . import limits
+from .server import Settings
+
+DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+
+
+def parser() -> argparse.ArgumentParser:
+    flags = argparse.ArgumentParser(
+        prog="zenoh-tf-server",
+        description="Serve a transform tree over Zenoh.",
+    )
+    flags.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
+    where = flags.add_mutually_exclusive_group()
+    where.add_argument(
+        "--listen",
+        action="append",
+        metavar="ENDPOINT",
+        help="embed a Zenoh router that listens on this endpoint, PROTOCOL/HOST:PORT; repeatable "
+        f"(default: {DEFAULT_LISTEN})",
+    )
+    where.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help="join the Zenoh network at this endpoint as a client, and do not listen; repeatable",
+    )
+    _add_tree_flags(flags)
+    flags.add_argument(
+        "--workers",
+        type=int,
+        default=min(8, max(2, os.cpu_count() or 2)),
+        metavar="N",
+        help="threads that serve queries, per query family (default: %(default)s)",
+    )
+    flags.add_argument(
+        "--log-level",
+        choices=("debug", "info", "warning", "error"),
+        default="info",
+        help="lowest level of the messages logged to standard error (default: %(default)s)",
+    )
+    limits.add_flags(flags)
+    return flags
+
+
+def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
+    flags.add_argument("--tree", default="main", help="name of the tree (default: %(default)s)")
+    flags.add_argument(
+        "--cache-time",
+        type=float,
+        default=10.0,
+        metavar="SECONDS",
+        help="how long transforms are kept, counted back from the newest of their frame "
+        "(default: %(default)s)",
+    )
+    flags.add_argument(
+        "--concurrency",
+        choices=("optimistic", "2pl", "giant"),
+        default="optimistic",
+        help="concurrency control of the tree (default: %(default)s)",
+    )
+    flags.add_argument(
+        "--one-authority-per-frame",
+        action="store_true",
+        help="refuse transforms of a frame from a second authority, instead of counting conflicts",
+    )
+    flags.add_argument(
+        "--time-jump",
+        choices=("reject", "clear"),
+        default="reject",
+        help="what to do with a transform that is older than its frame's newest by more than the "
+        "cache time. reject: drop it, because it is late. clear: simulated time was set back, so "
+        "drop all but static transforms, then store it (default: %(default)s)",
+    )
+
+
+def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if a flag's value is wrong."""
+    if options.workers < 1:
+        flags.error(f"--workers is {options.workers}: it must be at least 1")
+    if not options.cache_time > 0:
+        flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
+    try:
+        keys.server(options.tree, "")
+    except TransformException as error:
+        flags.error(f"--tree: {error}")
+    for flag in ("listen", "connect"):
+        for endpoint in getattr(options, flag) or ():
+            try:
+                zenoh_config.check_endpoint(endpoint)
+            except TransformException as error:
+                flags.error(f"--{flag}: {error}")
+
+
+def settings(options: argparse.Namespace) -> Settings:
+    """The settings of a server with these flags."""
+    return Settings(
+        tree=options.tree,
+        listen=options.listen or [DEFAULT_LISTEN],
+        connect=options.connect or [],
+        cache_time_s=options.cache_time,
+        concurrency=options.concurrency,
+        one_authority_per_frame=options.one_authority_per_frame,
+        time_jump=options.time_jump,
+        workers=options.workers,
+        limits=limits.from_flags(options),
+    )
