@@ -15,6 +15,9 @@ from . import network, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
+from .link_sockets import LinkSockets
+from .outbox_links import OutboxLinks
+from .replies import Replies
 from .service import Service
 from .workers import Workers
 
@@ -58,13 +61,19 @@ class Server:
             tree_claim.refuse_if_taken(session, settings.tree)
             clients = Clients(limits.connections)
             stack.callback(clients.close)
+            sockets = LinkSockets()
+            stack.callback(sockets.close)
+            sockets.start(session)
+            replies = Replies(OutboxLinks(sockets, clients), limits)
+            stack.callback(replies.close)
+            clients.when_gone(replies.forget)
             service = Service(tree, settings.tree, self.instance, limits, loop)
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
             clients.start(session, settings.tree)
-            workers = Workers(service, settings.workers)
+            workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
             workers.start(session, settings.tree)
             token = tree_claim.claim(session, settings.tree, self.instance)
