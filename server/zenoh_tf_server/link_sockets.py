@@ -2,7 +2,7 @@
 
 Zenoh has no call that sends without blocking. A reply to a client that does not read blocks the
 sending thread, and Zenoh's routing tables with it: the next client that comes or goes then stops
-everyone (docs/decisions/0007-replies-never-block.md). So the server asks the kernel about the
+everyone (docs/decisions/0008-replies-never-block.md). So the server asks the kernel about the
 link's socket before it hands a reply to Zenoh.
 
 Only links over TCP (tcp, tls, ws) have such a socket, where the system lists a process's open
