@@ -97,7 +97,7 @@ waits = [tf2.Buffer().wait_for_transform_async("a", "never", tf2.Time()) for _ i
 }
 
 
-def run(script: str, *arguments: str) -> None:
+def run(script: str, *arguments: str, status: int = 0) -> None:
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
         capture_output=True,
@@ -105,7 +105,7 @@ def run(script: str, *arguments: str) -> None:
         timeout=50,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (status, "")
 
 
 def run_under_load(script: str, *arguments: str) -> None:
@@ -178,4 +178,30 @@ while "resend statics" in {thread.name for thread in threading.enumerate()}:
     time.sleep(0.01)
 """,
         endpoint,
+    )
+
+
+def test_the_exit_status_is_the_scripts_own(endpoint: str) -> None:
+    script = CONNECT + NEVER_CLOSED["daemon threads that read"] + "\nsys.exit(3)\n"
+    for _ in range(RUNS):
+        run(script, endpoint, status=3)
+
+
+#: Nobody answers at an address of TEST-NET-1, nor at a port where nothing listens.
+@pytest.mark.parametrize("nobody", ["tcp/192.0.2.1:7447", "tcp/127.0.0.1:9"])
+def test_connect_hears_ctrl_c(nobody: str) -> None:
+    run(
+        """
+import os, signal, sys, threading, time
+from zenoh_tf_client import TransformClient
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+begun = time.monotonic()
+try:
+    TransformClient.connect(sys.argv[1], timeout_s=45)
+except KeyboardInterrupt:
+    assert time.monotonic() - begun < 20
+    sys.exit(5)
+""",
+        nobody,
+        status=5,
     )
