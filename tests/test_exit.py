@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import ServerProcess, free_endpoint
+from .conftest import ServerProcess, StartServer, free_endpoint
 
 #: Zenoh looks for signals ten times a second in every thread that waits, so a script has to run
 #: for longer than that. Under load the interpreter takes longer to end, which widens the race.
@@ -205,3 +206,32 @@ except KeyboardInterrupt:
         nobody,
         status=5,
     )
+
+
+def test_a_frozen_server_does_not_hold_up_a_program_that_ends(
+    start_server: StartServer,
+) -> None:
+    """A thread is blocked in a put, which Zenoh gives up after 5 s, and a close after 10 s."""
+    frozen = start_server()
+    script = (
+        CONNECT
+        + """
+import os, signal
+rows = [StampedTransform("a", f"b{row}", 1, Transform()) for row in range(10_000)]
+sensor = tf.broadcaster("sensor")
+def send():
+    try:
+        sensor.send(rows)
+    except TransformException:
+        time.sleep(60)
+forever(send)
+time.sleep(0.3)
+os.kill(int(sys.argv[2]), signal.SIGSTOP)
+time.sleep(1.0)
+if sys.argv[3] == "close":
+    tf.close()
+"""
+    )
+    for how in ("close", "exit"):
+        run(script, frozen.endpoint, str(frozen.process.pid), how)
+        frozen.send_signal(signal.SIGCONT)

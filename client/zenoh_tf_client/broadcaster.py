@@ -121,6 +121,9 @@ class Broadcaster:
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
+        if self._connection.closed:  # nothing to undeclare, and a send may hold the locks for long
+            self._closed = True
+            return
         with self._lock:
             if self._closed:
                 return

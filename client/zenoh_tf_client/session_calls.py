@@ -30,6 +30,8 @@ from zenoh_tf.errors import ServerUnavailable
 
 #: How long the exit handler waits for calls to return before it gives up.
 _EXIT_TIMEOUT_S = 2.0
+#: How long a caller waits until its session has closed, before it is left to close by itself.
+_CLOSE_TIMEOUT_S = 2.0
 #: How long a daemon thread sleeps, after the sessions were closed at exit, before it learns that.
 #: The process usually ends before, so that the thread prints no traceback.
 _PAUSE_AT_EXIT_S = 1.0
@@ -101,7 +103,13 @@ class SessionCalls:
             if self._closed:
                 return
             self._closed = True
-        # Zenoh gives up after 10 s if the server does not take what is still to be sent.
+        # Zenoh goes on trying for 10 s if the server does not take what is still to be sent.
+        # Another thread waits for that, because it cannot be interrupted.
+        closing = threading.Thread(target=self._close, name="close session", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_TIMEOUT_S)
+
+    def _close(self) -> None:
         with contextlib.suppress(zenoh.ZError):
             self._close_session()
 
