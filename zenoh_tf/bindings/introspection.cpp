@@ -142,6 +142,7 @@ nb::dict stats(const Tree& tree) {
   out["dropped"] = dropped;
   out["evicted"] = evicted;
   out["time_jumps"] = tree.time_jumps();
+  out["from_future"] = tree.from_future();
   return out;
 }
 

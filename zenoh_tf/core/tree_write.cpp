@@ -39,6 +39,7 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
   }
   if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
   execution.reserve(locks);
+  plan.check_expiry();
 
   // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
   locks.begin_write();
