@@ -21,6 +21,7 @@ from zenoh_tf.errors import (
     TimeoutException,
     TransformException,
 )
+from zenoh_tf.text import quoted
 
 from .info_requests import InfoRequests
 from .ingest import PutCounters
@@ -303,7 +304,7 @@ class Service:
         elif what == "remove_frame":
             name = wire.text(message, "name")
             self.tree.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %r", name)
+            log.info("removed frame %s", quoted(name))
         else:
-            raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
+            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
         return {"value": None}
