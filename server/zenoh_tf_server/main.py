@@ -15,8 +15,9 @@ import uvloop
 
 from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
+from zenoh_tf.text import printable
 
-from . import flags
+from . import flags, logs
 from .network import NetworkError
 from .server import Server, Settings
 from .tree_claim import TreeTaken
@@ -33,17 +34,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = flags.parser()
     options = parser.parse_args(arguments)
     flags.check(parser, options)
-    logging.basicConfig(
-        level=options.log_level.upper(),
-        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    logs.setup(options.log_level, options.log_format)
     settings = flags.settings(options)
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
     except (NetworkError, TreeTaken, TransformException) as error:
-        print(f"zenoh-tf-server: {error}", file=sys.stderr)
+        print(printable(f"zenoh-tf-server: {error}"), file=sys.stderr)
         return CANNOT_START
     return 0
 
