@@ -90,11 +90,7 @@ def test_fields_of_a_call_are_json_values() -> None:
 
 
 def assert_safe(log: str, form: str) -> list[dict[str, Any]]:
-    assert log.isascii() or log.replace("\n", "").isprintable()
-    assert (
-        re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]", log)
-        is None
-    )
+    assert log.replace("\n", "").isprintable()
     records = []
     for line in log.splitlines():
         assert len(line.encode()) <= logs.MAX_LINE_BYTES

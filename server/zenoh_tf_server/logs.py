@@ -69,7 +69,7 @@ def setup(level: str, form: Format) -> None:
 
 
 class _Handler(logging.StreamHandler[Any]):
-    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+    def handleError(self, record: logging.LogRecord) -> None:
         """Do nothing: the standard handler would write the raw record to standard error."""
 
 
