@@ -12,7 +12,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import limits, logs
+from . import limits, logs, operations
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -47,6 +47,7 @@ def parser() -> argparse.ArgumentParser:
         help="threads that serve queries, per query family (default: %(default)s)",
     )
     logs.add_flags(flags)
+    operations.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -112,4 +113,5 @@ def settings(options: argparse.Namespace) -> Settings:
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
+        operations=operations.from_flags(options),
     )

@@ -96,7 +96,7 @@ class JsonFormatter(logging.Formatter):
             "logger": printable(cut(record.name, _MAX_FIELD_CHARS)),
             "message": printable(_message(record)),
         }
-        fields = _fields(record) | fields
+        fields |= {name: value for name, value in _fields(record).items() if name not in fields}
         limit = MAX_LINE_BYTES
         if lines := _traceback(record):
             fields["traceback"] = "\n".join(map(printable, lines))

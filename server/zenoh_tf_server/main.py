@@ -18,7 +18,9 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf.text import printable
 
 from . import flags, logs
+from .metrics import MetricsMissing
 from .network import NetworkError
+from .operations import Operations
 from .server import Server, Settings
 from .tree_claim import TreeTaken
 
@@ -39,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
-    except (NetworkError, TreeTaken, TransformException) as error:
+    except (NetworkError, MetricsMissing, TreeTaken, TransformException) as error:
         print(printable(f"zenoh-tf-server: {error}"), file=sys.stderr)
         return CANNOT_START
     return 0
@@ -49,6 +51,7 @@ async def serve(settings: Settings) -> None:
     """Serve until SIGINT or SIGTERM."""
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
+    operations = Operations(settings.operations)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.ensure_future(asyncio.to_thread(Server, settings, loop))
@@ -62,12 +65,15 @@ async def serve(settings: Settings) -> None:
         stopped.cancel()
         raise
     print(_greeting(settings, server.instance), flush=True)
+    operations.serving(server)
     await stopped
     log.info("stopping")
+    operations.stopping()
     try:
         await asyncio.wait_for(asyncio.to_thread(server.close), _STOP_TIMEOUT_S)
     except TimeoutError:
         _leave("the Zenoh session did not close in time: ending without closing it")
+    operations.close()
     log.info("stopped")
 
 
