@@ -129,9 +129,10 @@ def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
 
 def _from_requests(server: Server) -> Iterator[Value]:
     total = server.service.requests.total()
-    for (family, failed), counts in sorted(total.durations.items()):
-        yield metric_table.DURATION, (family, "error" if failed else OK), counts
-        if not failed:
-            yield metric_table.REQUESTS, (family, OK), float(sum(counts[:-1]))
+    for family, counts in sorted(total.ok.items()):
+        yield metric_table.DURATION, (family, OK), counts
+        yield metric_table.REQUESTS, (family, OK), float(sum(counts[:-1]))
+    for family, counts in sorted(total.failed.items()):
+        yield metric_table.DURATION, (family, "error"), counts
     for (family, error), count in sorted(total.failures.items()):
         yield metric_table.REQUESTS, (family, error), float(count)

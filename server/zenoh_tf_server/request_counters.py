@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from bisect import bisect_left
 from collections import defaultdict
-from dataclasses import dataclass, field
+from time import perf_counter_ns
 from typing import Final
 
 OK: Final = "ok"
@@ -23,64 +23,74 @@ BOUNDS_S: Final = (
 )
 _BOUNDS_NS: Final = tuple(round(bound * 1e9) for bound in BOUNDS_S)
 _BUCKETS: Final = len(_BOUNDS_NS) + 1
-_SUM_NS: Final = _BUCKETS  # the place of the sum, behind the buckets
 
 
 def _empty() -> list[int]:
-    return [0] * (_BUCKETS + 1)
+    return [0] * (_BUCKETS + 1)  # the sum of the durations is last
 
 
-@dataclass(slots=True)
 class ThreadCounts:
     """The counts of one thread."""
 
-    #: Of the request that the thread serves: OK, or the name of the error's class.
-    outcome: str = OK
-    #: Counts per bucket, and the sum of the durations, by family and whether the request failed.
-    durations: defaultdict[tuple[str, bool], list[int]] = field(
-        default_factory=lambda: defaultdict(_empty)
-    )
-    #: Failed requests by family and error class.
-    failures: defaultdict[tuple[str, str], int] = field(default_factory=lambda: defaultdict(int))
+    __slots__ = ("begun_ns", "error", "failed", "failures", "ok")
 
-    def add(self, family: str, duration_ns: int) -> None:
-        """Count a request of `family` that ended now with `outcome`."""
-        failed = self.outcome is not OK
-        counts = self.durations[family, failed]
+    def __init__(self) -> None:
+        #: Of the request that the thread serves: the error's class, None if there is no error.
+        self.error: str | None = None
+        self.begun_ns = 0
+        #: Counts per bucket, and the sum of the durations, by family.
+        self.ok: defaultdict[str, list[int]] = defaultdict(_empty)
+        self.failed: defaultdict[str, list[int]] = defaultdict(_empty)
+        #: Failed requests by family and error class.
+        self.failures: defaultdict[tuple[str, str], int] = defaultdict(int)
+
+    def end(self, family: str) -> None:
+        """Count a request of `family` that ends now."""
+        duration_ns = perf_counter_ns() - self.begun_ns
+        if self.error is None:
+            counts = self.ok[family]
+        else:
+            counts = self.failed[family]
+            self.failures[family, self.error] += 1
         counts[bisect_left(_BOUNDS_NS, duration_ns)] += 1
-        counts[_SUM_NS] += duration_ns
-        if failed:
-            self.failures[family, self.outcome] += 1
+        counts[-1] += duration_ns
 
     def merge(self, other: ThreadCounts) -> None:
         """Add the counts of another thread."""
-        for key, counts in list(other.durations.items()):
-            own = self.durations[key]
-            for place, count in enumerate(counts):
-                own[place] += count
+        for own, others in ((self.ok, other.ok), (self.failed, other.failed)):
+            for family, counts in list(others.items()):
+                own[family] = [a + b for a, b in zip(own[family], counts, strict=True)]
         for failure, count in list(other.failures.items()):
             self.failures[failure] += count
+
+
+class _Local(threading.local):
+    counts: ThreadCounts | None = None
 
 
 class RequestCounters:
     """The counts of all threads."""
 
     def __init__(self) -> None:
-        self._local = threading.local()
+        self._local = _Local()
         self._lock = threading.Lock()
         self._running: list[tuple[threading.Thread, ThreadCounts]] = []
         self._ended = ThreadCounts()  # of threads that have ended
 
-    def of_thread(self) -> ThreadCounts:
-        """The calling thread's counts."""
-        try:
-            counts: ThreadCounts = self._local.counts
-        except AttributeError:
-            counts = self._local.counts = ThreadCounts()
-            with self._lock:
-                self._fold_ended()
-                self._running.append((threading.current_thread(), counts))
+    def begin(self) -> ThreadCounts:
+        """A request begins on the calling thread, which calls `end` of what this returns."""
+        counts = self._local.counts or self._add_thread()
+        counts.error = None
+        counts.begun_ns = perf_counter_ns()
         return counts
+
+    def failed(self, error: str) -> None:
+        """The request of the calling thread fails with an error of this class."""
+        (self._local.counts or self._add_thread()).error = error
+
+    def refused(self, family: str, error: str) -> None:
+        """Count a request that failed with an error of this class before a worker took it."""
+        (self._local.counts or self._add_thread()).failures[family, error] += 1
 
     def total(self) -> ThreadCounts:
         """The sum over all threads."""
@@ -91,6 +101,13 @@ class RequestCounters:
             for _, counts in self._running:
                 total.merge(counts)
         return total
+
+    def _add_thread(self) -> ThreadCounts:
+        counts = self._local.counts = ThreadCounts()
+        with self._lock:
+            self._fold_ended()
+            self._running.append((threading.current_thread(), counts))
+        return counts
 
     def _fold_ended(self) -> None:
         """Keep no table for a thread that has ended. Requires the lock."""
@@ -106,7 +123,7 @@ def buckets(counts: list[int]) -> tuple[list[tuple[str, float]], float]:
     bounds = [*map(repr, BOUNDS_S), "+Inf"]
     pairs = []
     total = 0
-    for bound, count in zip(bounds, counts[:_SUM_NS], strict=True):
+    for bound, count in zip(bounds, counts[:-1], strict=True):
         total += count
         pairs.append((bound, float(total)))
-    return pairs, counts[_SUM_NS] / 1e9
+    return pairs, counts[-1] / 1e9

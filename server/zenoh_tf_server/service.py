@@ -28,7 +28,7 @@ from .ingest import PutCounters
 from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
-from .request_counters import OK, RequestCounters
+from .request_counters import RequestCounters
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -67,20 +67,18 @@ class Service:
 
     def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
         """Reply to one request. Never raises: an error is the reply."""
-        counts = self.requests.of_thread()
-        counts.outcome = OK
-        begun_ns = time.perf_counter_ns()
+        counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
-        counts.add(operation, time.perf_counter_ns() - begun_ns)
+        counts.end(operation)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
         typed = self._typed(error)
-        self.requests.of_thread().outcome = type(typed).__name__
+        self.requests.failed(type(typed).__name__)
         return wire.pack(wire.error_reply(self.instance, typed))
 
     def close(self) -> None:
