@@ -16,9 +16,12 @@ import uvloop
 
 from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
+from zenoh_tf.text import printable
 
-from . import flags
+from . import flags, logs
+from .metrics import MetricsMissing
 from .network import NetworkError
+from .operations import Operations
 from .server import Server, Settings
 from .tree_claim import TreeTaken
 
@@ -35,17 +38,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = flags.parser()
     options = parser.parse_args(arguments)
     flags.check(parser, options)
-    logging.basicConfig(
-        level=options.log_level.upper(),
-        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    logs.setup(options.log_level, options.log_format)
     settings = flags.settings(options)
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
-    except (NetworkError, TreeTaken, TransformException) as error:
-        print(f"zenoh-tf-server: {error}", file=sys.stderr)
+    except (NetworkError, MetricsMissing, TreeTaken, TransformException) as error:
+        print(printable(f"zenoh-tf-server: {error}"), file=sys.stderr)
         return CANNOT_START
 
 
@@ -53,6 +52,7 @@ async def serve(settings: Settings) -> NoReturn:
     """Serve until SIGINT or SIGTERM, then end the process."""
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
+    operations = Operations(settings.operations)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.ensure_future(asyncio.to_thread(Server, settings, loop))
@@ -67,8 +67,10 @@ async def serve(settings: Settings) -> NoReturn:
         stopped.cancel()
         raise
     print(_greeting(settings, server.instance), flush=True)
+    operations.serving(server)
     await stopped
     log.info("stopping")
+    operations.stopping()
     try:
         await asyncio.wait_for(asyncio.to_thread(server.close), _STOP_TIMEOUT_S)
         log.info("stopped")

@@ -6,12 +6,12 @@ import asyncio
 import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, tree_claim
+from . import network, operations, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
@@ -33,6 +33,7 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    operations: operations.Settings = field(default_factory=operations.Settings)
 
 
 class Server:
@@ -56,9 +57,10 @@ class Server:
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
             tree_claim.refuse_if_taken(session, settings.tree)
-            clients = Clients(limits.connections)
+            self.session = session
+            self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
-            service = Service(tree, settings.tree, self.instance, limits, loop)
+            self.service = service = Service(tree, settings.tree, self.instance, limits, loop)
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
