@@ -82,6 +82,11 @@ class Limits:
         "authorities remembered that had messages refused and none accepted",
         "the one that was refused longest ago is forgotten",
     )
+    removed_statics: int = _limit(
+        10_000,
+        "static links remembered as removed, which broadcasters do not announce again",
+        "the one that was removed longest ago is forgotten",
+    )
     connections: int = _limit(
         1000,
         "Zenoh connections to the embedded router",

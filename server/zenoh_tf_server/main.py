@@ -19,6 +19,7 @@ from zenoh_tf.errors import TransformException
 from . import flags
 from .network import NetworkError
 from .server import Server, Settings
+from .state_file import StateError
 from .tree_claim import TreeTaken
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
-    except (NetworkError, TreeTaken, TransformException) as error:
+    except (NetworkError, StateError, TreeTaken, TransformException) as error:
         print(f"zenoh-tf-server: {error}", file=sys.stderr)
         return CANNOT_START
     return 0
