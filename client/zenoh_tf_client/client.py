@@ -53,7 +53,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._broadcasters: list[Broadcaster] = []
+        self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
     def connect(
@@ -107,8 +107,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Calls of other threads that wait for a reply fail soon. A program that ends closes its
         clients by itself.
         """
-        broadcasters, self._broadcasters = self._broadcasters, []
-        for broadcaster in broadcasters:
+        for broadcaster in list(self._broadcasters):
             broadcaster.close()
         self._connection.close()
 
@@ -203,7 +202,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         """Drop every frame at one instant: all samples, static links and names.
 
         The tree is then as new, apart from its counters and authorities. Broadcasters that
-        keep static transforms do not announce them again until a server starts.
+        keep static transforms do not announce them again until a server starts, and then all.
 
         Raises:
             ServerUnavailable: No server answered, and nothing was changed.
@@ -293,9 +292,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
         """
-        broadcaster = Broadcaster(self._connection, authority)
-        self._broadcasters.append(broadcaster)
-        return broadcaster
+        return Broadcaster(self._connection, authority, self._broadcasters)
 
     def _call(self, request: Request[T]) -> T:
         if request.writes:

@@ -171,7 +171,7 @@ class StaticLinks:
                 ticket = max(ticket, self._announce_rows(commit, rows[row : row + 1], stored))
             except TransformException as error:
                 refusal = error
-        self._log.warn(f"statics of {commit.authority!r}", f"some were refused: {refusal}")
+        self._log.warn(f"announced statics of {commit.authority!r}", f"some refused: {refusal}")
         return stored, ticket
 
     def _announce_rows(
