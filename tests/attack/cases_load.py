@@ -8,6 +8,8 @@ import time
 
 import numpy as np
 
+from zenoh_tf import keys
+
 from . import messages
 from .arena import Arena, attackers, beside, message_cost
 from .results import P99_RATIO, Finding
@@ -85,7 +87,13 @@ def long_chain(arena: Arena) -> list[Finding]:
         payload = messages.pack(messages.chain("long", 20_000))
 
         def attack() -> None:
-            messages.send(opened, "commit", payload, 60.0)
+            sending = threading.Thread(target=messages.send, args=(opened, "commit", payload))
+            sending.start()
+            for index in range(100):  # another sensor has new frames meanwhile
+                new = messages.pack(messages.star(f"other{index}_", 0, 1))
+                opened.put(keys.put(messages.TREE, "other", static=False), new)
+                time.sleep(0.02)
+            sending.join()
 
         found = beside(server, ["new", "sensor"], attack, 10.0)
         again = messages.pack(messages.chain("more", 20_000))
@@ -96,20 +104,17 @@ def long_chain(arena: Arena) -> list[Finding]:
 def chain_extended(arena: Arena) -> list[Finding]:
     """7b: a message of 3.9 kB on a chain of 1,000,000 frames"""
     with arena.server() as server, messages.session(server.endpoint) as opened:
-        names = 0
-        for _ in range(20):  # as far as the server lets it grow
-            root = "root" if names == 0 else f"deep{names - 1}"
-            body = messages.chain("deep", 50_000, root)
-            body["names"] = [root, *(f"deep{names + index}" for index in range(50_000))]
-            _, failed = messages.send(opened, "commit", messages.pack(body), 120.0)
-            if failed:
+        depth, rows = 0, 2000
+        while depth < 1_000_000:  # as far as the server lets it grow, upwards from the leaf
+            names = [f"deep{depth + index}" for index in range(rows + 1)]
+            up = np.arange(rows)[::-1]
+            body = messages.commit(names, up + 1, up)
+            if messages.send(opened, "commit", messages.pack(body))[1]:
                 break
-            names += 50_000
-        top = "root" if names == 0 else f"deep{names - 1}"
-        findings, _ = message_cost(
-            server, opened, "commit", messages.pack(messages.chain("on", 45, top))
-        )
-    return [*findings, Finding("depth reached", names, "frames")]
+            depth += rows
+        payload = messages.pack(messages.chain("on", 45, "deep0"))
+        findings, _ = message_cost(server, opened, "commit", payload)
+    return [*findings, Finding("depth reached", depth, "frames")]
 
 
 def _age(ages: list[float]) -> Finding:

@@ -21,8 +21,8 @@ MAX_REPLY = 1 << 30
 
 
 @contextmanager
-def session(endpoint: str) -> Iterator[zenoh.Session]:
-    config = zenoh_config.client([endpoint], 20.0, max_message_bytes=MAX_REPLY)
+def session(endpoint: str, timeout_s: float = 20.0) -> Iterator[zenoh.Session]:
+    config = zenoh_config.client([endpoint], timeout_s, max_message_bytes=MAX_REPLY)
     with zenoh.open(config) as opened:
         yield opened
 
