@@ -121,7 +121,7 @@ def test_all_statics_are_dropped(
         assert sorted(tf.frames()) == ["map", "new"]
 
 
-def test_published_statics_are_stored_before_later_ones(start: Callable[..., ServerProcess]) -> None:
+def test_published_statics_are_stored_first(start: Callable[..., ServerProcess]) -> None:
     server = start()
     with server.connect() as tf:
         with tf.broadcaster("urdf") as urdf:
