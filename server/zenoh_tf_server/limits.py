@@ -87,6 +87,11 @@ class Limits:
         "authorities with metrics of their own (`--metrics`)",
         "the others are summed as one",
     )
+    removed_statics: int = _limit(
+        10_000,
+        "static links remembered as removed, which broadcasters do not announce again",
+        "the one that was removed longest ago is forgotten",
+    )
     connections: int = _limit(
         1000,
         "Zenoh connections to the embedded router",
