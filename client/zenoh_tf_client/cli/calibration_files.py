@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import tempfile
@@ -24,6 +25,8 @@ from zenoh_tf_client.cli.errors import CommandError
 _FORMAT: Final = 1
 _FILE_NAME: Final = re.compile(r"(?P<name>.+)@(?P<version>[1-9][0-9]*)\.toml")
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+#: A quaternion written by hand may have few digits; the server makes its length 1.
+_ROTATION_TOLERANCE: Final = 1e-3
 #: Stands for the links of the server.
 LIVE: Final = "live"
 
@@ -110,9 +113,7 @@ class Folder:
         if reference.version is None:
             versions = self.references(reference.name)
             if not versions:
-                raise CommandError(
-                    f"no calibration {reference.name!r} in {self.path}{self._known()}"
-                )
+                raise CommandError(f"no calibration {reference} in {self.path}{self._known()}")
             reference = versions[-1]
         path = self._file(reference)
         try:
@@ -212,12 +213,12 @@ class _Reader:
             parent = self._field(entry, "parent", str, where)
             if child in links:
                 raise self._error(f"{child!r} is there twice")
+            translation = self._vector(entry, "translation", 3, where)
+            rotation = self._vector(entry, "rotation", 4, where)
+            if abs(math.hypot(*rotation) - 1) > _ROTATION_TOLERANCE:
+                raise self._error(f"rotation{where} is not a unit quaternion")
             try:
-                pose = Transform(
-                    self._vector(entry, "translation", 3, where),
-                    self._vector(entry, "rotation", 4, where),
-                )
-                links[child] = StampedTransform(parent, child, 0, pose)
+                links[child] = StampedTransform(parent, child, 0, Transform(translation, rotation))
             except (TransformException, ValueError) as error:
                 raise self._error(f"link {number}, {child!r}: {error}") from error
         return Calibration(
@@ -236,9 +237,10 @@ class _Reader:
 
     def _vector(self, table: dict[str, Any], name: str, size: int, where: str) -> list[float]:
         values = self._field(table, name, list, where)
-        if len(values) != size or not all(type(value) in (int, float) for value in values):
-            raise self._error(f"{name}{where} is not {size} numbers")
-        return [float(value) for value in values]
+        numbers = [float(value) for value in values if type(value) in (int, float)]
+        if len(values) != size or len(numbers) != size or not all(map(math.isfinite, numbers)):
+            raise self._error(f"{name}{where} is not {size} finite numbers")
+        return numbers
 
     def _error(self, reason: str) -> CommandError:
         return CommandError(f"{self._path}: {reason}")
