@@ -25,7 +25,7 @@ from zenoh_tf import StampedTransform, keys
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
 from .connection import Connection, ServerInfo
-from .publisher import Publisher, message, unless_closed
+from .publisher import Publisher, message, undeclare_unless_closed
 
 log = logging.getLogger("zenoh_tf.client")
 
@@ -95,8 +95,7 @@ class Announcer:
     def close(self) -> None:
         """Follow the servers no more. May be called again."""
         self._closed.set()
-        with unless_closed(self._connection.calls):
-            self._servers.undeclare()
+        undeclare_unless_closed(self._servers.undeclare, self._connection.calls)
 
     def look(self) -> None:
         """Inform a server that is new. Raises ServerUnavailable if the connection is closed."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import zenoh
 
@@ -54,18 +54,18 @@ class Publisher:
 
     def undeclare(self) -> None:
         """Close the publisher. May be called again."""
+        if self._calls.closed:  # nothing to undeclare, and a put may hold the lock for long
+            return
         with self._lock:
             publisher, self._publisher = self._publisher, None
             if publisher is not None:
-                with unless_closed(self._calls):
-                    publisher.undeclare()
+                undeclare_unless_closed(publisher.undeclare, self._calls)
 
 
-@contextlib.contextmanager
-def unless_closed(calls: SessionCalls) -> Iterator[None]:
-    """Run the block inside the session; a session that is closed has nothing to undeclare."""
+def undeclare_unless_closed(undeclare: Callable[[], object], calls: SessionCalls) -> None:
+    """Call `undeclare` inside the session; one that is closed has nothing to undeclare."""
     with contextlib.suppress(zenoh.ZError, ServerUnavailable), calls:
-        yield
+        undeclare()
 
 
 def message(stampeds: Sequence[StampedTransform], *, announce: bool = False) -> bytes:

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import limits, state
+from . import limits, logs, operations, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -46,12 +46,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="threads that serve queries, per query family (default: %(default)s)",
     )
-    flags.add_argument(
-        "--log-level",
-        choices=("debug", "info", "warning", "error"),
-        default="info",
-        help="lowest level of the messages logged to standard error (default: %(default)s)",
-    )
+    logs.add_flags(flags)
+    operations.add_flags(flags)
     state.add_flags(flags)
     limits.add_flags(flags)
     return flags
@@ -119,5 +115,6 @@ def settings(options: argparse.Namespace) -> Settings:
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
+        operations=operations.from_flags(options),
         state=state.from_flags(options),
     )

@@ -82,6 +82,11 @@ class Limits:
         "authorities remembered that had messages refused and none accepted",
         "the one that was refused longest ago is forgotten",
     )
+    metrics_authorities: int = _limit(
+        100,
+        "authorities with metrics of their own (`--metrics`)",
+        "the others are summed as one",
+    )
     removed_statics: int = _limit(
         10_000,
         "static links remembered as removed, which broadcasters do not announce again",

@@ -11,7 +11,7 @@ from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, tree_claim
+from . import network, operations, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
@@ -34,6 +34,7 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
 
 
@@ -61,9 +62,12 @@ class Server:
             stack.callback(session.close)
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
-            clients = Clients(limits.connections)
+            self.session = session
+            self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
-            service = Service(tree, settings.tree, self.instance, limits, loop, state.links)
+            self.service = service = Service(
+                tree, settings.tree, self.instance, limits, loop, state.links
+            )
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)

@@ -22,12 +22,14 @@ from zenoh_tf.errors import (
     TimeoutException,
     TransformException,
 )
+from zenoh_tf.text import quoted
 
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
+from .request_counters import RequestCounters
 from .state_file import Stored
 from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
@@ -57,8 +59,9 @@ class Service:
         self.refusals = Refusals(limits)
         self._info = InfoRequests(tree, self.refusals, self._counters)
         self._reply_cache = ReplyCache(limits)
+        self.name = name
+        self.requests = RequestCounters()
         self._links = links or StaticLinks(tree, limits, None, Stored())
-        self._name = name
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
@@ -69,18 +72,30 @@ class Service:
 
     def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
         """Reply to one request. Never raises: an error is the reply."""
+        counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
+        counts.end(operation)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
-        return wire.pack(wire.error_reply(self.instance, self._typed(error)))
+        typed = self._typed(error)
+        self.requests.failed(type(typed).__name__)
+        return wire.pack(wire.error_reply(self.instance, typed))
 
     def close(self) -> None:
         self.waiters.close()
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server; `metric_table` declares each key."""
+        return self.tree.stats() | self._counters()
+
+    def authorities(self) -> list[dict[str, Any]]:
+        """The records of all authorities, with what was refused of each."""
+        return self.refusals.add_to(self.tree._authority_records())
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -298,7 +313,7 @@ class Service:
 
     def _hello(self) -> dict[str, Any]:
         return {
-            "tree": self._name,
+            "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
             "clock_ns": time.monotonic_ns(),
@@ -316,8 +331,8 @@ class Service:
         elif what == "remove_frame":
             name = wire.text(message, "name")
             ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %r", name)
+            log.info("removed frame %s", quoted(name))
         else:
-            raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
+            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
         self._links.wait(ticket)
         return {"value": None}
