@@ -64,12 +64,6 @@ def announcer_of(broadcaster: Broadcaster) -> Announcer:
     return broadcaster._announcer
 
 
-def looked(announcer: Announcer) -> bool:
-    """Let it look for new servers now."""
-    announcer.look()
-    return True
-
-
 def until_informed(broadcaster: Broadcaster, server: ServerProcess) -> None:
     """Wait until the broadcaster has announced its statics to this server instance."""
     until(lambda: (announcer_of(broadcaster)._informed or "?") in server.greeting)
@@ -86,10 +80,11 @@ def test_a_reconnect_to_the_same_server(frozen_soon: ServerProcess) -> None:
         announcer = announcer_of(urdf)
         until(lambda: announcer._present)
         server.freeze()
-        until(lambda: looked(announcer) and not announcer._present)
+        until(lambda: not announcer._present)
         server.send_signal(signal.SIGCONT)
         until(lambda: announcer._present)
-        until(lambda: looked(announcer) and not announcer._may_be_new)
+        announcer.look()
+        until(lambda: not announcer._may_be_new)
         urdf.send_static(link("base", "radar", 3))
         assert tf.can_transform("base", "radar", timeout_s=10)
         assert sorted(tf.frames()) == ["base", "camera", "radar"]
