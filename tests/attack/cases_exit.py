@@ -19,7 +19,7 @@ _STOP_S = 2.0
 
 def server_with_puts_in_flight(arena: Arena) -> list[Finding]:
     """8: SIGTERM to a server with large puts in flight"""
-    return _stop_server(arena, [("puts", "20000", f"p{index}") for index in range(2)])
+    return _stop_server(arena, [("puts", "100000", f"p{index}") for index in range(2)])
 
 
 def server_with_lookups_in_flight(arena: Arena) -> list[Finding]:
