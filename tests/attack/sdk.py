@@ -128,6 +128,23 @@ def daemon_waiters(endpoint: str) -> None:
     sys.exit(7)
 
 
+def daemon_batches(endpoint: str) -> None:
+    """The same in large calls, which are in native code of several libraries."""
+    tf = TransformClient.connect(endpoint)
+    tf.set_transform(StampedTransform("a", "b", 1, Transform()))
+    stamps = [1] * 20_000
+
+    def forever() -> None:
+        while True:
+            tf.lookup_transforms("a", "b", stamps)
+
+    for _ in range(6):
+        threading.Thread(target=forever, daemon=True).start()
+    print("ready", flush=True)
+    time.sleep(0.5)
+    sys.exit(7)
+
+
 def unclosed_broadcasters(endpoint: str) -> None:
     tf = TransformClient.connect(endpoint)
     for number in range(20):
