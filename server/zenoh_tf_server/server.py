@@ -71,12 +71,12 @@ class Server:
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            replies = Replies(OutboxLinks(sockets, clients), limits)
-            stack.callback(replies.close)
-            clients.when_gone(replies.forget)
             self.service = service = Service(
                 tree, settings.tree, self.instance, limits, loop, state.links
             )
+            replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
+            stack.callback(replies.close)
+            clients.when_gone(replies.forget)
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
