@@ -5,6 +5,7 @@ Thread safety: all methods; calls of different threads run side by side.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import threading
@@ -15,6 +16,7 @@ from typing import Final
 import zenoh
 
 from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
@@ -24,7 +26,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 
-from . import requests
+from . import connect_failure, requests
+from .access import Access
 from .served_trees import no_server_message, served_trees
 from .session_calls import OPENING, SessionCalls
 
@@ -46,6 +49,7 @@ class _NoReply:
     """No reply came to a request."""
 
     reason: str
+    at_once: bool  # the query ended without a reply: no server, or its rules deny the request
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +64,18 @@ class _Server:
 class Connection:
     """A session with one server; see the module. Close it with `close`."""
 
-    def __init__(self, endpoint: str, tree: str, timeout_s: float) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        tree: str,
+        timeout_s: float,
+        credentials: Credentials = NO_CREDENTIALS,
+    ) -> None:
         """Connect to the server of `tree` at `endpoint`.
 
         Raises:
             ServerUnavailable: No server answered within `timeout_s`.
+            AccessDenied: The server does not let this client in, or cannot be trusted.
             InvalidArgumentException: `endpoint` or `timeout_s` makes no sense.
         """
         if not 0 < timeout_s < 1e6:
@@ -73,12 +84,15 @@ class Connection:
             )
         zenoh_config.check_endpoint(endpoint)
         self.endpoint = endpoint
+        self._credentials = credentials
         self._address = zenoh_config.address(endpoint)  # for messages: without secrets
         self.tree = tree
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
         self._server: _Server | None = None
+        #: What this client may do; None if the server has no access rules.
+        self._access: Access | None = None
         # A request id: random per connection, then counted.
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
@@ -93,6 +107,8 @@ class Connection:
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
+            if self._access is not None:
+                self._access.check_any()
         except BaseException:
             self.close()
             raise
@@ -117,16 +133,23 @@ class Connection:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
 
+    def check_publish(self, authority: str) -> None:
+        """Raise AccessDenied if this client may not publish as `authority`."""
+        if self._access is not None:
+            self._access.check_publish(authority)
+
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
         """Return the reply to a request that changes nothing.
 
         `wait_s` is how long the server itself may wait before it replies. Raises the error in
         the reply, or ServerUnavailable if none comes.
         """
+        key = self._key(operation, body)
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
-        reply = self._query(operation, payload, timeout_s)
+        reply = self._query(key, payload, timeout_s)
         if isinstance(reply, _NoReply):
+            self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
         return reply
@@ -151,6 +174,7 @@ class Connection:
 
     def _write_once(self, operation: str, body: wire.Message, instance: str) -> wire.Message:
         server = self._known_server()
+        key = self._key(operation, body)
         timeout_ns = int(self.timeout_s * 1e9)
         write = wire.Write(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
@@ -158,36 +182,57 @@ class Connection:
             instance,
         )
         payload = self._pack(body | write.fields())
-        reply = self._query(operation, payload, self.timeout_s)
+        reply = self._query(key, payload, self.timeout_s)
         if isinstance(reply, _NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
 
-    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _NoReply:
+    def _key(self, operation: str, body: wire.Message) -> zenoh.KeyExpr:
+        """The key of a request. Raises AccessDenied if the server's rules do not allow it."""
+        access = self._access
+        if access is None:
+            return self._keys[operation]
+        return zenoh.KeyExpr(access.key(operation, body))
+
+    def _check_new_rules(self, operation: str, body: wire.Message) -> None:
+        """Raise AccessDenied if the server was restarted with rules that do not allow a request.
+
+        Zenoh gives no reply to a request that is denied, as if no server were there.
+        """
+        if self._server is None:
+            with contextlib.suppress(ServerUnavailable):
+                self._hello(self.timeout_s)
+                self._key(operation, body)
+
+    def _query(
+        self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
+    ) -> wire.Message | _NoReply:
         """Return the first reply, or why there is none."""
         try:
             with self.calls:
-                data = self._first_reply(operation, payload, timeout_s)
+                data = self._first_reply(key, payload, timeout_s)
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._where()}: {error}") from error
         if data is None:
             self._forget_server()
             # Zenoh ends a query at once if no server is there, or when the server goes away.
-            return _NoReply(f"{self._where()} is not there, or went away before it answered")
+            return _NoReply(
+                f"{self._where()} is not there, or went away before it answered", at_once=True
+            )
         if data == _ZENOH_TIMEOUT:
             self._forget_server()
-            return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s")
+            return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s", at_once=False)
         reply = wire.unpack(data, _MAX_REPLY_BYTES)
         server = self._server
         if server is not None and reply.get("instance") != server.instance:
             self._forget_server()  # A new server: its clock and limits are not known yet.
         return reply
 
-    def _first_reply(self, operation: str, payload: bytes, timeout_s: float) -> bytes | None:
+    def _first_reply(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | None:
         """Return the first reply's payload; None if the query ended without one."""
         replies = self.session.get(
-            self._keys[operation],
+            key,
             payload=payload,
             attachment=self._attachment,
             timeout=timeout_s,
@@ -239,12 +284,19 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> _Server:
-        request = requests.hello()
-        reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
+        request = requests.hello(self._credentials.user)
+        payload = wire.pack(request.body())
+        reply = self._query(self._keys["hello"], payload, timeout_s)
+        if isinstance(reply, _NoReply) and reply.at_once:
+            # Servers before access rules answer `hello` among the infos only.
+            reply = self._query(self._keys["info"], payload, timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, _NoReply):
             raise ServerUnavailable(reply.reason)
         value = request.parse(reply)
+        access = value.get("access")
+        user = self._credentials.user
+        self._access = None if access is None else Access(self.tree, self._address, user, access)
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this
         # side's own time-out.
@@ -267,6 +319,7 @@ class Connection:
                     self.timeout_s,
                     retry=_RETRY,
                     max_message_bytes=_MAX_REPLY_BYTES,
+                    credentials=self._credentials,
                 )
             )
         except zenoh.ZError as error:
@@ -274,9 +327,8 @@ class Connection:
 
     def _cannot_open(self, reason: str) -> TransformException:
         if "Unable to connect" in reason:
-            return ServerUnavailable(
-                f"nothing listens at {self._address} (tree {self.tree!r}, "
-                f"tried for {self.timeout_s:g} s)"
+            return connect_failure.explain(
+                self.endpoint, self.tree, self.timeout_s, self._credentials
             )
         return InvalidArgumentException(
             f"endpoint {self._address!r}: {reason.split(' at /', maxsplit=1)[0]}",

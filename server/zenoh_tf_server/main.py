@@ -16,7 +16,7 @@ import uvloop
 from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import flags
+from . import flags, security
 from .network import NetworkError
 from .server import Server, Settings
 from .tree_claim import TreeTaken
@@ -30,15 +30,16 @@ log = logging.getLogger("zenoh_tf.server")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = flags.parser()
-    options = parser.parse_args(arguments)
-    flags.check(parser, options)
+    options = flags.parse(arguments)
     logging.basicConfig(
         level=options.log_level.upper(),
         format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
         stream=sys.stderr,
     )
     settings = flags.settings(options)
+    warning = None if settings.connect else security.exposure(settings.security, settings.listen)
+    if warning is not None:
+        log.warning(warning)
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))

@@ -15,6 +15,8 @@ from . import network, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
+from .request_guard import RequestGuard
+from .security import OPEN, Security
 from .service import Service
 from .workers import Workers
 
@@ -33,6 +35,7 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    security: Security = OPEN
 
 
 class Server:
@@ -53,12 +56,16 @@ class Server:
         )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
-            session = network.open_session(settings.listen, settings.connect, limits)
+            session = network.open_session(
+                settings.listen, settings.connect, limits, settings.security, settings.tree
+            )
             stack.callback(session.close)
             tree_claim.refuse_if_taken(session, settings.tree)
             clients = Clients(limits.connections)
             stack.callback(clients.close)
-            service = Service(tree, settings.tree, self.instance, limits, loop)
+            guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
+            guard.certificate_of = network.certificates(session)
+            service = Service(tree, settings.tree, self.instance, limits, loop, guard)
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)

@@ -27,6 +27,7 @@ from .ingest import PutCounters
 from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
+from .request_guard import RequestGuard
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -43,7 +44,9 @@ class Service:
         instance: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
+        guard: RequestGuard | None = None,
     ) -> None:
+        self.guard = guard or RequestGuard()
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -60,12 +63,21 @@ class Service:
             "batch": self._batch,
             "info": lambda message, reply_to: reply_to(self._pack(self._run_info(message)), False),
             "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
+            "hello": lambda message, reply_to: reply_to(
+                self._pack({"value": self._hello(message, reply_to.client)}), False
+            ),
         }
 
-    def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
-        """Reply to one request. Never raises: an error is the reply."""
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply.
+
+        `chunk` is what stands behind the operation in the query's key.
+        """
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
+            self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -277,14 +289,15 @@ class Service:
 
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
-            return {"value": self._hello()}
+            return {"value": self._hello(message, "")}
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
         return {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
 
-    def _hello(self) -> dict[str, Any]:
-        return {
+    def _hello(self, message: wire.Message, client: str) -> dict[str, Any]:
+        access = self.guard.access(message, client)
+        return ({} if access is None else {"access": access}) | {
             "tree": self._name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),

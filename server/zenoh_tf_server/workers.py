@@ -19,6 +19,7 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys
 
+from .access_control import KEYED
 from .reply_cache import ReplyCallback
 from .service import Service
 
@@ -28,7 +29,7 @@ _CHANNEL = 256
 #: A Zenoh id has 32 hexadecimal digits.
 _MAX_CLIENT_ID_BYTES = 64
 #: Families whose requests are short and rare: one thread serves them.
-_SMALL = ("info", "admin")
+_SMALL = ("info", "admin", "hello")
 
 
 class QueryReply:
@@ -98,9 +99,14 @@ class _Pool:
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         key = keys.operation(tree, self._operation)
+        self._prefix = f"{key}/"
+        keyed = self._service.guard.keyed and self._operation in KEYED
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
         self._key = zenoh.KeyExpr(key)
-        self._queryable = session.declare_queryable(key, channel, complete=True)
+        # A reply's key must lie within its query's key. With access rules that names more.
+        self._reply_key = None if keyed else self._key
+        served = f"{key}/**" if keyed else key
+        self._queryable = session.declare_queryable(served, channel, complete=True)
         # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
         # the queryable itself.
         handler: Any = self._queryable.handler
@@ -146,7 +152,7 @@ class _Pool:
                 self._backlog.append(query)
                 return False
         refusal = self._service.error(limits.exceeded("pending_queries", pending))
-        QueryReply(query, self._key)(refusal, True)
+        QueryReply(query, self._reply_key or query.key_expr)(refusal, True)
         return False
 
     def _next(self) -> zenoh.Query | None:
@@ -158,11 +164,17 @@ class _Pool:
             return None
 
     def _serve(self, query: zenoh.Query) -> None:
-        reply_to: ReplyCallback = QueryReply(query, self._key)
+        reply_key = self._reply_key
+        chunk = None
+        if reply_key is None:
+            reply_key = query.key_expr
+            chunk = str(reply_key).removeprefix(self._prefix)
+            chunk = None if "/" in chunk else chunk
+        reply_to: ReplyCallback = QueryReply(query, reply_key)
         try:
             payload = query.payload
             data = payload.to_bytes() if payload is not None else b""
-            self._service.handle(self._operation, data, reply_to)
+            self._service.handle(self._operation, data, reply_to, chunk)
         except Exception:  # no query may end a worker
             log.exception("internal error while serving %s", self._key)
             query.drop()

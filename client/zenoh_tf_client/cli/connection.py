@@ -6,7 +6,7 @@ import argparse
 from concurrent.futures import Future
 from threading import Thread
 
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, environment
 
 
 def connect(args: argparse.Namespace) -> TransformClient:
@@ -14,6 +14,13 @@ def connect(args: argparse.Namespace) -> TransformClient:
 
     Raises what ``TransformClient.connect`` raises, and KeyboardInterrupt at once on Ctrl-C.
     """
+    credentials = environment.client_credentials(
+        ca=args.tls_ca,
+        certificate=args.tls_certificate,
+        key=args.tls_key,
+        user=args.user,
+        password_file=args.password_file,
+    )
     # Opening a Zenoh session blocks in native code, which Ctrl-C does not interrupt. Another
     # thread opens it, while this one waits in Python.
     opened: Future[TransformClient] = Future()
@@ -21,10 +28,44 @@ def connect(args: argparse.Namespace) -> TransformClient:
     def open_client() -> None:
         try:
             opened.set_result(
-                TransformClient.connect(args.connect, tree=args.tree, timeout_s=args.timeout)
+                TransformClient.connect(
+                    args.connect,
+                    tree=args.tree,
+                    timeout_s=args.timeout,
+                    credentials=credentials,
+                )
             )
         except BaseException as error:
             opened.set_exception(error)
 
     Thread(target=open_client, name="connect", daemon=True).start()
     return opened.result()
+
+
+def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:
+    """Add the options that say who the user is. There is none for the password itself, because
+    every user of the machine can see the arguments of a process."""
+    group = parser.add_argument_group("keys and users")
+    for option, metavar, variable, meaning in (
+        (
+            "--tls-ca",
+            "FILE",
+            environment.CA_VARIABLE,
+            "authorities that sign certificates",
+        ),
+        ("--tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
+        ("--tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
+        ("--user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
+        (
+            "--password-file",
+            "FILE",
+            environment.PASSWORD_FILE_VARIABLE,
+            "file with the user's password in its first line",
+        ),
+    ):
+        group.add_argument(
+            option,
+            metavar=metavar,
+            default=default,
+            help=f"{meaning} (default: the environment's {variable})",
+        )

@@ -25,6 +25,7 @@ from zenoh_tf import (
 from zenoh_tf.export import printable
 from zenoh_tf_client import environment
 from zenoh_tf_client.cli import output, query, replay, stamps, view, write
+from zenoh_tf_client.cli.connection import add_credentials
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
@@ -173,6 +174,7 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
         default=default(False),
         help="print one JSON document; an error is one JSON object on stderr",
     )
+    add_credentials(parser, default(None))
 
 
 def _positive_seconds(text: str) -> float:
