@@ -57,6 +57,8 @@ def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials
                 return _explain_tls(connection, target[0], where, endpoint, credentials)
             return _explain_session(connection, target, where, credentials)
         except OSError:
+            if protocol == "tls" and _speaks_plain(target):
+                return _no_tls(where)
             return ServerUnavailable(
                 f"{where} accepts connections and then ends them; is a zenoh-tf-server there?"
             )
@@ -82,12 +84,16 @@ def _explain_tls(
         return _untrusted(error, host, where, credentials)
     except ssl.SSLError as error:
         if error.reason in ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING"):
-            plain = where.replace("tls/", "tcp/", 1)
-            return ServerUnavailable(
-                f"{where} does not speak TLS: connect to {plain}, or start the server with "
-                "--tls-certificate and --tls-key"
-            )
+            return _no_tls(where)
         return _refused_certificate(error, where, credentials)
+
+
+def _no_tls(where: str) -> Failure:
+    plain = where.replace("tls/", "tcp/", 1)
+    return ServerUnavailable(
+        f"{where} does not speak TLS: connect to {plain}, or start the server with "
+        "--tls-certificate and --tls-key"
+    )
 
 
 def _context(credentials: Credentials) -> ssl.SSLContext:
@@ -139,6 +145,7 @@ def _refused_certificate(error: ssl.SSLError, where: str, credentials: Credentia
             field="certificate",
         )
     reason = (error.reason or str(error)).lower().replace("_", " ")
+    reason = reason.rpartition("alert ")[2]
     return AccessDenied(
         f"{where} refuses the certificate {os.fspath(credentials.certificate)!r}: {reason}",
         field="certificate",
@@ -171,6 +178,14 @@ def _speaks_tls(target: tuple[str, int]) -> bool:
             context.wrap_socket(connection),
         ):
             return True
+    except OSError:
+        return False
+
+
+def _speaks_plain(target: tuple[str, int]) -> bool:
+    try:
+        with socket.create_connection(target, _TIMEOUT_S) as connection:
+            return _ask_for_session(connection) is not None
     except OSError:
         return False
 

@@ -178,19 +178,20 @@ def _value(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
 
 def _single(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
     kind = action.type
-    if kind is int:
+    default = type(action.default)
+    if int in (kind, default):
         value = _checked(flag, value, int, "a whole number")
-    elif kind is float:
+    elif float in (kind, default):
         value = float(_checked(flag, value, (int, float), "a number"))
     else:
         value = _checked(flag, value, (str, int, float) if kind else str, "a text")
         if action.metavar in _PATH_METAVARS:
             value = str(folder / value)
-        if callable(kind):
-            try:
-                value = kind(str(value))
-            except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
-                raise InvalidArgumentException(f"{flag}: {error}", field=flag) from error
+    if callable(kind):
+        try:
+            value = kind(str(value))
+        except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
+            raise InvalidArgumentException(f"{flag}: {error}", field=flag) from error
     if action.choices is not None and value not in action.choices:
         choices = ", ".join(map(str, action.choices))
         raise InvalidArgumentException(f"{flag} is {value!r}: use one of {choices}", field=flag)

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import config_file, limits, security
+from . import config_file, limits, logs, operations, security
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -52,13 +52,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="threads that serve queries, per query family (default: %(default)s)",
     )
-    flags.add_argument(
-        "--log-level",
-        choices=("debug", "info", "warning", "error"),
-        default="info",
-        help="lowest level of the messages logged to standard error (default: %(default)s)",
-    )
     security.add_flags(flags)
+    logs.add_flags(flags)
+    operations.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -143,4 +139,5 @@ def settings(options: argparse.Namespace) -> Settings:
         workers=options.workers,
         limits=limits.from_flags(options),
         security=options.security,
+        operations=operations.from_flags(options),
     )

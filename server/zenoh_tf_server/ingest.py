@@ -17,6 +17,7 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys, wire
 from zenoh_tf.errors import TransformException
+from zenoh_tf.text import quoted
 
 from .limits import Limits
 from .rate_limited_log import RateLimitedLog
@@ -122,6 +123,6 @@ class Ingest:
         if authority is not None:
             self._refusals.refuse(authority, transforms, reason)
         source = key if authority is None else authority
-        self._log.warn(f"put of {source!r}", reason)
+        self._log.warn(f"put of {quoted(source)}", reason)
         with self._lock:  # last: a client that sees the count finds the reason as well
             self._counters.bad_puts += 1

@@ -82,6 +82,11 @@ class Limits:
         "authorities remembered that had messages refused and none accepted",
         "the one that was refused longest ago is forgotten",
     )
+    metrics_authorities: int = _limit(
+        100,
+        "authorities with metrics of their own (`--metrics`)",
+        "the others are summed as one",
+    )
     connections: int = _limit(
         1000,
         "Zenoh connections to the embedded router",

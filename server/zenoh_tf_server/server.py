@@ -6,12 +6,12 @@ import asyncio
 import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, tree_claim
+from . import network, operations, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
@@ -36,6 +36,7 @@ class Settings:
     workers: int
     limits: Limits
     security: Security = OPEN
+    operations: operations.Settings = field(default_factory=operations.Settings)
 
 
 class Server:
@@ -61,11 +62,14 @@ class Server:
             )
             stack.callback(session.close)
             tree_claim.refuse_if_taken(session, settings.tree)
-            clients = Clients(limits.connections)
+            self.session = session
+            self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
             guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
             guard.certificate_of = network.certificates(session)
-            service = Service(tree, settings.tree, self.instance, limits, loop, guard)
+            self.service = service = Service(
+                tree, settings.tree, self.instance, limits, loop, guard
+            )
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)

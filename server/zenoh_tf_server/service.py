@@ -21,12 +21,14 @@ from zenoh_tf.errors import (
     TimeoutException,
     TransformException,
 )
+from zenoh_tf.text import quoted
 
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
+from .request_counters import RequestCounters
 from .request_guard import RequestGuard
 from .waiters import Waiters
 
@@ -56,7 +58,8 @@ class Service:
         self.refusals = Refusals(limits)
         self._info = InfoRequests(tree, self.refusals, self._counters)
         self._reply_cache = ReplyCache(limits)
-        self._name = name
+        self.name = name
+        self.requests = RequestCounters()
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
@@ -75,19 +78,31 @@ class Service:
 
         `chunk` is what stands behind the operation in the query's key.
         """
+        counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
             self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
+        counts.end(operation)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
-        return wire.pack(wire.error_reply(self.instance, self._typed(error)))
+        typed = self._typed(error)
+        self.requests.failed(type(typed).__name__)
+        return wire.pack(wire.error_reply(self.instance, typed))
 
     def close(self) -> None:
         self.waiters.close()
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server; `metric_table` declares each key."""
+        return self.tree.stats() | self._counters()
+
+    def authorities(self) -> list[dict[str, Any]]:
+        """The records of all authorities, with what was refused of each."""
+        return self.refusals.add_to(self.tree._authority_records())
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -298,7 +313,7 @@ class Service:
     def _hello(self, message: wire.Message, client: str) -> dict[str, Any]:
         access = self.guard.access(message, client)
         return ({} if access is None else {"access": access}) | {
-            "tree": self._name,
+            "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
             "clock_ns": time.monotonic_ns(),
@@ -316,7 +331,7 @@ class Service:
         elif what == "remove_frame":
             name = wire.text(message, "name")
             self.tree.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %r", name)
+            log.info("removed frame %s", quoted(name))
         else:
-            raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
+            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
         return {"value": None}

@@ -28,6 +28,10 @@ void CommitExecution::apply(const WriteLocks& locks) noexcept {
         static_cast<std::size_t>(std::unique(changed_.begin(), changed_.end()) - changed_.begin()));
   }
   if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
+  if (plan_.from_future() != 0) {
+    tree_.from_future_.fetch_add(plan_.from_future(), std::memory_order_relaxed);
+    tally_.dropped += plan_.from_future();
+  }
   count_authority();
 }
 

@@ -17,18 +17,26 @@ CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::
       names_(tree, request) {
   const auto rows = static_cast<std::uint32_t>(request.rows.size());
   RowWrite* const writes = writes_.append(rows);
+  RowWrite* write = writes;
   Pose* const poses = poses_.append(rows);
   for (std::uint32_t i = 0; i < rows; ++i) {
     const Row& row = request.rows[i];
     const FrameId child = names_.id(row.child), parent = names_.id(row.parent);
-    writes[i] = {child, parent, i, row.stamp};
+    *write++ = {child, parent, i, row.stamp};
     // The record arrives while the other rows are checked.
     if (rows > 1) tree.frames_[child].prefetch_for_write();
     // Equal ids are one name, unless both are 0: then the names must be compared.
     if (!names_.all_valid() || child == parent) [[unlikely]]
       check_names(request, row, tree.options_);
     check_values(request, row, poses[i]);
+    if (row.stamp > request.max_stamp && !request.is_static) [[unlikely]] {
+      if (!request.drop_old) reject_future_stamp(request, row);
+      stored[i] = RowResult::from_future;
+      ++from_future_;
+      --write;
+    }
   }
+  writes_.set_size(static_cast<std::size_t>(write - writes));
   check_authority(request, tree.options_);
 }
 
@@ -107,6 +115,10 @@ void CommitPlan::validate_read_set(const WriteLocks& locks) const {
   }
 }
 
+void CommitPlan::check_expiry() const {
+  if (request_.expires_ns != CommitRequest::kNeverExpires) check_not_expired(request_);
+}
+
 PlanOutcome CommitPlan::decide(CommitScope scope) {
   is_first_reparenting_ = false;
   // Another commit may have cleared the samples since an earlier attempt found the jump. Then the
@@ -117,7 +129,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   for (FrameWrites& group : groups_) {
     group.is_append = is_append(group);
     if (group.is_append) [[likely]] {
-      stored_[writes_[group.begin].row] = true;
+      stored_[writes_[group.begin].row] = RowResult::stored;
       continue;
     }
     if (decide_rows(group) != PlanOutcome::ready) return PlanOutcome::needs_all_frames;
@@ -186,7 +198,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
       found_time_jump_ = true;
       return PlanOutcome::needs_all_frames;
     }
-    stored_[write.row] = fate == RowFate::stored;
+    stored_[write.row] = fate == RowFate::stored ? RowResult::stored : RowResult::dropped;
     if (fate != RowFate::stored) {
       if (!request_.drop_old) reject_stamp(write, fate, newest, oldest);
       continue;

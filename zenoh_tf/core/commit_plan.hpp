@@ -78,6 +78,9 @@ class CommitPlan {
   // passes if each has read what the other writes. Throws Rejected.
   void validate_read_set(const WriteLocks& locks) const;
 
+  // Throws Rejected if the request has expired. To be called when nothing is left to wait for.
+  void check_expiry() const;
+
   // Step 3: decides what each group stores, and reserves memory for it. Requires the write locks.
   // Throws Rejected and bad_alloc.
   PlanOutcome decide(CommitScope scope);
@@ -89,7 +92,11 @@ class CommitPlan {
   }
   [[nodiscard]] const RowWrite& write(std::uint32_t i) const noexcept { return writes_[i]; }
   [[nodiscard]] const Pose& pose(std::uint32_t row) const noexcept { return poses_[row]; }
-  [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept { return stored_[row] != 0; }
+  [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept {
+    return stored_[row] == RowResult::stored;
+  }
+  // How many rows are dropped because they are later than the request's max_stamp.
+  [[nodiscard]] std::uint32_t from_future() const noexcept { return from_future_; }
   [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
   [[nodiscard]] const HistoryLimits& limits() const noexcept { return limits_; }
   // True if time was set back: all dynamic samples are dropped before the rows are stored.
@@ -124,11 +131,12 @@ class CommitPlan {
   const std::span<std::uint8_t> stored_;  // by row of the request
   const HistoryLimits limits_;
   CommitNames names_;
+  std::uint32_t from_future_ = 0;
   bool found_time_jump_ = false;  // by this attempt or an earlier one
   bool clears_samples_ = false;
   bool is_first_reparenting_ = false;
-  SmallVector<RowWrite, 16> writes_;
-  SmallVector<Pose, 16> poses_;  // by row of the request, normalised
+  SmallVector<RowWrite, 16> writes_;  // without the rows that are from the future
+  SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
   FrameList children_;  // of groups_, ascending
 };
