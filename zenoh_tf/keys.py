@@ -30,6 +30,9 @@ PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
 OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin", "hello")
 
+#: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
+TAKES_PARTS: Final = "parts"
+
 #: Longest name in UTF-8 bytes. Escaping may triple it, and Zenoh's keys should be short.
 MAX_NAME_BYTES: Final = 255
 
@@ -108,6 +111,13 @@ def operation(tree: str, name: str) -> str:
 def keyed_operation(tree: str, name: str, subject: str) -> str:
     """The key of a write for access rules: it names the authority, or the admin operation."""
     return f"{operation(tree, name)}/{escape(subject, 'authority')}"
+
+
+def subject(key: str) -> str | None:
+    """What stands behind the query family in a query's key, as a chunk; None if nothing does, or
+    more than one chunk."""
+    chunks = key.removeprefix(f"{PREFIX}/").split("/")
+    return chunks[2] if len(chunks) == 3 else None
 
 
 def prefix(tree: str) -> str:

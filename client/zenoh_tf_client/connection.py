@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import random
 import threading
 import time
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
     OutcomeUnknown,
+    ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     TransformException,
@@ -41,6 +43,8 @@ _HELLO_PERIOD_S: Final = 0.05
 _OTHER_TREES_GRACE_S: Final = 1.0
 _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
+#: The limit of a server that does not tell.
+_DEFAULT_ROWS: Final = 100_000
 #: The error reply that Zenoh makes up when no server replies in time.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
@@ -54,12 +58,13 @@ class _NoReply:
 
 
 @dataclass(frozen=True, slots=True)
-class _Server:
+class ServerInfo:
     """The server that answered last."""
 
     instance: str
     clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
+    rows: int  # transforms in one message
 
 
 class Connection:
@@ -91,7 +96,7 @@ class Connection:
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
-        self._server: _Server | None = None
+        self._server: ServerInfo | None = None
         #: What this client may do; None if the server has no access rules.
         self._access: Access | None = None
         # A request id: random per connection, then counted.
@@ -102,8 +107,8 @@ class Connection:
         self.calls = SessionCalls(self.session.close)
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
-        client_id = str(self.session.zid())
-        self._attachment = client_id.encode()
+        self._client_id = client_id = str(self.session.zid())
+        self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -138,6 +143,10 @@ class Connection:
         if self._access is not None:
             self._access.check_publish(authority)
 
+    def hello(self) -> ServerInfo:
+        """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
+        return self._hello(self.timeout_s)
+
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
         """Return the reply to a request that changes nothing.
 
@@ -147,7 +156,7 @@ class Connection:
         key = self._key(operation, body)
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
-        reply = self._query(key, payload, timeout_s)
+        reply = self._query_until_served(key, payload, timeout_s)
         if isinstance(reply, _NoReply):
             self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
@@ -182,7 +191,8 @@ class Connection:
             instance,
         )
         payload = self._pack(body | write.fields())
-        reply = self._query(key, payload, self.timeout_s)
+        # A refused write did not run, so it may be sent again; its expiry stays the same.
+        reply = self._query_until_served(key, payload, self.timeout_s)
         if isinstance(reply, _NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
@@ -204,6 +214,26 @@ class Connection:
             with contextlib.suppress(ServerUnavailable):
                 self._hello(self.timeout_s)
                 self._key(operation, body)
+
+    def _query_until_served(
+        self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
+    ) -> wire.Message | _NoReply:
+        """As `_query`, and again as long as the server is busy and the time is not over."""
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            reply = self._query(key, payload, timeout_s)
+            if isinstance(reply, _NoReply) or "error" not in reply:
+                return reply
+            error = wire.decode_error(reply["error"])
+            pause_s = error.retry_after_s
+            if not isinstance(error, ServerBusy) or pause_s is None or pause_s < 0:
+                return reply
+            # Clients that were refused together should not come back together.
+            pause_s *= random.uniform(1, 2)
+            timeout_s = deadline_s - time.monotonic() - pause_s
+            if timeout_s <= 0:
+                return reply
+            time.sleep(pause_s)
 
     def _query(
         self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
@@ -230,7 +260,12 @@ class Connection:
         return reply
 
     def _first_reply(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the first reply's payload; None if the query ended without one."""
+        """Return the reply's payload; None if the query ended without one, or within one.
+
+        A long reply comes in parts; the attachment of each is the length of the whole.
+        """
+        parts: list[bytes] = []
+        length = 0
         replies = self.session.get(
             key,
             payload=payload,
@@ -240,7 +275,13 @@ class Connection:
         )
         for reply in replies:
             if (sample := reply.ok) is not None:
-                return sample.payload.to_bytes()
+                if sample.attachment is None:
+                    return sample.payload.to_bytes()
+                parts.append(sample.payload.to_bytes())
+                length += len(parts[-1])
+                if length == int(sample.attachment.to_bytes()):
+                    return b"".join(parts)
+                continue
             return reply.err.payload.to_bytes()  # type: ignore[union-attr]
         return None
 
@@ -257,7 +298,7 @@ class Connection:
             )
         return payload
 
-    def _known_server(self) -> _Server:
+    def _known_server(self) -> ServerInfo:
         return self._server or self._hello(self.timeout_s)
 
     def _forget_server(self) -> None:
@@ -283,8 +324,8 @@ class Connection:
                     next_check_s = time.monotonic() + _OTHER_TREES_PERIOD_S
             time.sleep(_HELLO_PERIOD_S)
 
-    def _hello(self, timeout_s: float) -> _Server:
-        request = requests.hello(self._credentials.user)
+    def _hello(self, timeout_s: float) -> ServerInfo:
+        request = requests.hello(self._credentials.user, self._client_id)
         payload = wire.pack(request.body())
         reply = self._query(self._keys["hello"], payload, timeout_s)
         if isinstance(reply, _NoReply) and reply.at_once:
@@ -300,10 +341,11 @@ class Connection:
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this
         # side's own time-out.
-        server = _Server(
+        server = ServerInfo(
             wire.text(value, "instance"),
             wire.integer(value, "clock_ns") - now_ns,
             wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
+            wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
         )
         self._server = server
         return server

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import config_file, limits, logs, operations, security
+from . import config_file, limits, logs, operations, security, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -55,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
     security.add_flags(flags)
     logs.add_flags(flags)
     operations.add_flags(flags)
+    state.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -112,6 +113,7 @@ def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         flags.error(f"--workers is {options.workers}: it must be at least 1")
     if not options.cache_time > 0:
         flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
+    state.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -140,4 +142,5 @@ def settings(options: argparse.Namespace) -> Settings:
         limits=limits.from_flags(options),
         security=options.security,
         operations=operations.from_flags(options),
+        state=state.from_flags(options),
     )

@@ -114,7 +114,8 @@ class Ingest:
         with self._lock:
             self._counters.puts += 1
             self._counters.put_transforms += kept
-            self._counters.dropped_as_too_old += commit.rows - kept
+            if not commit.announce:  # what an announcement leaves out is not old
+                self._counters.dropped_as_too_old += commit.rows - kept
 
     def _refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
         field = error.field if isinstance(error, TransformException) else None

@@ -112,7 +112,7 @@ BUILD: Final = Metric(
     "build_info",
     "gauge",
     "always 1; the labels say what runs",
-    ("version", "python", "zenoh", "tree", "instance"),
+    ("version", "python", "zenoh", "tree", "server_instance"),
 )
 OTHERS: Final = (REQUESTS, DURATION, LIMIT, CLIENTS, THREADS, READY, HEALTHY, PROBE, BUILD)
 

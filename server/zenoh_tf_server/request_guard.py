@@ -70,21 +70,24 @@ class RequestGuard:
                         field="operations",
                     )
 
-    def access(self, message: wire.Message, client: str) -> dict[str, Any] | None:
+    def access(self, message: wire.Message) -> dict[str, Any] | None:
         """What the client that asks `hello` may do; None if there are no rules.
 
-        It informs only: the user is what the client says. Zenoh knows better, and enforces.
+        It informs only: user and id are what the client says. Zenoh knows better, and enforces.
         """
         if not self._rules:
             return None
-        user = message.get("user")
-        certificate = self.certificate_of(client)
+        user = _optional_text(message, "user")
+        client = _optional_text(message, "client")
+        certificate = None if client is None else self.certificate_of(client)
         return {
             "certificate": certificate,
-            **access_rules.granted(
-                self._rules, user if isinstance(user, str) else None, certificate
-            ),
+            **access_rules.granted(self._rules, user, certificate),
         }
+
+
+def _optional_text(message: wire.Message, field: str) -> str | None:
+    return wire.text(message, field) if field in message else None
 
 
 def _bind_authority(commit: wire.Message, authority: str | None, family: str) -> None:

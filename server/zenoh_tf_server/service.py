@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
+    NotDurable,
     ServerRestarted,
     TimeoutException,
     TransformException,
@@ -30,6 +31,8 @@ from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
 from .request_guard import RequestGuard
+from .state_file import Stored
+from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -46,6 +49,7 @@ class Service:
         instance: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
+        links: StaticLinks | None = None,
         guard: RequestGuard | None = None,
     ) -> None:
         self.guard = guard or RequestGuard()
@@ -60,6 +64,7 @@ class Service:
         self._reply_cache = ReplyCache(limits)
         self.name = name
         self.requests = RequestCounters()
+        self._links = links or StaticLinks(tree, limits, None, Stored())
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
@@ -67,7 +72,7 @@ class Service:
             "info": lambda message, reply_to: reply_to(self._pack(self._run_info(message)), False),
             "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
             "hello": lambda message, reply_to: reply_to(
-                self._pack({"value": self._hello(message, reply_to.client)}), False
+                self._pack({"value": self._hello(message)}), False
             ),
         }
 
@@ -228,22 +233,21 @@ class Service:
     def _run_commit(self, message: wire.Message) -> wire.Message:
         commit = wire.parse_commit(message)
         self.limits.check("rows", commit.rows)
-        return wire.commit_reply(self.commit(commit))
+        stored, ticket = self._commit(commit)
+        self._links.wait(ticket)
+        return wire.commit_reply(stored)
 
     def commit(self, commit: wire.Commit) -> Any:
-        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
-        return self.tree._commit_rows(
-            commit.names,
-            commit.parent,
-            commit.child,
-            commit.stamp,
-            commit.pose,
-            authority=commit.authority,
-            static=commit.static,
-            drop_old=commit.drop_old,
-            read_names=commit.read_names,
-            read_versions=commit.read_versions,
-        )
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped. Static links are stored
+        soon after."""
+        return self._commit(commit)[0]
+
+    def _commit(self, commit: wire.Commit) -> tuple[Any, int]:
+        """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
+        if commit.static:
+            return self._links.commit(commit)
+        stored = apply(self.tree, commit)
+        return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     # --- batches, info and administration
 
@@ -274,6 +278,7 @@ class Service:
         which cannot depend on later writes."""
         rows = 0
         replies: list[wire.Message] = []
+        tickets: dict[int, int] = {}
         for kind, body in operations:
             try:
                 if kind == "lookup":
@@ -295,23 +300,31 @@ class Service:
                     commit = wire.parse_commit(body)
                     rows += commit.rows
                     self.limits.check("rows", rows)
-                    replies.append(wire.commit_reply(self.commit(commit)))
+                    stored, ticket = self._commit(commit)
+                    if ticket != NO_TICKET:
+                        tickets[len(replies)] = ticket
+                    replies.append(wire.commit_reply(stored))
                 else:
                     replies.append(self._run_info(body))
             except Exception as error:
                 replies.append({"error": wire.encode_error(self._typed(error))})
+        try:
+            self._links.wait(max(tickets.values(), default=NO_TICKET))  # once for all commits
+        except NotDurable as error:
+            for index in tickets:
+                replies[index] = {"error": wire.encode_error(error)}
         return {"replies": replies}
 
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
-            return {"value": self._hello(message, "")}
+            return {"value": self._hello(message)}
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
 
-    def _hello(self, message: wire.Message, client: str) -> dict[str, Any]:
-        access = self.guard.access(message, client)
+    def _hello(self, message: wire.Message) -> dict[str, Any]:
+        access = self.guard.access(message)
         return ({} if access is None else {"access": access}) | {
             "tree": self.name,
             "instance": self.instance,
@@ -323,15 +336,16 @@ class Service:
     def _run_admin(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
         if what == "clear":
-            self.tree.clear(wire.flag(message, "keep_static", True))
+            ticket = self._links.clear(wire.flag(message, "keep_static", True))
             log.info("cleared the tree")
         elif what == "reset":
-            self.tree.reset()
+            ticket = self._links.reset()
             log.info("reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
-            self.tree.remove_frame(name, wire.flag(message, "subtree"))
+            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
             log.info("removed frame %s", quoted(name))
         else:
             raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
+        self._links.wait(ticket)
         return {"value": None}

@@ -274,6 +274,10 @@ def test_puts_are_let_through_for_their_authorities_only(secured: Secured) -> No
 def test_only_listeners_hear_puts(secured: Secured) -> None:
     heard: dict[str, list[str]] = {"admin": [], "reader": [], "wheels": []}
     payload = wire.pack(commit_body(None))
+
+    def listener_of(name: str) -> Callable[[zenoh.Sample], None]:
+        return lambda sample: heard[name].append(str(sample.key_expr))
+
     with (
         secured.raw("admin") as listener,
         secured.raw("reader") as reader,
@@ -281,9 +285,7 @@ def test_only_listeners_hear_puts(secured: Secured) -> None:
     ):
         for name, session in (("admin", listener), ("reader", reader), ("wheels", wheels)):
             for key in (keys.puts("main", static=False), f"{keys.prefix('main')}/**", "**"):
-                session.declare_subscriber(
-                    key, lambda sample, name=name: heard[name].append(str(sample.key_expr))
-                )
+                session.declare_subscriber(key, listener_of(name))
         deadline_s = time.monotonic() + 20.0
         while not heard["admin"] and time.monotonic() < deadline_s:
             wheels.put(keys.put("main", "wheels", static=False), payload)
