@@ -60,28 +60,29 @@ class Credentials:
 
     @property
     def uses_tls(self) -> bool:
-        """True if a part of it has a meaning for TLS endpoints only."""
+        """Returns True if a part of it has a meaning for TLS endpoints only."""
         return self.ca is not None or self.certificate is not None
-
-    def zenoh_settings(self) -> dict[str, object]:
-        """The settings of a Zenoh configuration that they stand for."""
-        settings: dict[str, object] = {}
-        tls: dict[str, object] = {"verify_name_on_connect": True}
-        if self.ca is not None:
-            tls["root_ca_certificate"] = os.fspath(self.ca)
-        if self.certificate is not None and self.key is not None:
-            tls["enable_mtls"] = True
-            tls["connect_certificate"] = os.fspath(self.certificate)
-            tls["connect_private_key"] = os.fspath(self.key)
-        settings["transport/link/tls"] = tls
-        if self.user is not None:
-            settings["transport/auth/usrpwd/user"] = self.user
-            settings["transport/auth/usrpwd/password"] = self.password
-        return settings
 
 
 #: A client that shows nothing, and trusts public authorities only.
 NO_CREDENTIALS = Credentials()
+
+
+def zenoh_settings(credentials: Credentials) -> dict[str, object]:
+    """The settings of a Zenoh configuration that credentials stand for."""
+    settings: dict[str, object] = {}
+    tls: dict[str, object] = {"verify_name_on_connect": True}
+    if credentials.ca is not None:
+        tls["root_ca_certificate"] = os.fspath(credentials.ca)
+    if credentials.certificate is not None and credentials.key is not None:
+        tls["enable_mtls"] = True
+        tls["connect_certificate"] = os.fspath(credentials.certificate)
+        tls["connect_private_key"] = os.fspath(credentials.key)
+    settings["transport/link/tls"] = tls
+    if credentials.user is not None:
+        settings["transport/auth/usrpwd/user"] = credentials.user
+        settings["transport/auth/usrpwd/password"] = credentials.password
+    return settings
 
 
 def check_readable(path: FilePath, field: str) -> None:

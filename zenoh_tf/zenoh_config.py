@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import zenoh
 
-from .credentials import NO_CREDENTIALS, Credentials
+from .credentials import NO_CREDENTIALS, Credentials, zenoh_settings
 from .errors import InvalidArgumentException
 
 #: The protocols that Zenoh's Python package can connect and listen with.
@@ -70,6 +70,20 @@ def check_endpoint(endpoint: str) -> None:
         _reject(endpoint, f"has the port {port!r}; use a number from 0 to {_MAX_PORT}")
 
 
+def check_encrypted(endpoint: str, credentials: Credentials) -> None:
+    """Check that credentials for TLS are not for an endpoint without it, which would ignore them.
+
+    Raises:
+        InvalidArgumentException: ``field`` is "endpoint".
+    """
+    if credentials.uses_tls and protocol(endpoint) not in TLS_PROTOCOLS:
+        _reject(
+            endpoint,
+            "is not encrypted, but the credentials have files for TLS: use tls/HOST:PORT, or "
+            "leave the files out",
+        )
+
+
 def _reject(endpoint: str, reason: str) -> None:
     raise InvalidArgumentException(f"endpoint {address(endpoint)!r} {reason}", field="endpoint")
 
@@ -92,7 +106,7 @@ def client(
         "connect/endpoints": list(endpoints),
         "connect/timeout_ms": int(timeout_s * 1000),
     }
-    settings |= credentials.zenoh_settings()
+    settings |= zenoh_settings(credentials)
     if retry is not None:
         settings["connect/retry"] = dict(retry)
     return _config(settings, max_message_bytes)

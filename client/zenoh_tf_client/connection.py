@@ -16,7 +16,7 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import connect_failure, keys, wire, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import (
     InvalidArgumentException,
@@ -28,7 +28,7 @@ from zenoh_tf.errors import (
     TransformException,
 )
 
-from . import connect_failure, requests
+from . import requests
 from .access import Access
 from .opening import NOBODY_THERE, open_session
 from .served_trees import no_server_message, served_trees
@@ -45,6 +45,8 @@ _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
 #: The limit of a server that does not tell.
 _DEFAULT_ROWS: Final = 100_000
+#: After this time, and at the end, the reason for a failing connection is looked into.
+_FIRST_ATTEMPT_S: Final = 1.0
 #: The error reply that Zenoh makes up when no server replies in time.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
@@ -89,6 +91,7 @@ class Connection:
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
             )
         zenoh_config.check_endpoint(endpoint)
+        zenoh_config.check_encrypted(endpoint, credentials)
         self.endpoint = endpoint
         self._credentials = credentials
         self._address = zenoh_config.address(endpoint)  # for messages: without secrets
@@ -354,19 +357,26 @@ class Connection:
         return f"the server of tree {self.tree!r} at {self._address}"
 
     def _open(self) -> zenoh.Session:
-        try:
-            return open_session(
-                lambda attempt_s: zenoh_config.client(
-                    [self.endpoint],
-                    attempt_s,
-                    retry=_RETRY,
-                    max_message_bytes=_MAX_REPLY_BYTES,
-                    credentials=self._credentials,
-                ),
-                self.timeout_s,
-            )
-        except zenoh.ZError as error:
-            raise self._cannot_open(str(error)) from error
+        """Open a session. A server that does not let this client in is not asked a second time."""
+        deadline_s = time.monotonic() + self.timeout_s
+        left_s = min(self.timeout_s, _FIRST_ATTEMPT_S)
+        while True:
+            try:
+                return open_session(self._config, left_s)
+            except zenoh.ZError as error:
+                left_s = deadline_s - time.monotonic()
+                failure = self._cannot_open(str(error))
+                if left_s <= 0 or not isinstance(failure, ServerUnavailable):
+                    raise failure from error
+
+    def _config(self, attempt_s: float) -> zenoh.Config:
+        return zenoh_config.client(
+            [self.endpoint],
+            attempt_s,
+            retry=_RETRY,
+            max_message_bytes=_MAX_REPLY_BYTES,
+            credentials=self._credentials,
+        )
 
     def _cannot_open(self, reason: str) -> TransformException:
         if NOBODY_THERE in reason:

@@ -7,7 +7,8 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import zenoh_config
+from zenoh_tf import connect_failure, zenoh_config
+from zenoh_tf.errors import AccessDenied
 
 from .limits import Limits
 from .security import OPEN, Security
@@ -58,6 +59,12 @@ def open_session(
         config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
         return zenoh.open(config)
     except zenoh.ZError as error:
+        if connect:
+            failure = connect_failure.explain(
+                connect[0], tree, CONNECT_TIMEOUT_S, security.credentials
+            )
+            if isinstance(failure, AccessDenied):
+                raise NetworkError(f"cannot connect: {failure}") from error
         raise NetworkError(_message(str(error), listen, connect)) from error
 
 

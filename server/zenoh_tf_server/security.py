@@ -97,20 +97,22 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
         InvalidArgumentException: They make no sense together, or a file is wrong.
     """
     if options.connect:
-        for name in ("users",):
-            if getattr(options, name):
-                _reject(name, "works with --listen only: the network's routers check their clients")
+        if options.users:
+            _reject("users", "works with --listen only: the network's routers check their clients")
         if rules:
             _reject("access", "rules work with --listen only: configure the network's routers")
+        given = credentials.from_parts(
+            options.tls_ca,
+            options.tls_certificate,
+            options.tls_key,
+            options.user,
+            password_file=options.password_file,
+        )
+        for endpoint in options.connect:
+            zenoh_config.check_encrypted(endpoint, given)
         return Security(
             admin=not options.no_admin,
-            credentials=credentials.from_parts(
-                options.tls_ca,
-                options.tls_certificate,
-                options.tls_key,
-                options.user,
-                password_file=options.password_file,
-            ),
+            credentials=given,
         )
     for name in ("user", "password_file"):
         if getattr(options, name):

@@ -10,6 +10,7 @@ import pytest
 
 from zenoh_tf import keys
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_server import flags, security
 from zenoh_tf_server.access_control import KEYED, READS
 from zenoh_tf_server.access_rules import AccessRule, authority_chunk, granted
@@ -144,17 +145,30 @@ def test_the_server_logs_the_warning(start_server: StartServer) -> None:
     assert "WARNING" in public.log and "ANYONE WHO REACHES" in public.log
 
 
-def test_a_server_that_joins_a_secured_network(start_server: StartServer, files: Files) -> None:
-    """It shows its own user, and a refusal does not tell the password."""
+def test_a_server_that_joins_a_secured_network(
+    start_server: StartServer, files: Files, tmp_path: Path
+) -> None:
+    """It shows its own user, and is told why it is refused, without its password."""
     router = start_server("--users", files.users)
+    password = tmp_path / "password"
+    password.write_text("guessed\n")
+    password.chmod(0o600)
+    user = ("--user", "reader", "--password-file", str(password))
     done = subprocess.run(
         [
             *(sys.executable, "-m", "zenoh_tf_server", "--connect", router.endpoint),
-            *("--user", "reader", "--password-file", files.users, "--tree", "other"),
+            *(*user, "--tree", "other"),
         ],
         capture_output=True,
         text=True,
         timeout=50,
         check=False,
     )
-    assert done.returncode == 2 and "secret" not in done.stderr
+    assert done.returncode == 2 and "guessed" not in done.stderr
+    assert "refuses user 'reader'" in done.stderr.splitlines()[-1]
+
+
+def test_files_for_tls_need_an_encrypted_endpoint(files: Files) -> None:
+    assert "is not encrypted" in refused("--connect", "tcp/127.0.0.1:1", "--tls-ca", files.ca)
+    with pytest.raises(InvalidArgumentException, match="is not encrypted"):
+        TransformClient.connect("tcp/127.0.0.1:1", credentials=Credentials(ca=files.ca))

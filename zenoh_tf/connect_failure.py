@@ -11,10 +11,10 @@ import ssl
 import struct
 from typing import Final
 
-from zenoh_tf import zenoh_config
-from zenoh_tf.credentials import Credentials
-from zenoh_tf.errors import AccessDenied, InvalidArgumentException, ServerUnavailable
-from zenoh_tf.errors import TransformException as Failure
+from . import zenoh_config
+from .credentials import Credentials
+from .errors import AccessDenied, InvalidArgumentException, ServerUnavailable
+from .errors import TransformException as Failure
 
 _TIMEOUT_S: Final = 2.0
 #: How long a server may take to refuse a client's certificate after the handshake.
@@ -37,7 +37,11 @@ _WRONG_NAME: Final = (62, 64)
 
 
 def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials) -> Failure:
-    """The error for an endpoint that Zenoh could not connect to within `timeout_s`."""
+    """The error for an endpoint that Zenoh could not connect to within `timeout_s`.
+
+    It is AccessDenied if another attempt would fail as well. Takes a few round trips; where nobody
+    answers, at most as long as the attempt, and two seconds.
+    """
     where = zenoh_config.address(endpoint)
     protocol, _, address = where.partition("/")
     unknown = ServerUnavailable(
@@ -48,10 +52,11 @@ def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials
     host, _, port = address.rpartition(":")
     target = (host.strip("[]"), int(port))
     try:
-        connection = socket.create_connection(target, _TIMEOUT_S)
+        connection = socket.create_connection(target, min(timeout_s, _TIMEOUT_S))
     except OSError:
         return unknown
     with connection:
+        connection.settimeout(_TIMEOUT_S)
         try:
             if protocol == "tls":
                 return _explain_tls(connection, target[0], where, endpoint, credentials)
