@@ -289,7 +289,8 @@ class Tree:
         """Return counters of the whole tree, by name.
 
         `frames`, `static_links`, `samples` and `waiters` (lookups that wait now) count what there
-        is; `commits`, `rewritten`, `dropped`, `evicted` (samples) and `time_jumps` what was.
+        is; `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
+        than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...
 
@@ -331,7 +332,11 @@ class Tree:
         drop_old: bool = False,  # True: too old rows are dropped; False: they refuse the whole
         read_names: Sequence[str] = (),
         read_versions: NDArray[np.uint64] | None = None,  # moved: TransactionConflict
-    ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old
+        # time.monotonic_ns(), read under the locks: later, TimeoutException and nothing is written
+        expires_ns: int | None = None,
+        # A later dynamic row: InvalidArgumentException, field "stamp"; with drop_old it is dropped.
+        max_stamp_ns: int | None = None,
+    ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old, 2 dropped as from the future
     def _lookup_columns(
         self,
         targets: str | Sequence[str],

@@ -7,6 +7,8 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from zenoh_tf import StampedTransform
+from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf.zenoh_config import address
 
 from . import requests
 from .batch import Batch
@@ -31,6 +33,8 @@ class TransformClient(ClientLookups, ClientIntrospection):
     and adds the errors of the service. ``X_target_source`` maps coordinates in source to
     coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a lost
     connection the client reconnects by itself. A context manager, which closes itself at the end.
+    A process that is forked after the first connection cannot connect, and every call raises
+    ServerUnavailable: start such processes with multiprocessing's "spawn" method.
 
     Thread safety: all methods.
 
@@ -53,7 +57,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._broadcasters: list[Broadcaster] = []
+        self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
     def connect(
@@ -61,31 +65,37 @@ class TransformClient(ClientLookups, ClientIntrospection):
         endpoint: str = DEFAULT_ENDPOINT,
         tree: str = DEFAULT_TREE,
         timeout_s: float = DEFAULT_TIMEOUT_S,
+        *,
+        credentials: Credentials = NO_CREDENTIALS,
     ) -> Self:
         """Connect to the server of a tree.
 
         Args:
-            endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``.
+            endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
+                ``tls/HOST:PORT``.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
+            credentials: User, password and the files for TLS; see docs/security.md.
 
         Returns:
             An open client.
 
         Raises:
             ServerUnavailable: No server of the tree answered within `timeout_s`.
+            AccessDenied: The server does not let this client in, or the client does not trust the
+                server's certificate; the message says why.
             InvalidArgumentException: An argument makes no sense.
             ProtocolError: The server's reply is malformed.
 
         Example:
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
-        return cls(Connection(endpoint, tree, timeout_s))
+        return cls(Connection(endpoint, tree, timeout_s, credentials))
 
     def __repr__(self) -> str:
         connection = self._connection
         return (
-            f"<TransformClient {connection.endpoint}, tree {connection.tree!r}, "
+            f"<TransformClient {address(connection.endpoint)}, tree {connection.tree!r}, "
             f"server {connection.known_instance or 'unknown'}, "
             f"{'closed' if connection.closed else 'open'}>"
         )
@@ -104,13 +114,14 @@ class TransformClient(ClientLookups, ClientIntrospection):
     def close(self) -> None:
         """Close the connection and its broadcasters. May be called again.
 
-        Calls of other threads that wait for a reply fail soon. A program that ends closes its
-        clients by itself.
+        Calls of other threads that wait for a reply fail soon. What was published may be lost if
+        the server does not take it within two seconds. A program that ends closes its clients by
+        itself.
         """
-        broadcasters, self._broadcasters = self._broadcasters, []
-        for broadcaster in broadcasters:
-            broadcaster.close()
+        # The connection first: a thread that is inside `send` may hold its broadcaster for long.
         self._connection.close()
+        for broadcaster in list(self._broadcasters):
+            broadcaster.close()
 
     @property
     def endpoint(self) -> str:
@@ -203,7 +214,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         """Drop every frame at one instant: all samples, static links and names.
 
         The tree is then as new, apart from its counters and authorities. Broadcasters that
-        keep static transforms do not announce them again until a server starts.
+        keep static transforms do not announce them again until a server starts, and then all.
 
         Raises:
             ServerUnavailable: No server answered, and nothing was changed.
@@ -289,13 +300,12 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Raises:
             InvalidArgumentException: `authority` is too long or not valid UTF-8.
             ServerUnavailable: The client is closed.
+            AccessDenied: The server's access rules do not allow to publish as `authority`.
 
         Example:
             ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
         """
-        broadcaster = Broadcaster(self._connection, authority)
-        self._broadcasters.append(broadcaster)
-        return broadcaster
+        return Broadcaster(self._connection, authority, self._broadcasters)
 
     def _call(self, request: Request[T]) -> T:
         if request.writes:

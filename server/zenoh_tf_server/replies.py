@@ -177,6 +177,9 @@ class Replies:
         for outbox in list(self._outboxes.values()):
             if outbox.busy:
                 self._links.cut_full(outbox.client)
+        if not self._thread.is_alive():
+            self._woken.close()
+            self._wake.close()
 
     def send(self, reply: Reply) -> None:
         """Send a reply now or later; never blocks."""
@@ -229,7 +232,7 @@ class Replies:
                 del self._outboxes[client]
 
     def _wake_up(self) -> None:
-        with contextlib.suppress(BlockingIOError):  # it is to wake up already
+        with contextlib.suppress(OSError):  # it is to wake up already, or closed
             self._wake.send(b"x")
 
     def _new_outbox(self, client: str) -> _Outbox:

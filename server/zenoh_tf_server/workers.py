@@ -26,6 +26,7 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys
 
+from .access_control import KEYED
 from .clients import Clients
 from .lanes import Budget, Lane, Request
 from .replies import Replies, Reply
@@ -41,7 +42,7 @@ _MAX_ATTACHMENT_BYTES: Final = 64
 #: which take a few milliseconds.
 SHORT_BYTES: Final = 256 << 10
 #: Families whose requests are rare: one thread serves them.
-_SMALL: Final = ("info", "admin")
+_SMALL: Final = ("info", "admin", "hello")
 #: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
 _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64
@@ -94,17 +95,21 @@ class _Shared:
         self.clients = clients
         self.replies = replies
         self.budget = budget
+        #: The families whose keys go on with the authority or operation of the request.
+        self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
         self.keys: dict[str, zenoh.KeyExpr] = {}
 
     def reply_to(self, query: zenoh.Query, operation: str, size: int) -> Reply:
         """The ReplyCallback of a query with `size` bytes."""
+        # A reply's key must lie within its query's key.
+        key = query.key_expr if operation in self.keyed else self.keys[operation]
         client, takes_parts = "", False
         attachment = query.attachment
         if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
             client, _, word = attachment.to_bytes().decode("ascii", "replace").partition(" ")
             client = self.clients.known(client)
             takes_parts = word == keys.TAKES_PARTS
-        return Reply(query, self.keys[operation], client, takes_parts, size, self.replies)
+        return Reply(query, key, client, takes_parts, size, self.replies)
 
     def serve(self, query: zenoh.Query, operation: str, data: bytes) -> None:
         """Run a request and reply to it."""
@@ -112,7 +117,8 @@ class _Shared:
         try:
             refusal = self.replies.refusal(reply_to.client)
             if refusal is None:
-                self.service.handle(operation, data, reply_to)
+                chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
+                self.service.handle(operation, data, reply_to, chunk)
             else:
                 reply_to(self.service.error(refusal), True)
         except Exception:  # no query may end a worker
@@ -177,7 +183,8 @@ class _Family:
         key = keys.operation(tree, self._operation)
         self._shared.keys[self._operation] = zenoh.KeyExpr(key)
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
-        self._queryable = session.declare_queryable(key, channel, complete=True)
+        served = f"{key}/**" if self._operation in self._shared.keyed else key
+        self._queryable = session.declare_queryable(served, channel, complete=True)
         # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
         # the queryable itself.
         handler: Any = self._queryable.handler

@@ -54,7 +54,8 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
                        const Column<std::uint32_t>& child, const Column<Stamp>& stamp,
                        const PoseColumn& pose, std::string_view authority, bool is_static,
                        bool drop_old, nb::handle read_names,
-                       std::optional<Column<Version>> read_versions) {
+                       std::optional<Column<Version>> read_versions,
+                       std::optional<std::int64_t> expires, std::optional<Stamp> max_stamp) {
   std::vector<std::string_view> texts, read_texts;
   const std::vector<nb::object> objects = names_of(names, texts, "names");
   const std::vector<nb::object> read_objects = names_of(read_names, read_texts, "read_names");
@@ -80,6 +81,8 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
                         .drop_old = drop_old,
                         .read_names = read_texts};
   if (read_versions) request.read_versions = {read_versions->data(), read_texts.size()};
+  if (expires) request.expires_ns = *expires;
+  if (max_stamp) request.max_stamp = *max_stamp;
   commit(tree, request, stored, true);
   return make_array<std::uint8_t>(
       {n}, [&](std::uint8_t* d) { std::copy(stored.begin(), stored.end(), d); });
@@ -92,7 +95,8 @@ void bind_commit(nb::module_& m, nb::class_<Tree>& tree) {
   tree.def("_commit_rows", &commit_rows, nb::arg("names"), nb::arg("parent"), nb::arg("child"),
            nb::arg("stamp_ns"), nb::arg("pose"), nb::kw_only(), nb::arg("authority") = "",
            nb::arg("static") = false, nb::arg("drop_old") = false,
-           nb::arg("read_names") = nb::make_tuple(), nb::arg("read_versions").none() = nb::none());
+           nb::arg("read_names") = nb::make_tuple(), nb::arg("read_versions").none() = nb::none(),
+           nb::arg("expires_ns").none() = nb::none(), nb::arg("max_stamp_ns").none() = nb::none());
 }
 
 }  // namespace ztf

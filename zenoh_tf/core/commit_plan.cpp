@@ -17,18 +17,26 @@ CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::
       names_(tree, request) {
   const auto rows = static_cast<std::uint32_t>(request.rows.size());
   RowWrite* const writes = writes_.append(rows);
+  RowWrite* write = writes;
   Pose* const poses = poses_.append(rows);
   for (std::uint32_t i = 0; i < rows; ++i) {
     const Row& row = request.rows[i];
     const FrameId child = names_.id(row.child), parent = names_.id(row.parent);
-    writes[i] = {child, parent, i, row.stamp};
+    *write++ = {child, parent, i, row.stamp};
     // The record arrives while the other rows are checked.
     if (rows > 1) tree.frames_[child].prefetch_for_write();
     // Equal ids are one name, unless both are 0: then the names must be compared.
     if (!names_.all_valid() || child == parent) [[unlikely]]
       check_names(request, row, tree.options_);
     check_values(request, row, poses[i]);
+    if (row.stamp > request.max_stamp && !request.is_static) [[unlikely]] {
+      if (!request.drop_old) reject_future_stamp(request, row);
+      stored[i] = RowResult::from_future;
+      ++from_future_;
+      --write;
+    }
   }
+  writes_.set_size(static_cast<std::size_t>(write - writes));
   check_authority(request, tree.options_);
 }
 
@@ -107,6 +115,10 @@ void CommitPlan::validate_read_set(const WriteLocks& locks) const {
   }
 }
 
+void CommitPlan::check_expiry() const {
+  if (request_.expires_ns != CommitRequest::kNeverExpires) check_not_expired(request_);
+}
+
 PlanOutcome CommitPlan::decide(CommitScope scope) {
   is_first_reparenting_ = false;
   // Another commit may have cleared the samples since an earlier attempt found the jump. Then the
@@ -114,10 +126,11 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   clears_samples_ = found_time_jump_ && scope == CommitScope::all_frames && is_time_set_back();
 
   bool topology_changes = names_.any_new();
+  changed_links_.clear();
   for (FrameWrites& group : groups_) {
     group.is_append = is_append(group);
     if (group.is_append) [[likely]] {
-      stored_[writes_[group.begin].row] = true;
+      stored_[writes_[group.begin].row] = RowResult::stored;
       continue;
     }
     if (decide_rows(group) != PlanOutcome::ready) return PlanOutcome::needs_all_frames;
@@ -125,7 +138,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   }
   if (topology_changes) {
     if (scope == CommitScope::children) return PlanOutcome::needs_topology;
-    check_cycles();
+    check_topology();
   }
   // While no frame was ever reparented, readers use one path for all times. The first reparenting
   // therefore gives every frame a new version, so that readers which relied on it must retry.
@@ -186,7 +199,7 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
       found_time_jump_ = true;
       return PlanOutcome::needs_all_frames;
     }
-    stored_[write.row] = fate == RowFate::stored;
+    stored_[write.row] = fate == RowFate::stored ? RowResult::stored : RowResult::dropped;
     if (fate != RowFate::stored) {
       if (!request_.drop_old) reject_stamp(write, fate, newest, oldest);
       continue;
@@ -236,36 +249,6 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
          stamp + "all samples of the frame, which is full: it has " +
              with_separators(limits_.max_samples) + " (max_samples_per_frame), from " +
              std::to_string(oldest) + " ns on");
-}
-
-// Throws Rejected if the newest parents would form a cycle once all rows are applied. Requires the
-// topology mutex.
-void CommitPlan::check_cycles() const {
-  const std::uint64_t frames = names_.frame_count_after();
-  FrameList new_parents;
-  for (const FrameWrites& group : groups_)
-    if (group.new_parent != 0) new_parents.push_back(group.new_parent);
-  std::sort(new_parents.begin(), new_parents.end());
-  for (const FrameWrites& group : groups_) {
-    if (group.new_parent == 0) continue;
-    // Only a frame that has children can be reached by following parents.
-    if (!group.frame->has_had_children.load(std::memory_order_relaxed) &&
-        !std::binary_search(new_parents.begin(), new_parents.end(), group.child))
-      continue;
-    FrameId frame = group.new_parent;
-    for (std::uint64_t steps = 0; frame != 0 && frame != group.child && steps <= frames; ++steps)
-      frame = parent_after(frame);
-    if (frame != 0)
-      reject(request_, request_.rows[writes_[group.begin].row], "parent_frame",
-             "the link would close a cycle");
-  }
-}
-
-FrameId CommitPlan::parent_after(FrameId id) const noexcept {
-  if (const FrameWrites* const group = group_of(id); group && group->new_parent != 0)
-    return group->new_parent;
-  const Frame& frame = tree_.frames_[id];
-  return will_be_cleared(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
 }
 
 void CommitPlan::reserve_memory() {

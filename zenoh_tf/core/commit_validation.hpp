@@ -3,6 +3,8 @@
 // Thread safety: pure functions of their arguments.
 #pragma once
 
+#include <time.h>
+
 #include <cmath>
 #include <string>
 
@@ -62,6 +64,36 @@ inline std::string_view stripped(std::string_view name) noexcept {
                  .message = "frame " + quoted(name) +
                             " has changed since the transaction read it: run the transaction again",
                  .frame = std::string(name)};
+}
+
+// Requires that the row is later than the request's max_stamp.
+[[noreturn]] inline void reject_future_stamp(const CommitRequest& request, const Row& row) {
+  const std::string child(stripped(request.names[row.child]));
+  throw Rejected{.code = Code::invalid_argument,
+                 .message = "cannot set the transform of child " + quoted(child) + ": the stamp " +
+                            std::to_string(row.stamp) + " ns is later than " +
+                            std::to_string(request.max_stamp) + " ns, the latest accepted now",
+                 .frame = child,
+                 .parent = std::string(stripped(request.names[row.parent])),
+                 .field = "stamp",
+                 .stamp = row.stamp,
+                 .limit = request.max_stamp,
+                 .value = row.stamp};
+}
+
+// Throws Rejected if the request has expired.
+inline void check_not_expired(const CommitRequest& request) {
+  timespec time{};
+  (void)::clock_gettime(CLOCK_MONOTONIC, &time);
+  const std::int64_t now = std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  if (now < request.expires_ns) return;
+  throw Rejected{.code = Code::timeout,
+                 .message = "the write was not applied: it expired " +
+                            std::to_string((now - request.expires_ns) / 1'000'000) +
+                            " ms before its turn came (expires_ns)",
+                 .field = "expires_ns",
+                 .limit = request.expires_ns,
+                 .value = now};
 }
 
 inline void check_length(std::size_t bytes, const char* what, const Options& options) {

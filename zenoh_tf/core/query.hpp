@@ -13,6 +13,7 @@ enum class Code : std::uint8_t {
   lookup = 2,
   connectivity = 3,
   invalid_argument = 4,
+  timeout = 5,
   extrapolation = 6,
   no_data = 7,
   backward = 8,

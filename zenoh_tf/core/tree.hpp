@@ -26,6 +26,7 @@
 #include "history.hpp"
 #include "name_table.hpp"
 #include "query.hpp"
+#include "topology_index.hpp"
 #include "velocity.hpp"
 #include "wait_list.hpp"
 #include "zeroed_array.hpp"
@@ -38,6 +39,7 @@ struct Options {
   std::uint32_t max_frames = 1u << 20;
   std::uint32_t max_samples_per_frame = 1u << 16;
   std::uint32_t max_name_bytes = 255;
+  // The most links between a frame and its root: a commit that puts a frame deeper is rejected.
   std::uint32_t max_depth = 1000;
   std::uint32_t max_authorities = 4096;
   bool one_authority_per_frame = false;
@@ -66,6 +68,21 @@ struct CommitRequest {
   // Version 0 asserts that the frame does not exist. read_names and read_versions are equally long.
   std::span<const std::string_view> read_names = {};
   std::span<const Version> read_versions = {};
+  // The commit is rejected if it would be applied at this time of CLOCK_MONOTONIC or later. The
+  // clock is read once nothing is left to wait for.
+  std::int64_t expires_ns = kNeverExpires;
+  // A dynamic row with a later stamp rejects the commit. With `drop_old` the row is dropped, as if
+  // it were not there: it adds no name.
+  Stamp max_stamp = std::numeric_limits<Stamp>::max();
+
+  static constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
+};
+
+// What a commit did with a row.
+struct RowResult {
+  static constexpr std::uint8_t dropped = 0;  // too old, or older than all of a full frame
+  static constexpr std::uint8_t stored = 1;
+  static constexpr std::uint8_t from_future = 2;  // dropped: later than CommitRequest::max_stamp
 };
 
 // Thrown if a commit or a removal is rejected: the reason, and the facts that it rests on. Facts
@@ -108,8 +125,9 @@ class Tree {
   void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
                           ReadSet& reads) const;
 
-  // Stores all rows, or throws Rejected or bad_alloc and stores none. Sets stored[i] to whether row
-  // i was stored; drop_old allows that it was not. Requires stored.size() >= request.rows.size().
+  // Stores all rows, or throws Rejected or bad_alloc and stores none. Sets stored[i] to what it did
+  // with row i (RowResult); only drop_old allows that a row is not stored. Requires stored.size()
+  // >= request.rows.size().
   void commit(const CommitRequest& request, std::span<std::uint8_t> stored);
 
   // Reads all that the answer rests on in one transaction.
@@ -130,6 +148,8 @@ class Tree {
   }
   // How often commits cleared all samples because time was set back.
   [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
+  // How many rows were dropped because they were later than CommitRequest::max_stamp.
+  [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
 
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
   void clear(bool keep_static);
@@ -177,9 +197,14 @@ class Tree {
 
   PlanOutcome try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope);
 
+  // Locks the giant mutex, if the concurrency control has one.
+  [[nodiscard]] std::unique_lock<std::mutex> lock_giant() const;
   void list_frames(FrameList& all) const;
+  // Leaves the frame without samples and without a parent. Requires the topology mutex, and what
+  // clear_history() requires.
+  void clear_frame(FrameId id) noexcept;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
-  // frames' write locks.
+  // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
   // Drops the frames with their names. Requires the topology mutex, the frames' write locks, and
   // WriteLocks::begin_write.
@@ -197,6 +222,7 @@ class Tree {
   RingArena ring_arena_;
   const ZeroedArray<FrameEvents> events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
+  TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
   std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
   NameTable names_;
@@ -205,6 +231,7 @@ class Tree {
   std::mutex topology_;
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
+  std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
 };
 

@@ -3,28 +3,51 @@
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import Future
-from threading import Thread
 
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, environment
 
 
 def connect(args: argparse.Namespace) -> TransformClient:
     """Return a client for the tree that the options name; a context manager.
 
-    Raises what ``TransformClient.connect`` raises, and KeyboardInterrupt at once on Ctrl-C.
+    Raises what ``TransformClient.connect`` raises.
     """
-    # Opening a Zenoh session blocks in native code, which Ctrl-C does not interrupt. Another
-    # thread opens it, while this one waits in Python.
-    opened: Future[TransformClient] = Future()
+    credentials = environment.client_credentials(
+        ca=args.tls_ca,
+        certificate=args.tls_certificate,
+        key=args.tls_key,
+        user=args.user,
+        password_file=args.password_file,
+    )
+    return TransformClient.connect(
+        args.connect, tree=args.tree, timeout_s=args.timeout, credentials=credentials
+    )
 
-    def open_client() -> None:
-        try:
-            opened.set_result(
-                TransformClient.connect(args.connect, tree=args.tree, timeout_s=args.timeout)
-            )
-        except BaseException as error:
-            opened.set_exception(error)
 
-    Thread(target=open_client, name="connect", daemon=True).start()
-    return opened.result()
+def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:
+    """Add the options that say who the user is. There is none for the password itself, because
+    every user of the machine can see the arguments of a process."""
+    group = parser.add_argument_group("keys and users")
+    for option, metavar, variable, meaning in (
+        (
+            "--tls-ca",
+            "FILE",
+            environment.CA_VARIABLE,
+            "authorities that sign certificates",
+        ),
+        ("--tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
+        ("--tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
+        ("--user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
+        (
+            "--password-file",
+            "FILE",
+            environment.PASSWORD_FILE_VARIABLE,
+            "file with the user's password in its first line",
+        ),
+    ):
+        group.add_argument(
+            option,
+            metavar=metavar,
+            default=default,
+            help=f"{meaning} (default: the environment's {variable})",
+        )
