@@ -20,10 +20,14 @@ import re
 from typing import Final
 
 from .errors import InvalidArgumentException
+from .text import quoted
 
 PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
 OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin")
+
+#: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
+TAKES_PARTS: Final = "parts"
 
 #: Longest name in UTF-8 bytes. Escaping may triple it, and Zenoh's keys should be short.
 MAX_NAME_BYTES: Final = 255
@@ -76,7 +80,7 @@ def unescape(chunk: str) -> str:
         canonical = False
     if not canonical:
         raise InvalidArgumentException(
-            f"key chunk {chunk!r} is not a correctly escaped name: see docs/protocol.md",
+            f"key chunk {quoted(chunk)} is not a correctly escaped name: see docs/protocol.md",
             field="chunk",
         )
     return name
@@ -94,7 +98,8 @@ def operation(tree: str, name: str) -> str:
     """The key of a query family, e.g. ``operation("main", "lookup")``."""
     if name not in OPERATIONS:
         raise InvalidArgumentException(
-            f"unknown query family {name!r}: use one of {', '.join(OPERATIONS)}", field="operation"
+            f"unknown query family {quoted(name)}: use one of {', '.join(OPERATIONS)}",
+            field="operation",
         )
     return f"{PREFIX}/{escape(tree, 'tree')}/{name}"
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.text import quoted
 
 from .refusals import Refusals
 
@@ -41,7 +42,7 @@ class InfoRequests:
             return self._velocity(message)
         if what == "stats":
             return tree.stats() | self._counters()
-        raise InvalidArgumentException(f"unknown info request {what!r}", field="what")
+        raise InvalidArgumentException(f"unknown info request {quoted(what)}", field="what")
 
     def _velocity(self, message: wire.Message) -> dict[str, Any]:
         return self._tree._velocity_record(

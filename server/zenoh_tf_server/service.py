@@ -17,16 +17,21 @@ from typing import TYPE_CHECKING, Any
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
+    NotDurable,
     ServerRestarted,
     TimeoutException,
     TransformException,
 )
+from zenoh_tf.text import quoted
 
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
+from .request_counters import RequestCounters
+from .state_file import Stored
+from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -43,6 +48,7 @@ class Service:
         instance: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
+        links: StaticLinks | None = None,
     ) -> None:
         self.tree = tree
         self.instance = instance
@@ -53,7 +59,9 @@ class Service:
         self.refusals = Refusals(limits)
         self._info = InfoRequests(tree, self.refusals, self._counters)
         self._reply_cache = ReplyCache(limits)
-        self._name = name
+        self.name = name
+        self.requests = RequestCounters()
+        self._links = links or StaticLinks(tree, limits, None, Stored())
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
@@ -64,18 +72,30 @@ class Service:
 
     def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
         """Reply to one request. Never raises: an error is the reply."""
+        counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
+        counts.end(operation)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
-        return wire.pack(wire.error_reply(self.instance, self._typed(error)))
+        typed = self._typed(error)
+        self.requests.failed(type(typed).__name__)
+        return wire.pack(wire.error_reply(self.instance, typed))
 
     def close(self) -> None:
         self.waiters.close()
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server; `metric_table` declares each key."""
+        return self.tree.stats() | self._counters()
+
+    def authorities(self) -> list[dict[str, Any]]:
+        """The records of all authorities, with what was refused of each."""
+        return self.refusals.add_to(self.tree._authority_records())
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -201,22 +221,21 @@ class Service:
     def _run_commit(self, message: wire.Message) -> wire.Message:
         commit = wire.parse_commit(message)
         self.limits.check("rows", commit.rows)
-        return wire.commit_reply(self.commit(commit))
+        stored, ticket = self._commit(commit)
+        self._links.wait(ticket)
+        return wire.commit_reply(stored)
 
     def commit(self, commit: wire.Commit) -> Any:
-        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
-        return self.tree._commit_rows(
-            commit.names,
-            commit.parent,
-            commit.child,
-            commit.stamp,
-            commit.pose,
-            authority=commit.authority,
-            static=commit.static,
-            drop_old=commit.drop_old,
-            read_names=commit.read_names,
-            read_versions=commit.read_versions,
-        )
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped. Static links are stored
+        soon after."""
+        return self._commit(commit)[0]
+
+    def _commit(self, commit: wire.Commit) -> tuple[Any, int]:
+        """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
+        if commit.static:
+            return self._links.commit(commit)
+        stored = apply(self.tree, commit)
+        return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     # --- batches, info and administration
 
@@ -247,6 +266,7 @@ class Service:
         which cannot depend on later writes."""
         rows = 0
         replies: list[wire.Message] = []
+        tickets: dict[int, int] = {}
         for kind, body in operations:
             try:
                 if kind == "lookup":
@@ -268,11 +288,19 @@ class Service:
                     commit = wire.parse_commit(body)
                     rows += commit.rows
                     self.limits.check("rows", rows)
-                    replies.append(wire.commit_reply(self.commit(commit)))
+                    stored, ticket = self._commit(commit)
+                    if ticket != NO_TICKET:
+                        tickets[len(replies)] = ticket
+                    replies.append(wire.commit_reply(stored))
                 else:
                     replies.append(self._run_info(body))
             except Exception as error:
                 replies.append({"error": wire.encode_error(self._typed(error))})
+        try:
+            self._links.wait(max(tickets.values(), default=NO_TICKET))  # once for all commits
+        except NotDurable as error:
+            for index in tickets:
+                replies[index] = {"error": wire.encode_error(error)}
         return {"replies": replies}
 
     def _run_info(self, message: wire.Message) -> wire.Message:
@@ -281,11 +309,11 @@ class Service:
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
 
     def _hello(self) -> dict[str, Any]:
         return {
-            "tree": self._name,
+            "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
             "clock_ns": time.monotonic_ns(),
@@ -295,15 +323,16 @@ class Service:
     def _run_admin(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
         if what == "clear":
-            self.tree.clear(wire.flag(message, "keep_static", True))
+            ticket = self._links.clear(wire.flag(message, "keep_static", True))
             log.info("cleared the tree")
         elif what == "reset":
-            self.tree.reset()
+            ticket = self._links.reset()
             log.info("reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
-            self.tree.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %r", name)
+            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
+            log.info("removed frame %s", quoted(name))
         else:
-            raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
+            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
+        self._links.wait(ticket)
         return {"value": None}

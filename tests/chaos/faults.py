@@ -1,0 +1,72 @@
+"""Faults that chaos must find: one exact replacement in a copy of the server each."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+SERVER = ROOT / "server/zenoh_tf_server"
+
+#: Runs the server of a copy. The installed packages would be preferred to those of a folder.
+_LAUNCH = """
+import sys
+from importlib.machinery import PathFinder
+
+class Copy:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] == "zenoh_tf_server":
+            return PathFinder.find_spec(name, path or [{folder!r}])
+
+sys.meta_path.insert(0, Copy)
+from zenoh_tf_server.main import main
+sys.exit(main())
+"""
+
+
+class Fault(NamedTuple):
+    name: str
+    old: str  # occurs once in the server
+    new: str
+
+
+FAULTS = [
+    Fault(
+        "an expiry is ignored",
+        "wire.parse_write(message)",
+        "(lambda write: (setattr(write, 'expires_ns', write.expires_ns and write.expires_ns"
+        " + 60 * 10**9), write)[1])(wire.parse_write(message))",
+    ),
+    Fault(
+        "an outcome is forgotten early",
+        "self._entries[request_id] = _Entry(until_ns)",
+        "self._entries[request_id] = _Entry(now_ns)",
+    ),
+    Fault(
+        "a commit is answered before it is applied",
+        "return tree._commit_rows(",
+        "return (lambda *a, **k: (__import__('threading').Timer(0.002, tree._commit_rows, a, k)"
+        ".start(), __import__('numpy').ones(len(a[3]), 'uint8'))[1])(",
+    ),
+]
+
+
+def faulty_text(fault: Fault) -> tuple[str, str]:
+    """The file of a fault, and its content with the text replaced. Fails if the text is gone."""
+    files = [(path, path.read_text()) for path in SERVER.glob("*.py")]
+    found = [(path, text) for path, text in files for _ in range(text.count(fault.old))]
+    assert len(found) == 1, f"{fault.name}: the server has the text {len(found)} times"
+    path, text = found[0]
+    return path.name, text.replace(fault.old, fault.new)
+
+
+def faulty_server(fault: Fault, folder: Path) -> list[str]:
+    """Make a copy of the server with a fault, and return the command that runs it."""
+    copy = folder / SERVER.name
+    shutil.copytree(SERVER, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    file, text = faulty_text(fault)
+    (copy / file).write_text(text)
+    return [sys.executable, "-c", _LAUNCH.format(folder=str(folder))]
