@@ -78,6 +78,7 @@ class Server:
                 tree, settings.tree, self.instance, limits, loop, state.links
             )
             stack.callback(service.close)
+            service.add_counters(replies.counters)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
