@@ -2,7 +2,7 @@
 
 A client that has said who it is, and is connected, has links of its own. The reply to any other
 query may go to each link that is no known client's, for example to a router with clients behind
-it: it is sent when all of those take more.
+it: it is sent when all of those take more. The server's queries to itself have no link.
 
 Thread safety: all methods.
 """
@@ -76,6 +76,8 @@ class OutboxLinks:
             yield from self._sockets.of_peer(peer)
 
     def _peers(self, client: str) -> list[str]:
+        if client == self._clients.own:
+            return []
         if client and self._sockets.of_peer(client):
             return [client]
         peers = self._sockets.peers()

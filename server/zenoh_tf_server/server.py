@@ -85,6 +85,7 @@ class Server:
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
             stack.callback(service.close)
+            service.add_counters(replies.counters)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)

@@ -53,6 +53,7 @@ class Workers:
 
     def __init__(self, service: Service, clients: Clients, replies: Replies, count: int) -> None:
         budget = Budget(service.limits)
+        service.add_counters(budget.counters)
         shared = _Shared(service, clients, replies, budget)
         self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
         self._families = [
