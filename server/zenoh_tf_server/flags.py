@@ -12,7 +12,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import limits
+from . import future_stamps, limits
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -52,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
         default="info",
         help="lowest level of the messages logged to standard error (default: %(default)s)",
     )
+    future_stamps.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -117,4 +118,5 @@ def settings(options: argparse.Namespace) -> Settings:
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
+        future=future_stamps.from_flags(options),
     )

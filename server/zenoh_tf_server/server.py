@@ -6,13 +6,14 @@ import asyncio
 import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from zenoh_tf import TransformTree
 
 from . import network, tree_claim
 from .clients import Clients
+from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
 from .service import Service
@@ -33,6 +34,7 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    future: FutureStamps = field(default_factory=FutureStamps)
 
 
 class Server:
@@ -58,9 +60,16 @@ class Server:
             tree_claim.refuse_if_taken(session, settings.tree)
             clients = Clients(limits.connections)
             stack.callback(clients.close)
-            service = Service(tree, settings.tree, self.instance, limits, loop)
+            service = Service(tree, settings.tree, self.instance, limits, loop, settings.future)
             stack.callback(service.close)
-            ingest = Ingest(service.commit, service.puts, service.refusals, limits)
+            ingest = Ingest(
+                service.commit,
+                service.puts,
+                service.refusals,
+                limits,
+                service.clocks,
+                settings.future,
+            )
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
             clients.start(session, settings.tree)

@@ -21,10 +21,14 @@ from zenoh_tf.errors import (
     TimeoutException,
     TransformException,
 )
+from zenoh_tf.text import quoted
 
+from .clock_offsets import ClockOffsets
+from .future_stamps import FutureStamps
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
+from .rate_limited_log import RateLimitedLog
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .waiters import Waiters
@@ -43,6 +47,7 @@ class Service:
         instance: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
+        future: FutureStamps | None = None,
     ) -> None:
         self.tree = tree
         self.instance = instance
@@ -51,7 +56,10 @@ class Service:
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
-        self._info = InfoRequests(tree, self.refusals, self._counters)
+        self.clocks = ClockOffsets()
+        self._info = InfoRequests(tree, self.refusals, self.clocks, self._counters)
+        self._future = future or FutureStamps()
+        self._admin_log = RateLimitedLog(log)
         self._reply_cache = ReplyCache(limits)
         self._name = name
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
@@ -201,10 +209,12 @@ class Service:
     def _run_commit(self, message: wire.Message) -> wire.Message:
         commit = wire.parse_commit(message)
         self.limits.check("rows", commit.rows)
+        self._future.check(commit)
         return wire.commit_reply(self.commit(commit))
 
-    def commit(self, commit: wire.Commit) -> Any:
-        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
+    def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
+        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old, 2 dropped
+        as later than `max_stamp_ns`."""
         return self.tree._commit_rows(
             commit.names,
             commit.parent,
@@ -216,6 +226,7 @@ class Service:
             drop_old=commit.drop_old,
             read_names=commit.read_names,
             read_versions=commit.read_versions,
+            max_stamp_ns=max_stamp_ns,
         )
 
     # --- batches, info and administration
@@ -268,6 +279,7 @@ class Service:
                     commit = wire.parse_commit(body)
                     rows += commit.rows
                     self.limits.check("rows", rows)
+                    self._future.check(commit)
                     replies.append(wire.commit_reply(self.commit(commit)))
                 else:
                     replies.append(self._run_info(body))
@@ -296,14 +308,14 @@ class Service:
         what = wire.text(message, "what")
         if what == "clear":
             self.tree.clear(wire.flag(message, "keep_static", True))
-            log.info("cleared the tree")
+            self._admin_log.info("clear", "cleared the tree")
         elif what == "reset":
             self.tree.reset()
-            log.info("reset the tree: every frame is gone")
+            self._admin_log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
             self.tree.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %r", name)
+            self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
             raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
         return {"value": None}
