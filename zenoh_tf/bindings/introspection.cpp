@@ -17,6 +17,11 @@ FrameId known(const Tree& tree, nb::handle name) {
   return id;
 }
 
+FrameInfo info_holding_gil(const Tree& tree, FrameId id) {
+  const GilReleasedOnWait released;
+  return tree.info(id);
+}
+
 nb::object name_or_none(const Tree& tree, FrameId id) {
   if (id == 0) return nb::none();
   const std::string_view name = tree.name(id);
@@ -54,7 +59,7 @@ T load(const std::atomic<T>& counter) {
 // The fields of zenoh_tf.FrameInfo.
 nb::dict frame_record(const Tree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
-  const FrameInfo info = tree.info(id);
+  const FrameInfo info = info_holding_gil(tree, id);
   const FrameEvents& events = tree.events(id);
   const bool has_data = info.parent != 0;
   const auto stamp = [&](Stamp value) {
@@ -83,9 +88,12 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
 nb::list authority_records(const Tree& tree) {
   const AuthorityId n = tree.authorities();
   std::vector<std::uint32_t> frames(n + 1);
-  for (FrameId id = 1, size = tree.size(); id <= size; ++id) {
-    const FrameInfo info = tree.info(id);
-    if (info.parent != 0 && info.authority <= n) ++frames[info.authority];
+  {
+    const GilReleased released;
+    for (FrameId id = 1, size = tree.size(); id <= size; ++id) {
+      const FrameInfo info = tree.info(id);
+      if (info.parent != 0 && info.authority <= n) ++frames[info.authority];
+    }
   }
   nb::list out;
   for (AuthorityId id = 1; id <= n; ++id) {
@@ -104,14 +112,25 @@ nb::list authority_records(const Tree& tree) {
 }
 
 nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
-  return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));
+  const FrameId id = known(tree, frame);
+  const Stamp at = stamp_of(stamp, "stamp_ns");
+  FrameId found;
+  {
+    const GilReleasedOnWait released;
+    found = tree.parent(id, at);
+  }
+  return name_or_none(tree, found);
 }
 
 nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
   Query query = query_of(tree, Op::at, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   std::vector<FrameId> ids;
-  const Failure failure = tree.chain(query, ids);
+  Failure failure;
+  {
+    const GilReleasedOnWait released;
+    failure = tree.chain(query, ids);
+  }
   if (failure.code != Code::ok) raise(make_error(tree, failure, target, source));
   nb::list out;
   for (const FrameId id : ids) out.append(name_or_none(tree, id));
@@ -120,6 +139,7 @@ nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handl
 
 nb::dict stats(const Tree& tree) {
   std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0, frames = 0;
+  std::optional<GilReleased> released(std::in_place);
   for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
     const FrameInfo info = tree.info(id);
     const FrameEvents& events = tree.events(id);
@@ -132,6 +152,7 @@ nb::dict stats(const Tree& tree) {
     dropped += load(events.dropped);
     evicted += info.evicted;
   }
+  released.reset();
   nb::dict out;
   out["frames"] = frames;
   out["static_links"] = statics;

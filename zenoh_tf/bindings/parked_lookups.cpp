@@ -100,7 +100,9 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   bool look_up_again(ParkedRow& row) {
     return !cancelled_.load() && look_up(row) && --incomplete_ == 0;
   }
+  // Requires the GIL, as does the destructor.
   void cancel() {
+    const GilReleasedOnWait released;
     cancelled_ = true;
     for (ParkedRow& row : parked_) tree_.wait_list().cancel(row);
   }
@@ -122,7 +124,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
     query.target = tree_.find(rows_.texts[target]);
     query.source = tree_.find(rows_.texts[source]);
     if (query.op == Op::full) query.fixed = tree_.find(rows_.texts[fixed]);
-    tree_.lookup(query, answer);
+    lookup_holding_gil(tree_, query, answer);
   }
 
   const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive

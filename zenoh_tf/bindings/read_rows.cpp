@@ -65,6 +65,7 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
     const GilReleased released;
     run();
   } else {
+    const GilReleasedOnWait released;
     run();
   }
   return reply(tree, rows, answers, {}, versions ? versions_of(tree, rows, read_set) : nb::none());
