@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Any, Self
 
@@ -121,6 +121,9 @@ class Broadcaster:
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
+        if self._connection.closed:  # nothing to undeclare, and a send may hold the locks for long
+            self._closed = True
+            return
         with self._lock:
             if self._closed:
                 return
@@ -128,8 +131,7 @@ class Broadcaster:
             servers = self._servers
         # Not under the lock, because the thread that watches for servers may be waiting for it.
         if servers is not None:
-            with _unless_closed(self._connection.calls):
-                servers.undeclare()
+            _undeclare(servers.undeclare, self._connection.calls)
         self._dynamic_publisher.undeclare()
         self._static_publisher.undeclare()
 
@@ -237,15 +239,13 @@ class _Publisher:
         with self._lock:
             publisher, self._publisher = self._publisher, None
             if publisher is not None:
-                with _unless_closed(self._calls):
-                    publisher.undeclare()
+                _undeclare(publisher.undeclare, self._calls)
 
 
-@contextlib.contextmanager
-def _unless_closed(calls: SessionCalls) -> Iterator[None]:
-    """Run the block inside the session; a session that is closed has nothing to undeclare."""
+def _undeclare(undeclare: Callable[[], object], calls: SessionCalls) -> None:
+    """Call `undeclare`, unless the session is closed: then there is nothing to undeclare."""
     with contextlib.suppress(zenoh.ZError, ServerUnavailable), calls:
-        yield
+        undeclare()
 
 
 def _rows(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:

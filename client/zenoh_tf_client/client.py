@@ -31,6 +31,8 @@ class TransformClient(ClientLookups, ClientIntrospection):
     and adds the errors of the service. ``X_target_source`` maps coordinates in source to
     coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a lost
     connection the client reconnects by itself. A context manager, which closes itself at the end.
+    A process that is forked after the first connection cannot connect, and every call raises
+    ServerUnavailable: start such processes with multiprocessing's "spawn" method.
 
     Thread safety: all methods.
 
@@ -104,13 +106,15 @@ class TransformClient(ClientLookups, ClientIntrospection):
     def close(self) -> None:
         """Close the connection and its broadcasters. May be called again.
 
-        Calls of other threads that wait for a reply fail soon. A program that ends closes its
-        clients by itself.
+        Calls of other threads that wait for a reply fail soon. What was published may be lost if
+        the server does not take it within two seconds. A program that ends closes its clients by
+        itself.
         """
+        # The connection first: a thread that is inside `send` may hold its broadcaster for long.
+        self._connection.close()
         broadcasters, self._broadcasters = self._broadcasters, []
         for broadcaster in broadcasters:
             broadcaster.close()
-        self._connection.close()
 
     @property
     def endpoint(self) -> str:

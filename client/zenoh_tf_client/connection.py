@@ -25,8 +25,9 @@ from zenoh_tf.errors import (
 )
 
 from . import requests
+from .opening import NOBODY_THERE, open_session
 from .served_trees import no_server_message, served_trees
-from .session_calls import OPENING, SessionCalls
+from .session_calls import SessionCalls
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
@@ -83,8 +84,7 @@ class Connection:
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
         deadline_s = time.monotonic() + timeout_s
-        with OPENING:
-            self.session = self._open()
+        self.session = self._open()
         self.calls = SessionCalls(self.session.close)
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
@@ -261,19 +261,20 @@ class Connection:
 
     def _open(self) -> zenoh.Session:
         try:
-            return zenoh.open(
-                zenoh_config.client(
+            return open_session(
+                lambda attempt_s: zenoh_config.client(
                     [self.endpoint],
-                    self.timeout_s,
+                    attempt_s,
                     retry=_RETRY,
                     max_message_bytes=_MAX_REPLY_BYTES,
-                )
+                ),
+                self.timeout_s,
             )
         except zenoh.ZError as error:
             raise self._cannot_open(str(error)) from error
 
     def _cannot_open(self, reason: str) -> TransformException:
-        if "Unable to connect" in reason:
+        if NOBODY_THERE in reason:
             return ServerUnavailable(
                 f"nothing listens at {self._address} (tree {self.tree!r}, "
                 f"tried for {self.timeout_s:g} s)"

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import future_stamps, limits
+from . import future_stamps, limits, logs, operations
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -46,12 +46,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="threads that serve queries, per query family (default: %(default)s)",
     )
-    flags.add_argument(
-        "--log-level",
-        choices=("debug", "info", "warning", "error"),
-        default="info",
-        help="lowest level of the messages logged to standard error (default: %(default)s)",
-    )
+    logs.add_flags(flags)
+    operations.add_flags(flags)
     future_stamps.add_flags(flags)
     limits.add_flags(flags)
     return flags
@@ -119,4 +115,5 @@ def settings(options: argparse.Namespace) -> Settings:
         workers=options.workers,
         limits=limits.from_flags(options),
         future=future_stamps.from_flags(options),
+        operations=operations.from_flags(options),
     )

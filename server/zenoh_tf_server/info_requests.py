@@ -7,6 +7,7 @@ from typing import Any
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.text import quoted
 
 from .clock_offsets import ClockOffsets
 from .refusals import Refusals
@@ -47,7 +48,7 @@ class InfoRequests:
             return self._velocity(message)
         if what == "stats":
             return tree.stats() | self._counters()
-        raise InvalidArgumentException(f"unknown info request {what!r}", field="what")
+        raise InvalidArgumentException(f"unknown info request {quoted(what)}", field="what")
 
     def authorities(self) -> list[dict[str, Any]]:
         """What is known of each authority: the fields of `zenoh_tf.AuthorityInfo`."""

@@ -92,6 +92,11 @@ class Limits:
         "bytes of puts of all authorities that wait to be committed",
         "the same, with the authority that has the most waiting",
     )
+    metrics_authorities: int = _limit(
+        100,
+        "authorities with metrics of their own (`--metrics`)",
+        "the others are summed as one",
+    )
     connections: int = _limit(
         1000,
         "Zenoh connections to the embedded router",

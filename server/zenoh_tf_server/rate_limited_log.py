@@ -9,7 +9,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Final
 
-from zenoh_tf.text import escaped
+from zenoh_tf.text import cut, printable
 
 #: At most one line per source and period.
 PERIOD_S: Final = 5.0
@@ -56,7 +56,7 @@ class RateLimitedLog:
             return
         more = f" ({suppressed} more were suppressed)" if suppressed else ""
         self._logger.log(
-            level, "%s: %s%s", escaped(source, _MAX_SOURCE), escaped(reason, _MAX_REASON), more
+            level, "%s: %s%s", _safe(source, _MAX_SOURCE), _safe(reason, _MAX_REASON), more
         )
 
     def _admit(self, source: str) -> int | None:
@@ -82,3 +82,7 @@ class RateLimitedLog:
             suppressed = entry.suppressed + self._all.suppressed
             entry.suppressed = self._all.suppressed = 0
             return suppressed
+
+
+def _safe(text: str, limit: int) -> str:
+    return printable(cut(text, limit))

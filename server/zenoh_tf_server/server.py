@@ -11,7 +11,7 @@ from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, tree_claim
+from . import network, operations, tree_claim
 from .clients import Clients
 from .future_stamps import FutureStamps
 from .ingest import Ingest
@@ -35,6 +35,7 @@ class Settings:
     workers: int
     limits: Limits
     future: FutureStamps = field(default_factory=FutureStamps)
+    operations: operations.Settings = field(default_factory=operations.Settings)
 
 
 class Server:
@@ -58,9 +59,12 @@ class Server:
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
             tree_claim.refuse_if_taken(session, settings.tree)
-            clients = Clients(limits.connections)
+            self.session = session
+            self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
-            service = Service(tree, settings.tree, self.instance, limits, loop, settings.future)
+            self.service = service = Service(
+                tree, settings.tree, self.instance, limits, loop, settings.future
+            )
             stack.callback(service.close)
             ingest = Ingest(
                 service.commit,

@@ -31,6 +31,7 @@ from .limits import Limits
 from .rate_limited_log import RateLimitedLog
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
+from .request_counters import RequestCounters
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -61,7 +62,8 @@ class Service:
         self._future = future or FutureStamps()
         self._admin_log = RateLimitedLog(log)
         self._reply_cache = ReplyCache(limits)
-        self._name = name
+        self.name = name
+        self.requests = RequestCounters()
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
@@ -72,18 +74,30 @@ class Service:
 
     def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
         """Reply to one request. Never raises: an error is the reply."""
+        counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
+        counts.end(operation)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
-        return wire.pack(wire.error_reply(self.instance, self._typed(error)))
+        typed = self._typed(error)
+        self.requests.failed(type(typed).__name__)
+        return wire.pack(wire.error_reply(self.instance, typed))
 
     def close(self) -> None:
         self.waiters.close()
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server; `metric_table` declares each key."""
+        return self.tree.stats() | self._counters()
+
+    def authorities(self) -> list[dict[str, Any]]:
+        """The records of all authorities, with what was refused of each."""
+        return self.refusals.add_to(self.tree._authority_records())
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -297,7 +311,7 @@ class Service:
 
     def _hello(self) -> dict[str, Any]:
         return {
-            "tree": self._name,
+            "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
             "clock_ns": time.monotonic_ns(),
@@ -317,5 +331,5 @@ class Service:
             self.tree.remove_frame(name, wire.flag(message, "subtree"))
             self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
-            raise InvalidArgumentException(f"unknown admin operation {what!r}", field="what")
+            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
         return {"value": None}

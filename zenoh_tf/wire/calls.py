@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from ..text import quoted
 from .error_codec import raise_error
 from .fields import Message, items, malformed
 
@@ -31,7 +32,9 @@ def parse_batch(body: Message) -> list[tuple[str, Message]]:
             raise malformed(f"operations[{index}]", "a pair of kind and body")
         kind, operation = entry
         if kind not in KINDS:
-            raise malformed(f"operations[{index}]", f"one of {', '.join(KINDS)}, not {kind!r}")
+            raise malformed(
+                f"operations[{index}]", f"one of {', '.join(KINDS)}, not {quoted(kind)}"
+            )
         operations.append((kind, operation))
     return operations
 

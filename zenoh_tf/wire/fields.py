@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
+from ..text import quoted
 
 VERSION: Final = 1
 
@@ -95,7 +96,7 @@ def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
         )
     if message.get("v") != VERSION or type(message["v"]) is not int:
         raise ProtocolError(
-            f"protocol version {message.get('v')!r} is not supported: this side has version "
+            f"protocol version {quoted(message.get('v'))} is not supported: this side has version "
             f"{VERSION}; update the older side",
             field="v",
         )
@@ -148,7 +149,7 @@ def _bad_text(value: Any, path: str) -> str | None:
 
 def malformed(field: str, expected: str) -> ProtocolError:
     """The error of a field that is not as expected."""
-    return ProtocolError(f"field {field!r} must be {expected}", field=field)
+    return ProtocolError(f"field {quoted(field)} must be {expected}", field=field)
 
 
 def texts(message: Message, field: str) -> list[str]:
