@@ -46,6 +46,7 @@ class FrameInfo:
         reparented: Changes of the newest parent.
         switched: Changes between static and dynamic.
         authority_changes: Changes of the authority.
+        time_jumps: Times that the history was cleared because time was set back.
         last_change: The latest of these three kinds of change; ``None`` if there was none.
     """
 
@@ -64,6 +65,7 @@ class FrameInfo:
     switched: int
     authority_changes: int
     last_change: FrameChange | None
+    time_jumps: int = 0
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:

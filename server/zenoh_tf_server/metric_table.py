@@ -84,6 +84,18 @@ FROM_AUTHORITIES: Final[dict[str, Metric]] = {
         "conflicts_total", "counter", "frames taken over from another authority"
     ),
     "refused": _per_authority("transforms_refused_total", "counter", "transforms refused"),
+    "dropped_by_queue": _per_authority(
+        "puts_dropped_total", "counter", "messages dropped because too many were waiting"
+    ),
+    "clock_offset_min_s": _per_authority(
+        "clock_offset_min_seconds", "gauge", "least lead of its stamps over their arrival"
+    ),
+    "clock_offset_max_s": _per_authority(
+        "clock_offset_max_seconds", "gauge", "greatest lead of its stamps over their arrival"
+    ),
+    "stamp_age_s": _per_authority(
+        "stamp_age_seconds", "gauge", "age of the newest stamp of its last message on arrival"
+    ),
 }
 
 #: Fields of an authority's record that are no metrics.

@@ -13,6 +13,7 @@ from zenoh_tf import TransformTree
 
 from . import network, operations, tree_claim
 from .clients import Clients
+from .event_reports import EventReports
 from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
@@ -76,6 +77,9 @@ class Server:
             )
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
+            reports = EventReports(tree, service.clocks)
+            stack.callback(reports.close)
+            reports.start()
             clients.start(session, settings.tree)
             workers = Workers(service, settings.workers)
             stack.callback(workers.close)

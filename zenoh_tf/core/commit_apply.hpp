@@ -33,7 +33,7 @@ class CommitExecution {
   void notify_waiters() const noexcept;
 
  private:
-  void clear_samples(const FrameList& all) noexcept;
+  void restart_history(const FrameWrites& group) noexcept;
   bool apply_group(const FrameWrites& group) noexcept;
   bool apply_rows(const FrameWrites& group) noexcept;
   void store_rows(const FrameWrites& group) noexcept;
