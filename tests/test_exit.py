@@ -174,7 +174,7 @@ del tf, broadcaster
 gc.collect()
 assert [ref() for ref in gone] == [None, None]
 end = time.monotonic() + 10
-while "resend statics" in {thread.name for thread in threading.enumerate()}:
+while "announce statics" in {thread.name for thread in threading.enumerate()}:
     assert time.monotonic() < end, "the thread of a collected broadcaster goes on"
     time.sleep(0.01)
 """,

@@ -10,7 +10,6 @@ import pytest
 from zenoh_tf import (
     AuthorityInfo,
     BackwardExtrapolationException,
-    ConnectivityException,
     FrameChange,
     InvalidArgumentException,
     LookupException,

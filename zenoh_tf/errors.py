@@ -17,7 +17,8 @@
         ├── ServerRestarted                 the server instance of the earlier reads is gone
         ├── ProtocolError                   a message is malformed
         ├── ServerBusy                      the server has too much to do: try again later
-        └── AccessDenied                    the server's access rules do not allow this
+        ├── AccessDenied                    the server's access rules do not allow this
+        └── NotDurable                      a write was applied, but the server cannot store it
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
 apply is ``None``. The classes up to the extrapolation errors are tf2's.
@@ -199,6 +200,13 @@ class AccessDenied(ServiceException):
     code = 18
 
 
+class NotDurable(ServiceException):
+    """The write was applied and all readers see it, but the server's disk does not take it: a
+    server that ends now loses it. The server goes on trying."""
+
+    code = 19
+
+
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
@@ -221,6 +229,7 @@ BY_CODE: dict[int, type[TransformException]] = {
         ProtocolError,
         ServerBusy,
         AccessDenied,
+        NotDurable,
     )
 }
 

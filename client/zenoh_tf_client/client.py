@@ -55,7 +55,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._broadcasters: list[Broadcaster] = []
+        self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
     def connect(
@@ -112,8 +112,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         """
         # The connection first: a thread that is inside `send` may hold its broadcaster for long.
         self._connection.close()
-        broadcasters, self._broadcasters = self._broadcasters, []
-        for broadcaster in broadcasters:
+        for broadcaster in list(self._broadcasters):
             broadcaster.close()
 
     @property
@@ -207,7 +206,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         """Drop every frame at one instant: all samples, static links and names.
 
         The tree is then as new, apart from its counters and authorities. Broadcasters that
-        keep static transforms do not announce them again until a server starts.
+        keep static transforms do not announce them again until a server starts, and then all.
 
         Raises:
             ServerUnavailable: No server answered, and nothing was changed.
@@ -297,9 +296,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
         """
-        broadcaster = Broadcaster(self._connection, authority)
-        self._broadcasters.append(broadcaster)
-        return broadcaster
+        return Broadcaster(self._connection, authority, self._broadcasters)
 
     def _call(self, request: Request[T]) -> T:
         if request.writes:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import random
 import threading
 import time
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
     OutcomeUnknown,
+    ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     TransformException,
@@ -38,6 +40,8 @@ _HELLO_PERIOD_S: Final = 0.05
 _OTHER_TREES_GRACE_S: Final = 1.0
 _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
+#: The limit of a server that does not tell.
+_DEFAULT_ROWS: Final = 100_000
 #: The error reply that Zenoh makes up when no server replies in time.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
@@ -50,12 +54,13 @@ class _NoReply:
 
 
 @dataclass(frozen=True, slots=True)
-class _Server:
+class ServerInfo:
     """The server that answered last."""
 
     instance: str
     clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
+    rows: int  # transforms in one message
 
 
 class Connection:
@@ -79,7 +84,7 @@ class Connection:
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
-        self._server: _Server | None = None
+        self._server: ServerInfo | None = None
         # A request id: random per connection, then counted.
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
@@ -89,7 +94,7 @@ class Connection:
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
         client_id = str(self.session.zid())
-        self._attachment = client_id.encode()
+        self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -117,6 +122,10 @@ class Connection:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
 
+    def hello(self) -> ServerInfo:
+        """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
+        return self._hello(self.timeout_s)
+
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
         """Return the reply to a request that changes nothing.
 
@@ -125,7 +134,7 @@ class Connection:
         """
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
-        reply = self._query(operation, payload, timeout_s)
+        reply = self._query_until_served(operation, payload, timeout_s)
         if isinstance(reply, _NoReply):
             raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
@@ -158,11 +167,32 @@ class Connection:
             instance,
         )
         payload = self._pack(body | write.fields())
-        reply = self._query(operation, payload, self.timeout_s)
+        # A refused write did not run, so it may be sent again; its expiry stays the same.
+        reply = self._query_until_served(operation, payload, self.timeout_s)
         if isinstance(reply, _NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
+
+    def _query_until_served(
+        self, operation: str, payload: bytes, timeout_s: float
+    ) -> wire.Message | _NoReply:
+        """As `_query`, and again as long as the server is busy and the time is not over."""
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            reply = self._query(operation, payload, timeout_s)
+            if isinstance(reply, _NoReply) or "error" not in reply:
+                return reply
+            error = wire.decode_error(reply["error"])
+            pause_s = error.retry_after_s
+            if not isinstance(error, ServerBusy) or pause_s is None or pause_s < 0:
+                return reply
+            # Clients that were refused together should not come back together.
+            pause_s *= random.uniform(1, 2)
+            timeout_s = deadline_s - time.monotonic() - pause_s
+            if timeout_s <= 0:
+                return reply
+            time.sleep(pause_s)
 
     def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _NoReply:
         """Return the first reply, or why there is none."""
@@ -185,7 +215,12 @@ class Connection:
         return reply
 
     def _first_reply(self, operation: str, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the first reply's payload; None if the query ended without one."""
+        """Return the reply's payload; None if the query ended without one, or within one.
+
+        A long reply comes in parts; the attachment of each is the length of the whole.
+        """
+        parts: list[bytes] = []
+        length = 0
         replies = self.session.get(
             self._keys[operation],
             payload=payload,
@@ -195,7 +230,13 @@ class Connection:
         )
         for reply in replies:
             if (sample := reply.ok) is not None:
-                return sample.payload.to_bytes()
+                if sample.attachment is None:
+                    return sample.payload.to_bytes()
+                parts.append(sample.payload.to_bytes())
+                length += len(parts[-1])
+                if length == int(sample.attachment.to_bytes()):
+                    return b"".join(parts)
+                continue
             return reply.err.payload.to_bytes()  # type: ignore[union-attr]
         return None
 
@@ -212,7 +253,7 @@ class Connection:
             )
         return payload
 
-    def _known_server(self) -> _Server:
+    def _known_server(self) -> ServerInfo:
         return self._server or self._hello(self.timeout_s)
 
     def _forget_server(self) -> None:
@@ -238,7 +279,7 @@ class Connection:
                     next_check_s = time.monotonic() + _OTHER_TREES_PERIOD_S
             time.sleep(_HELLO_PERIOD_S)
 
-    def _hello(self, timeout_s: float) -> _Server:
+    def _hello(self, timeout_s: float) -> ServerInfo:
         request = requests.hello()
         reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
         now_ns = time.monotonic_ns()
@@ -248,10 +289,11 @@ class Connection:
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this
         # side's own time-out.
-        server = _Server(
+        server = ServerInfo(
             wire.text(value, "instance"),
             wire.integer(value, "clock_ns") - now_ns,
             wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
+            wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
         )
         self._server = server
         return server

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import future_stamps, limits, logs, operations
+from . import future_stamps, limits, logs, operations, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -49,6 +49,7 @@ def parser() -> argparse.ArgumentParser:
     logs.add_flags(flags)
     operations.add_flags(flags)
     future_stamps.add_flags(flags)
+    state.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -90,6 +91,7 @@ def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         flags.error(f"--workers is {options.workers}: it must be at least 1")
     if not options.cache_time > 0:
         flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
+    state.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -116,4 +118,5 @@ def settings(options: argparse.Namespace) -> Settings:
         limits=limits.from_flags(options),
         future=future_stamps.from_flags(options),
         operations=operations.from_flags(options),
+        state=state.from_flags(options),
     )

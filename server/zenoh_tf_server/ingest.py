@@ -318,7 +318,8 @@ class Ingest:
         counts.puts += 1
         counts.put_transforms += kept
         if kept != transforms:
-            counts.dropped_as_too_old += stored.count(0)
+            if not commit.announce:  # what an announcement leaves out is not old
+                counts.dropped_as_too_old += stored.count(0)
             self._refuse_future(commit, stored)
         if put.static or not transforms:
             return

@@ -23,6 +23,7 @@ from .metrics import MetricsMissing
 from .network import NetworkError
 from .operations import Operations
 from .server import Server, Settings
+from .state_file import StateError
 from .tree_claim import TreeTaken
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
-    except (NetworkError, MetricsMissing, TreeTaken, TransformException) as error:
+    except (NetworkError, MetricsMissing, StateError, TreeTaken, TransformException) as error:
         print(printable(f"zenoh-tf-server: {error}"), file=sys.stderr)
         return CANNOT_START
 

@@ -55,6 +55,13 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "dropped": _counter("samples_dropped", "samples older than the cache time of their link"),
     "evicted": _counter("samples_evicted", "samples removed because a link's history was full"),
     "time_jumps": _counter("time_jumps", "times that the clock was seen to be set back"),
+    "from_future": _counter("from_future", "published transforms refused as from the future"),
+    "flagged_as_future": _counter(
+        "flagged_as_future", "published transforms stored although they are from the future"
+    ),
+    "dropped_by_queue": _counter(
+        "puts_dropped", "published messages dropped because too many of an authority were waiting"
+    ),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
     "bad_puts": _counter("puts_refused", "published messages that were refused"),
@@ -124,7 +131,7 @@ BUILD: Final = Metric(
     "build_info",
     "gauge",
     "always 1; the labels say what runs",
-    ("version", "python", "zenoh", "tree", "instance"),
+    ("version", "python", "zenoh", "tree", "server_instance"),
 )
 OTHERS: Final = (REQUESTS, DURATION, LIMIT, CLIENTS, THREADS, READY, HEALTHY, PROBE, BUILD)
 

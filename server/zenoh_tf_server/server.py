@@ -17,7 +17,11 @@ from .event_reports import EventReports
 from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
+from .link_sockets import LinkSockets
+from .outbox_links import OutboxLinks
+from .replies import Replies
 from .service import Service
+from .state import State, StateSettings
 from .workers import Workers
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
@@ -37,10 +41,11 @@ class Settings:
     limits: Limits
     future: FutureStamps = field(default_factory=FutureStamps)
     operations: operations.Settings = field(default_factory=operations.Settings)
+    state: StateSettings = field(default_factory=StateSettings)
 
 
 class Server:
-    """Serves from construction to `close`. Raises NetworkError or TreeTaken."""
+    """Serves from construction to `close`. Raises NetworkError, StateError or TreeTaken."""
 
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
@@ -57,14 +62,23 @@ class Server:
         )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
+            state = State(settings.state, tree, settings.tree, limits)
+            stack.callback(state.close)
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
+            stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
             self.session = session
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
+            sockets = LinkSockets()
+            stack.callback(sockets.close)
+            sockets.start(session)
+            replies = Replies(OutboxLinks(sockets, clients), limits)
+            stack.callback(replies.close)
+            clients.when_gone(replies.forget)
             self.service = service = Service(
-                tree, settings.tree, self.instance, limits, loop, settings.future
+                tree, settings.tree, self.instance, limits, loop, settings.future, state.links
             )
             stack.callback(service.close)
             ingest = Ingest(
@@ -81,7 +95,7 @@ class Server:
             stack.callback(reports.close)
             reports.start()
             clients.start(session, settings.tree)
-            workers = Workers(service, settings.workers)
+            workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
             workers.start(session, settings.tree)
             token = tree_claim.claim(session, settings.tree, self.instance)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
+    NotDurable,
     ServerRestarted,
     TimeoutException,
     TransformException,
@@ -32,6 +33,8 @@ from .rate_limited_log import RateLimitedLog
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
+from .state_file import Stored
+from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
 
 if TYPE_CHECKING:
@@ -49,6 +52,7 @@ class Service:
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
         future: FutureStamps | None = None,
+        links: StaticLinks | None = None,
     ) -> None:
         self.tree = tree
         self.instance = instance
@@ -64,6 +68,7 @@ class Service:
         self._reply_cache = ReplyCache(limits)
         self.name = name
         self.requests = RequestCounters()
+        self._links = links or StaticLinks(tree, limits, None, Stored())
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
@@ -224,24 +229,21 @@ class Service:
         commit = wire.parse_commit(message)
         self.limits.check("rows", commit.rows)
         self._future.check(commit)
-        return wire.commit_reply(self.commit(commit))
+        stored, ticket = self._commit(commit)
+        self._links.wait(ticket)
+        return wire.commit_reply(stored)
 
     def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
-        """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old, 2 dropped
-        as later than `max_stamp_ns`."""
-        return self.tree._commit_rows(
-            commit.names,
-            commit.parent,
-            commit.child,
-            commit.stamp,
-            commit.pose,
-            authority=commit.authority,
-            static=commit.static,
-            drop_old=commit.drop_old,
-            read_names=commit.read_names,
-            read_versions=commit.read_versions,
-            max_stamp_ns=max_stamp_ns,
-        )
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
+        `max_stamp_ns`. Static links are stored soon after."""
+        return self._commit(commit, max_stamp_ns)[0]
+
+    def _commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
+        """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
+        if commit.static:
+            return self._links.commit(commit)
+        stored = apply(self.tree, commit, max_stamp_ns)
+        return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     # --- batches, info and administration
 
@@ -272,6 +274,7 @@ class Service:
         which cannot depend on later writes."""
         rows = 0
         replies: list[wire.Message] = []
+        tickets: dict[int, int] = {}
         for kind, body in operations:
             try:
                 if kind == "lookup":
@@ -294,11 +297,19 @@ class Service:
                     rows += commit.rows
                     self.limits.check("rows", rows)
                     self._future.check(commit)
-                    replies.append(wire.commit_reply(self.commit(commit)))
+                    stored, ticket = self._commit(commit)
+                    if ticket != NO_TICKET:
+                        tickets[len(replies)] = ticket
+                    replies.append(wire.commit_reply(stored))
                 else:
                     replies.append(self._run_info(body))
             except Exception as error:
                 replies.append({"error": wire.encode_error(self._typed(error))})
+        try:
+            self._links.wait(max(tickets.values(), default=NO_TICKET))  # once for all commits
+        except NotDurable as error:
+            for index in tickets:
+                replies[index] = {"error": wire.encode_error(error)}
         return {"replies": replies}
 
     def _run_info(self, message: wire.Message) -> wire.Message:
@@ -307,7 +318,7 @@ class Service:
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
 
     def _hello(self) -> dict[str, Any]:
         return {
@@ -321,15 +332,16 @@ class Service:
     def _run_admin(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
         if what == "clear":
-            self.tree.clear(wire.flag(message, "keep_static", True))
+            ticket = self._links.clear(wire.flag(message, "keep_static", True))
             self._admin_log.info("clear", "cleared the tree")
         elif what == "reset":
-            self.tree.reset()
+            ticket = self._links.reset()
             self._admin_log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
-            self.tree.remove_frame(name, wire.flag(message, "subtree"))
+            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
             self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
             raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
+        self._links.wait(ticket)
         return {"value": None}

@@ -9,11 +9,11 @@
 
 namespace ztf {
 
-void CommitExecution::reserve(const WriteLocks& locks) {
+void CommitExecution::reserve() {
   (void)changed_.reserve(plan_.groups().size());
 }
 
-void CommitExecution::apply(const WriteLocks& locks) noexcept {
+void CommitExecution::apply() noexcept {
   // Readers may have taken these lines back since the plan prefetched them.
   if (plan_.groups().size() > 1)
     for (const FrameWrites& group : plan_.groups()) group.frame->prefetch_for_write();
