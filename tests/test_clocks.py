@@ -7,10 +7,18 @@ from collections.abc import Callable
 
 import pytest
 
-from zenoh_tf import AuthorityInfo, InvalidArgumentException, StampedTransform, Transform
+from zenoh_tf import (
+    AuthorityInfo,
+    InvalidArgumentException,
+    StampedTransform,
+    Transform,
+    keys,
+    wire,
+)
 from zenoh_tf_client import TransformClient
 
 from .conftest import ServerProcess, StartServer
+from .raw import raw
 
 YEAR_S = 365 * 86_400.0
 TIMEOUT_S = 30.0
@@ -133,6 +141,26 @@ def test_clocks_that_are_off_are_reported_by_name(server: ServerProcess) -> None
         for name in ("exact", "simulated"):
             assert f"authority '{name}'" not in server.log
         assert tf.stats()["put_transforms"] == tf.stats()["puts"]  # none was refused
+
+
+def test_a_client_whose_clock_is_off_is_reported(server: ServerProcess) -> None:
+    with raw(server.endpoint) as wires, server.connect() as exact:
+        name = str(wires.session.zid())
+        token = wires.session.liveliness().declare_token(keys.client("main", name))
+
+        def told() -> bool:
+            body = {"clock_ns": time.time_ns() + 40_000_000_000, "round_trip_ns": 1_000_000}
+            wires.session.get(
+                keys.operation("main", "info"),
+                payload=wire.pack(wire.call_body("hello", **body)),
+                attachment=name.encode(),
+            ).recv()
+            return f"client '{name}': its clock is " in server.log
+
+        wait(told, server.log)
+        wait_for_log(server, "s ahead of this server's clock")
+        assert str(exact._connection.session.zid()) not in server.log
+        token.undeclare()
 
 
 def test_two_authorities_that_fight_are_reported(server: ServerProcess) -> None:

@@ -85,6 +85,7 @@ class Connection:
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
         self._server: ServerInfo | None = None
+        self._round_trip_ns: int | None = None  # of the last hello
         # A request id: random per connection, then counted.
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
@@ -280,11 +281,13 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> ServerInfo:
-        request = requests.hello()
+        request = requests.hello(time.time_ns(), self._round_trip_ns)
+        begin_ns = time.monotonic_ns()
         reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, _NoReply):
             raise ServerUnavailable(reply.reason)
+        self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this

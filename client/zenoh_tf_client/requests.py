@@ -314,8 +314,9 @@ def _optional_stamp(stamp_ns: int | None) -> int | None:
     return None if stamp_ns is None else columns.stamp(stamp_ns)
 
 
-def hello() -> Request[dict[str, Any]]:
-    return _info(dict, "hello")
+def hello(clock_ns: int, round_trip_ns: int | None) -> Request[dict[str, Any]]:
+    """`clock_ns`: this machine's real-time clock. `round_trip_ns`: of the last such request."""
+    return _info(dict, "hello", clock_ns=clock_ns, round_trip_ns=round_trip_ns)
 
 
 def frames() -> Request[list[str]]:

@@ -24,6 +24,8 @@ WINDOW_NS: Final = 10_000_000_000
 _MAX_ENTRIES: Final = 4096
 #: An interval that excludes zero by more than this is reported.
 REPORT_S: Final = 1.0
+#: Assumed of a client that does not know its round trip yet.
+_UNKNOWN_DELAY_NS: Final = 1_000_000_000
 #: Stamps further back than this are of a simulation or a recording, not of a wrong clock.
 _LONGEST_AGO_S: Final = 86_400.0
 
@@ -83,11 +85,14 @@ class ClockOffsets:
             client: The client's id.
             clock_ns: Its clock.
             round_trip_ns: How long its last request and the reply took: an upper bound, mostly,
-                of the time that this message needed.
+                of the time that this message needed. Negative: it does not know.
         """
+        if not client or abs(clock_ns) >= 1 << 62:
+            return
         now_ns = time.time_ns()
         ahead_ns = clock_ns - now_ns
-        self._add(self._clients, client, now_ns, ahead_ns, ahead_ns + max(0, round_trip_ns))
+        delay_ns = _UNKNOWN_DELAY_NS if round_trip_ns < 0 else round_trip_ns
+        self._add(self._clients, client, now_ns, ahead_ns, ahead_ns + delay_ns)
 
     def _add(
         self, windows: OrderedDict[str, _Window], name: str, now_ns: int, least: int, greatest: int

@@ -63,8 +63,8 @@ class EventReports:
                 self._log.warn(f"frame {quoted(event['frame'])}: {event['kind']}", reason)
         if lost:
             self._log.warn("events", f"{lost:,} more events of other frames are not shown")
-        for who, reason in self._clocks.suspicious():
-            self._clock_log.warn(who, reason)
+        for name, reason in self._clocks.suspicious():
+            self._clock_log.warn(name, reason)
 
 
 def _describe(event: dict[str, Any]) -> str | None:

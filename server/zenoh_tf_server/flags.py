@@ -80,8 +80,9 @@ def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
         choices=("reject", "clear"),
         default="reject",
         help="what to do with a transform that is older than its frame's newest by more than the "
-        "cache time. reject: drop it, because it is late. clear: simulated time was set back, so "
-        "drop all but static transforms, then store it (default: %(default)s)",
+        "cache time. reject: drop it, because it is late. clear: if a second one follows that is a "
+        "little newer, simulated time was set back, so clear this frame's history, and store it "
+        "(default: %(default)s)",
     )
 
 

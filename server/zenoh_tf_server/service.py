@@ -73,7 +73,7 @@ class Service:
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
             "batch": self._batch,
-            "info": lambda message, reply_to: reply_to(self._pack(self._run_info(message)), False),
+            "info": self._reply_to_info,
             "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
         }
 
@@ -311,6 +311,12 @@ class Service:
             for index in tickets:
                 replies[index] = {"error": wire.encode_error(error)}
         return {"replies": replies}
+
+    def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if "clock_ns" in message:
+            told = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
+            self.clocks.client_told(reply_to.client, *told)
+        reply_to(self._pack(self._run_info(message)), False)
 
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
