@@ -151,7 +151,7 @@ def test_a_client_whose_clock_is_off_is_reported(server: ServerProcess) -> None:
         def told() -> bool:
             body = {"clock_ns": time.time_ns() + 40_000_000_000, "round_trip_ns": 1_000_000}
             wires.session.get(
-                keys.operation("main", "info"),
+                keys.operation("main", "hello"),
                 payload=wire.pack(wire.call_body("hello", **body)),
                 attachment=name.encode(),
             ).recv()

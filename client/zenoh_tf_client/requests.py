@@ -314,9 +314,15 @@ def _optional_stamp(stamp_ns: int | None) -> int | None:
     return None if stamp_ns is None else columns.stamp(stamp_ns)
 
 
-def hello(clock_ns: int, round_trip_ns: int | None) -> Request[dict[str, Any]]:
+def hello(
+    user: str | None = None,
+    client: str | None = None,
+    clock_ns: int | None = None,
+    round_trip_ns: int | None = None,
+) -> Request[dict[str, Any]]:
     """`clock_ns`: this machine's real-time clock. `round_trip_ns`: of the last such request."""
-    return _info(dict, "hello", clock_ns=clock_ns, round_trip_ns=round_trip_ns)
+    clocks = {"clock_ns": clock_ns, "round_trip_ns": round_trip_ns}
+    return _info(dict, "hello", user=user, client=client, **clocks)
 
 
 def frames() -> Request[list[str]]:

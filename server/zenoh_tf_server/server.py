@@ -20,6 +20,8 @@ from .limits import Limits
 from .link_sockets import LinkSockets
 from .outbox_links import OutboxLinks
 from .replies import Replies
+from .request_guard import RequestGuard
+from .security import OPEN, Security
 from .service import Service
 from .state import State, StateSettings
 from .workers import Workers
@@ -40,6 +42,7 @@ class Settings:
     workers: int
     limits: Limits
     future: FutureStamps = field(default_factory=FutureStamps)
+    security: Security = OPEN
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
 
@@ -64,7 +67,9 @@ class Server:
         with ExitStack() as stack:
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
-            session = network.open_session(settings.listen, settings.connect, limits)
+            session = network.open_session(
+                settings.listen, settings.connect, limits, settings.security, settings.tree
+            )
             stack.callback(session.close)
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
@@ -74,12 +79,21 @@ class Server:
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            replies = Replies(OutboxLinks(sockets, clients), limits)
+            guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
+            guard.certificate_of = network.certificates(session)
+            self.service = service = Service(
+                tree,
+                settings.tree,
+                self.instance,
+                limits,
+                loop,
+                state.links,
+                guard,
+                settings.future,
+            )
+            replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
-            self.service = service = Service(
-                tree, settings.tree, self.instance, limits, loop, settings.future, state.links
-            )
             stack.callback(service.close)
             ingest = Ingest(
                 service.commit,

@@ -33,6 +33,7 @@ from .rate_limited_log import RateLimitedLog
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
+from .request_guard import RequestGuard
 from .state_file import Stored
 from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
@@ -51,9 +52,11 @@ class Service:
         instance: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
-        future: FutureStamps | None = None,
         links: StaticLinks | None = None,
+        guard: RequestGuard | None = None,
+        future: FutureStamps | None = None,
     ) -> None:
+        self.guard = guard or RequestGuard()
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -75,13 +78,20 @@ class Service:
             "batch": self._batch,
             "info": self._reply_to_info,
             "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
+            "hello": self._reply_to_hello,
         }
 
-    def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
-        """Reply to one request. Never raises: an error is the reply."""
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply.
+
+        `chunk` is what stands behind the operation in the query's key.
+        """
         counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
+            self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -313,21 +323,28 @@ class Service:
         return {"replies": replies}
 
     def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if message.get("what") == "hello":  # of a client from before this family
+            self._reply_to_hello(message, reply_to)
+        else:
+            reply_to(self._pack(self._run_info(message)), False)
+
+    def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if "clock_ns" in message:
             told = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
             self.clocks.client_told(reply_to.client, *told)
-        reply_to(self._pack(self._run_info(message)), False)
+        reply_to(self._pack({"value": self._hello(message)}), False)
 
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
-            return {"value": self._hello()}
+            return {"value": self._hello(message)}
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
         return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
 
-    def _hello(self) -> dict[str, Any]:
-        return {
+    def _hello(self, message: wire.Message) -> dict[str, Any]:
+        access = self.guard.access(message)
+        return ({} if access is None else {"access": access}) | {
             "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
