@@ -61,6 +61,7 @@ class Tree:
         max_depth: int = 1000,
         one_authority_per_frame: bool = False,
         time_jump: Literal["reject", "clear"] = "reject",
+        max_memory_bytes: int = 0,
     ) -> None: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
@@ -288,8 +289,9 @@ class Tree:
     def stats(self) -> dict[str, int]:
         """Return counters of the whole tree, by name.
 
-        `frames`, `static_links`, `samples` and `waiters` (lookups that wait now) count what there
-        is; `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
+        `frames`, `static_links`, `samples`, `memory_bytes` (of all samples, with the memory
+        that waits to be used again) and `waiters` (lookups that wait now) count what there is;
+        `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
         than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...

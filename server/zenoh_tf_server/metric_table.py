@@ -61,7 +61,6 @@ FROM_STATS: Final[dict[str, Metric]] = {
     ),
     "evicted": _counter("samples_evicted", "samples removed because a link's history was full"),
     "time_jumps": _counter("time_jumps", "times that the clock was seen to be set back"),
-    "from_future": _counter("from_future", "published transforms refused as from the future"),
     "flagged_as_future": _counter(
         "flagged_as_future", "published transforms stored although they are from the future"
     ),

@@ -24,7 +24,7 @@ FrameInfo info_holding_gil(const Tree& tree, FrameId id) {
 
 nb::object name_or_none(const Tree& tree, FrameId id) {
   if (id == 0) return nb::none();
-  const std::string_view name = tree.name(id);
+  const std::string name = tree.name(id);
   return nb::str(name.data(), name.size());
 }
 
@@ -98,6 +98,7 @@ nb::list authority_records(const Tree& tree) {
   }
   nb::list out;
   for (AuthorityId id = 1; id <= n; ++id) {
+    if (tree.forgotten(id)) continue;
     const AuthorityCounts counts = tree.authority_counts(id);
     nb::dict record;
     record["name"] = text(tree.authority(id));
@@ -164,6 +165,7 @@ nb::dict stats(const Tree& tree) {
   out["dropped"] = dropped;
   out["evicted"] = evicted;
   out["time_jumps"] = tree.time_jumps();
+  out["memory_bytes"] = tree.memory_bytes();
   out["from_future"] = tree.from_future();
   return out;
 }

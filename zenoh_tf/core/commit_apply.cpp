@@ -47,6 +47,7 @@ void CommitExecution::restart_history(const FrameWrites& group) noexcept {
 bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
   if (!group.is_append) [[unlikely]]
     return apply_rows(group);
+  if (group.ring != 0) publish_ring(*group.frame, plan_.prepared_ring(group));
   const RowWrite& write = plan_.write(group.begin);
   insert(*group.frame, write.stamp, write.parent, plan_.pose(write.row), plan_.limits());
   ++tally_.stored;
@@ -71,6 +72,17 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
 
 void CommitExecution::store_rows(const FrameWrites& group) noexcept {
   FrameEvents& events = tree_.events_[group.child];
+  bool is_merged = false;
+  if (group.ring != 0) {
+    PreparedRing& prepared = plan_.prepared_ring(group);
+    publish_ring(*group.frame, prepared);
+    is_merged = prepared.is_merged;
+    if (is_merged) {
+      events.rewritten.store(events.rewritten.load(std::memory_order_relaxed) + prepared.rewritten,
+                             std::memory_order_release);
+      tally_.rewritten += prepared.rewritten;
+    }
+  }
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const RowWrite& write = plan_.write(i);
     const Pose& pose = plan_.pose(write.row);
@@ -80,6 +92,7 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
       continue;
     }
     ++tally_.stored;
+    if (is_merged) continue;
     if (plan_.request().is_static) {
       set_static(*group.frame, write.stamp, write.parent, pose);
       continue;

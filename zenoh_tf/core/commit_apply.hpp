@@ -10,7 +10,7 @@ namespace ztf {
 
 class CommitExecution {
  public:
-  CommitExecution(Tree& tree, const CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
+  CommitExecution(Tree& tree, CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
 
   // Makes room in the list of changed frames, so that apply() allocates nothing. Requires a ready
   // plan. Throws bad_alloc.
@@ -44,7 +44,7 @@ class CommitExecution {
   void count_authority() const noexcept;
 
   Tree& tree_;
-  const CommitPlan& plan_;
+  CommitPlan& plan_;
   FrameList changed_;  // the frames that got or lost samples, ascending
   CommitTally tally_;
 };

@@ -99,6 +99,7 @@ void CommitPlan::sort_rows() {
 }
 
 void CommitPlan::group_rows() {
+  give_back_rings();  // of an earlier attempt
   groups_.clear();
   children_.clear();
   FrameWrites* const groups = groups_.reserve(writes_.size());
@@ -136,6 +137,9 @@ void CommitPlan::check_expiry() const {
 }
 
 PlanOutcome CommitPlan::decide(CommitScope scope) {
+  // With the topology mutex no authority is forgotten.
+  if (!names_.is_authority_current()) [[unlikely]]
+    return PlanOutcome::needs_topology;
   is_first_reparenting_ = false;
   bool topology_changes = names_.any_new();
   changed_links_.clear();
@@ -285,8 +289,50 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
 void CommitPlan::reserve_memory() {
   names_.reserve();
   if (request_.is_static) return;
-  for (const FrameWrites& group : groups_)
-    reserve_samples(*group.frame, group.end - group.begin, limits_, tree_.ring_arena_);
+  for (FrameWrites& group : groups_) {
+    const Frame& frame = *group.frame;
+    const std::uint64_t kept =
+        group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
+    if (!group.is_append || needs_larger_ring(frame, kept, 1, limits_)) prepare_ring(group);
+  }
+}
+
+// Prepares a new ring for a group that needs one.
+void CommitPlan::prepare_ring(FrameWrites& group) {
+  const Frame& frame = *group.frame;
+  std::vector<NewSample> samples;
+  const auto list_samples = [&] {
+    for (std::uint32_t i = group.begin; i < group.end; ++i)
+      if (const RowWrite& write = writes_[i]; is_stored(write.row))
+        samples.push_back({write.stamp, write.parent, &poses_[write.row]});
+  };
+  try {
+    (void)prepared_rings_.reserve(1);
+    std::uint32_t stored = 0;
+    Stamp oldest_new = kNoStamp;
+    for (std::uint32_t i = group.end; i-- > group.begin;)
+      if (is_stored(writes_[i].row)) ++stored, oldest_new = writes_[i].stamp;
+    if (stored == 0) return;
+    if (!group.restarts && should_merge(frame, oldest_new, stored)) {
+      list_samples();
+      prepared_rings_.push_back(merged_ring(frame, false, samples, limits_, tree_.ring_arena_));
+    } else if (const std::uint64_t kept = group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
+               needs_larger_ring(frame, kept, stored, limits_)) {
+      prepared_rings_.push_back(grown_ring(frame, stored, limits_, tree_.ring_arena_));
+    } else {
+      return;
+    }
+  } catch (const RingArena::Full&) {
+    reject_memory(request_, request_.rows[writes_[group.begin].row],
+                  tree_.options_.max_memory_bytes);
+  }
+  group.ring = static_cast<std::uint32_t>(prepared_rings_.size());
+}
+
+void CommitPlan::give_back_rings() noexcept {
+  for (const PreparedRing& prepared : prepared_rings_)
+    if (prepared.ring && !prepared.ring.is_empty()) prepared.ring.give_back(tree_.ring_arena_);
+  prepared_rings_.clear();
 }
 
 const FrameWrites* CommitPlan::group_of(FrameId child) const noexcept {

@@ -48,6 +48,7 @@ struct FrameWrites {
   bool stores_other_parent = false;
   bool is_append = false;  // one row, newer than the newest sample, of its parent and authority
   bool restarts = false;   // time was set back: the history is cleared before the rows are stored
+  std::uint32_t ring = 0;  // index of its prepared ring, plus 1; 0: none
   bool wakes_all = false;  // not only newer samples of the same parent: all waiters are woken
 };
 
@@ -61,6 +62,7 @@ class CommitPlan {
  public:
   // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
   CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
+  ~CommitPlan() { give_back_rings(); }
   CommitPlan(const CommitPlan&) = delete;
   CommitPlan& operator=(const CommitPlan&) = delete;
 
@@ -106,6 +108,12 @@ class CommitPlan {
   [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept {
     return stored_[row] == RowResult::stored;
   }
+  // The new ring of a group that has one. Once it is published, the one that it replaced.
+  [[nodiscard]] PreparedRing& prepared_ring(const FrameWrites& group) noexcept {
+    return prepared_rings_[group.ring - 1];
+  }
+  // True if planning takes so long that readers should go on meanwhile.
+  [[nodiscard]] bool is_long() const noexcept { return writes_.size() > kLong; }
   // How many rows are dropped because they are later than the request's max_stamp.
   [[nodiscard]] std::uint32_t from_future() const noexcept { return from_future_; }
   [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
@@ -140,6 +148,10 @@ class CommitPlan {
   [[noreturn]] void reject_cycle(FrameId on_cycle) const;
   [[noreturn]] void reject_depth(const FrameWrites& group, std::uint32_t depth) const;
   void reserve_memory();
+  void prepare_ring(FrameWrites& group);
+  void give_back_rings() noexcept;
+
+  static constexpr std::size_t kLong = 16;  // rows
 
   Tree& tree_;
   const CommitRequest& request_;
@@ -152,6 +164,8 @@ class CommitPlan {
   SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
   SmallVector<ChangedLink, 4> changed_links_;
+  // Rings that no frame has: those that this attempt has prepared, then those that they replaced.
+  SmallVector<PreparedRing, 1> prepared_rings_;
   FrameList children_;  // of groups_, ascending
 };
 

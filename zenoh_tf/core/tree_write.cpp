@@ -33,7 +33,7 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
 
   FrameList all;
   if (scope == CommitScope::all_frames) plan.list_all_frames(all);
-  WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children());
+  WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children(), plan.is_long());
   if (plan.has_read_set()) {
     locks.begin_write();
     plan.validate_read_set(locks);
