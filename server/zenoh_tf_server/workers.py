@@ -34,7 +34,7 @@ from .service import Service
 log = logging.getLogger("zenoh_tf.server")
 
 #: Small, because what is in a channel is not counted; a thread always drains it.
-_CHANNEL: Final = 32
+_CHANNEL: Final = 8
 #: An attachment is a Zenoh id of at most 32 hexadecimal digits, and maybe a word.
 _MAX_ATTACHMENT_BYTES: Final = 64
 _MAX_SENDERS: Final = 1000
