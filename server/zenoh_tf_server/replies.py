@@ -109,24 +109,35 @@ class Reply:
         """How many bytes are not sent yet, with the message's own."""
         return len(self.data) - self._start + _OVERHEAD_BYTES
 
-    def send(self, room: int) -> bool:
-        """Send the reply, or as much of it as there is room for if it may come in parts. True:
-        that was the last, and the query is finished. The client of a query that is never finished
-        waits for its whole time-out."""
+    def send_whole(self) -> None:
+        """Send the reply and finish the query."""
         query = self._query
         try:
             if self._failed:
                 query.reply_err(self.data)
-            elif self._start == 0 and (not self.in_parts or self.left() <= room):
-                query.reply(self._key, self.data)
             else:
-                part = self.data[self._start : self._start + room - _OVERHEAD_BYTES]
-                self._start += len(part)
-                query.reply(self._key, part, attachment=str(len(self.data)).encode())
-                if self._start < len(self.data):
-                    return False
+                query.reply(self._key, self.data)
         except zenoh.ZError as error:  # the client has gone, or given up
             log.debug("cannot reply to %s: %s", query.key_expr, error)
+        query.drop()
+
+    def send(self, room: int) -> bool:
+        """Send the reply, or as much of it as there is room for if it may come in parts. True:
+        that was the last, and the query is finished. The client of a query that is never finished
+        waits for its whole time-out."""
+        if self._start == 0 and (not self.in_parts or self.left() <= room):
+            self.send_whole()
+            return True
+        query = self._query
+        part = self.data[self._start : self._start + room - _OVERHEAD_BYTES]
+        try:
+            query.reply(self._key, part, attachment=str(len(self.data)).encode())
+            self._start += len(part)
+        except zenoh.ZError as error:  # the client has gone, or given up
+            log.debug("cannot reply to %s: %s", query.key_expr, error)
+            self._start = len(self.data)
+        if self._start < len(self.data):
+            return False
         query.drop()
         return True
 
@@ -187,13 +198,18 @@ class Replies:
         outbox = self._outboxes.get(reply.client) or self._new_outbox(reply.client)
         size = len(reply.data) + _OVERHEAD_BYTES
         with outbox.lock:
-            now = not outbox.busy and self._spend(outbox, size, reply)
+            now = not outbox.busy
+            if now:
+                if outbox.credit >= size:  # the common case
+                    outbox.credit -= size
+                else:
+                    now = self._spend(outbox, size, reply)
             if not now:
                 self._hold(outbox, reply)
                 hand_over = not outbox.busy
                 outbox.busy = True
         if now:
-            reply.send(size)
+            reply.send_whole()
         elif hand_over:
             self._handed_over.append(outbox)
             self._wake_up()

@@ -34,9 +34,10 @@ from .service import Service
 log = logging.getLogger("zenoh_tf.server")
 
 #: Small, because what is in a channel is not counted; a thread always drains it.
-_CHANNEL: Final = 32
+_CHANNEL: Final = 8
 #: An attachment is a Zenoh id of at most 32 hexadecimal digits, and maybe a word.
 _MAX_ATTACHMENT_BYTES: Final = 64
+_MAX_SENDERS: Final = 1000
 #: A request of up to this size is short: about 15,000 lookups, or 3,000 transforms to store,
 #: which take a few milliseconds.
 SHORT_BYTES: Final = 256 << 10
@@ -98,6 +99,8 @@ class _Shared:
         #: The families whose keys go on with the authority or operation of the request.
         self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
         self.keys: dict[str, zenoh.KeyExpr] = {}
+        #: What attachments say: the client's id, and whether it takes parts. Saves decoding.
+        self._senders: dict[bytes, tuple[str, bool]] = {}
 
     def reply_to(self, query: zenoh.Query, operation: str, size: int) -> Reply:
         """The ReplyCallback of a query with `size` bytes."""
@@ -106,9 +109,15 @@ class _Shared:
         client, takes_parts = "", False
         attachment = query.attachment
         if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
-            client, _, word = attachment.to_bytes().decode("ascii", "replace").partition(" ")
-            client = self.clients.known(client)
-            takes_parts = word == keys.TAKES_PARTS
+            data = attachment.to_bytes()
+            known = self._senders.get(data)
+            if known is None:
+                client, _, word = data.decode("ascii", "replace").partition(" ")
+                known = client, word == keys.TAKES_PARTS
+                if len(self._senders) >= _MAX_SENDERS:
+                    self._senders.clear()
+                self._senders[data] = known
+            client, takes_parts = self.clients.known(known[0]), known[1]
         return Reply(query, key, client, takes_parts, size, self.replies)
 
     def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
