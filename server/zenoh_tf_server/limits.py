@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
 
@@ -38,8 +39,13 @@ class Limits:
     )
     depth: int = _limit(
         1000,
-        "links that a lookup climbs from either frame",
-        "the lookup fails",
+        "links between a frame and its root, and links that a lookup climbs from either frame",
+        "a write that puts a frame deeper is refused, a lookup in the past fails",
+    )
+    memory: int = _limit(
+        4 << 30,
+        "bytes of all samples together; the flag also takes 512MB or 4G (of 1024³ bytes)",
+        "a write that needs more is refused",
     )
     rows: int = _limit(
         100_000,
@@ -164,7 +170,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     for entry in fields(Limits):
         group.add_argument(
             _flag(entry.name),
-            type=_positive,
+            type=_bytes if entry.name == "memory" else _positive,
             default=entry.default,
             metavar="N",
             help=f"{entry.metadata['meaning']} (default: %(default)s)",
@@ -180,6 +186,15 @@ def _positive(text: str) -> int:
     if not text.isascii() or not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer of at least 1")
     return int(text)
+
+
+def _bytes(text: str) -> int:
+    """A number of bytes of at least 1 MiB, as in "512MB" or "4G"."""
+    match = re.fullmatch(r"([0-9]+)([KMG]?)B?", text.upper(), re.ASCII)
+    value = int(match[1]) << {"": 0, "K": 10, "M": 20, "G": 30}[match[2]] if match else 0
+    if value < 1 << 20 or value >= 1 << 62:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of bytes of at least 1 MB")
+    return value
 
 
 def page() -> Iterator[str]:
@@ -202,10 +217,13 @@ def page() -> Iterator[str]:
     yield ""
     yield "Some limits are fixed: 255 bytes in a tree's name, as many bytes in an authority's"
     yield "name as in a frame's, and 4,096 authorities per tree. A lookup that climbs more than"
-    yield "`depth` links fails with `LookupException`, as in tf2. A frame that was removed, or"
-    yield "dropped by a reset, keeps its place among the `frames`; its name may come back without"
-    yield "needing another. The embedded `TransformTree` takes the first four limits as"
-    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes` and `max_depth`."
+    yield "`depth` links fails with `LookupException`, as in tf2. If there is no room for a new"
+    yield "authority, those that own no frame are forgotten, the least recently used first. A"
+    yield "frame that was removed, or dropped by a reset, keeps its place among the `frames`; its"
+    yield "name may come back without needing another. Memory of samples that is not used any"
+    yield "more counts until a frame needs it again. The embedded `TransformTree` takes the first"
+    yield "five limits as `max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
+    yield "`max_memory_bytes`."
 
 
 if __name__ == "__main__":

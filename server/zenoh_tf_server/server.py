@@ -60,6 +60,7 @@ class Server:
             max_samples_per_frame=limits.samples_per_frame,
             max_name_bytes=limits.name_bytes,
             max_depth=limits.depth,
+            max_memory_bytes=limits.memory,
             one_authority_per_frame=settings.one_authority_per_frame,
             time_jump=settings.time_jump,
         )

@@ -29,7 +29,6 @@ EVENTS = {
     "interpolated",
     "older parent stands",
     "past loop",
-    "too deep",
     "refused: too old in a transaction",
     "refused: cycle",
     "refused: too deep",
