@@ -95,6 +95,7 @@ class Server:
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
             stack.callback(service.close)
+            service.add_counters(replies.counters)
             ingest = Ingest(
                 service.commit,
                 service.puts,

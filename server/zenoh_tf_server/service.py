@@ -71,6 +71,7 @@ class Service:
         self._reply_cache = ReplyCache(limits)
         self.name = name
         self.requests = RequestCounters()
+        self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
@@ -109,6 +110,10 @@ class Service:
     def stats(self) -> dict[str, int]:
         """The counters of the tree and of the server; `metric_table` declares each key."""
         return self.tree.stats() | self._counters()
+
+    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
+        """Let `stats` have the counters of another part of the server too."""
+        self._more_counters.append(counters)
 
     def authorities(self) -> list[dict[str, Any]]:
         """The records of all authorities, with what was refused of each."""
@@ -340,7 +345,11 @@ class Service:
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
+        counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        counters |= self._links.counters()
+        for more in self._more_counters:
+            counters |= more()
+        return counters
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
