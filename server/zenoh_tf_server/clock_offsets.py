@@ -124,7 +124,7 @@ class ClockOffsets:
             ]
 
     def suspicious(self) -> list[tuple[str, str]]:
-        """Authorities and clients whose clock seems wrong: who, and why."""
+        """Authorities and clients whose clock seems wrong: whose, and why."""
         with self._lock:
             all_windows = [
                 (f"{kind} {name!r}", kind, window.interval_s())
@@ -132,8 +132,8 @@ class ClockOffsets:
                 for name, window in windows.items()
             ]
         return [
-            (who, reason)
-            for who, kind, (least, greatest) in all_windows
+            (owner, reason)
+            for owner, kind, (least, greatest) in all_windows
             if (reason := _judge(kind, least, greatest)) is not None
         ]
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -262,20 +262,21 @@ class Ingest:
         return source
 
     def _count_lost(self, lost: list[Put]) -> None:
-        statics = [put for put in lost if put.static]
+        """Count and log puts that a queue had no room for."""
+        dropped = Counter(put.authority for put in lost if not put.static)
+        for authority, count in dropped.items():
+            self._refusals.drop(authority, count)
+            self._log.warn(
+                f"puts of {quoted(authority)}",
+                "its queue is full, so its oldest puts are dropped: it sends more than this "
+                "server can commit beside the others",
+            )
         for put in lost:
-            if not put.static:
-                self._refusals.drop(put.authority)
-                self._log.warn(
-                    f"puts of {quoted(put.authority)}",
-                    "its queue is full, so its oldest puts are dropped: it sends more than this "
-                    "server can commit beside the others",
-                )
-        for put in statics:
-            error = self._limits.exceeded("put_queue_bytes", put.size + self._max_queue_bytes)
-            self._refuse("", put.authority, 1, error)
+            if put.static:
+                error = self._limits.exceeded("put_queue_bytes", put.size + self._max_queue_bytes)
+                self._refuse("", put.authority, 1, error)
         with self._lock:
-            self._counters.dropped_by_queue += len(lost) - len(statics)
+            self._counters.dropped_by_queue += dropped.total()
 
     # --- committing
 

@@ -52,10 +52,10 @@ class Refusals:
             entry.transforms += transforms
             entry.last_reason = reason[:_MAX_REASON]
 
-    def drop(self, authority: str) -> None:
-        """Count a put of `authority` that was dropped because its queue was full."""
+    def drop(self, authority: str, puts: int) -> None:
+        """Count puts of `authority` that were dropped because its queue was full."""
         with self._lock:
-            self._entry(authority).dropped_puts += 1
+            self._entry(authority).dropped_puts += puts
 
     def add_to(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """The tree's authority records with what was refused, and records of the others."""

@@ -9,9 +9,7 @@
 
 namespace ztf {
 
-void CommitExecution::reserve() {
-  (void)changed_.reserve(plan_.groups().size());
-}
+void CommitExecution::reserve() { (void)changed_.reserve(plan_.groups().size()); }
 
 void CommitExecution::apply() noexcept {
   // Readers may have taken these lines back since the plan prefetched them.
@@ -34,12 +32,11 @@ void CommitExecution::restart_history(const FrameWrites& group) noexcept {
   FrameEvents& events = tree_.events_[group.child];
   tree_.time_jumps_.fetch_add(1);
   increment(events.time_jumps);
-  tree_.event_log_.add(
-      {.kind = TreeEvent::Kind::time_jump,
-       .frame = group.child,
-       .authority = plan_.names().authority(),
-       .stamp = plan_.write(group.begin).stamp,
-       .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
+  tree_.event_log_.add({.kind = TreeEvent::Kind::time_jump,
+                        .frame = group.child,
+                        .authority = plan_.names().authority(),
+                        .stamp = plan_.write(group.begin).stamp,
+                        .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
   clear_history(*group.frame);
 }
 

@@ -201,8 +201,8 @@ bool CommitPlan::is_append(const FrameWrites& group) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;
   const RowWrite& write = writes_[group.begin];
-  return group.end - group.begin == 1 && !request_.is_static &&
-         frame.count.load(relaxed) > 0 && frame.latest.stamp.load(relaxed) < write.stamp &&
+  return group.end - group.begin == 1 && !request_.is_static && frame.count.load(relaxed) > 0 &&
+         frame.latest.stamp.load(relaxed) < write.stamp &&
          frame.parent.load(relaxed) == write.parent &&
          frame.authority.load(relaxed) == names_.authority();
 }
@@ -291,8 +291,7 @@ void CommitPlan::reserve_memory() {
   if (request_.is_static) return;
   for (FrameWrites& group : groups_) {
     const Frame& frame = *group.frame;
-    const std::uint64_t kept =
-        group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
+    const std::uint64_t kept = group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
     if (!group.is_append || needs_larger_ring(frame, kept, 1, limits_)) prepare_ring(group);
   }
 }
@@ -316,7 +315,8 @@ void CommitPlan::prepare_ring(FrameWrites& group) {
     if (!group.restarts && should_merge(frame, oldest_new, stored)) {
       list_samples();
       prepared_rings_.push_back(merged_ring(frame, false, samples, limits_, tree_.ring_arena_));
-    } else if (const std::uint64_t kept = group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
+    } else if (const std::uint64_t kept =
+                   group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
                needs_larger_ring(frame, kept, stored, limits_)) {
       prepared_rings_.push_back(grown_ring(frame, stored, limits_, tree_.ring_arena_));
     } else {

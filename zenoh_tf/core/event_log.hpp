@@ -1,7 +1,8 @@
 // What happened to frames that their users should hear about: time jumps, late samples, conflicts.
 //
 // Thread safety: every function. The mutex is taken last of all, and only for rare events.
-// Invariant: bounded. Events of one kind and frame are one entry, and what finds no room is counted.
+// Invariant: bounded. Events of one kind and frame are one entry, and what finds no room is
+// counted.
 #pragma once
 
 #include <mutex>
