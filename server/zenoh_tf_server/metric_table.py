@@ -69,6 +69,12 @@ FROM_STATS: Final[dict[str, Metric]] = {
     ),
     "evicted": _counter("samples_evicted", "samples removed because a link's history was full"),
     "time_jumps": _counter("time_jumps", "times that the clock was seen to be set back"),
+    "flagged_as_future": _counter(
+        "flagged_as_future", "published transforms stored although they are from the future"
+    ),
+    "dropped_by_queue": _counter(
+        "puts_dropped", "published messages dropped because too many of an authority were waiting"
+    ),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
     "bad_puts": _counter("puts_refused", "published messages that were refused"),
@@ -98,6 +104,18 @@ FROM_AUTHORITIES: Final[dict[str, Metric]] = {
         "conflicts_total", "counter", "frames taken over from another authority"
     ),
     "refused": _per_authority("transforms_refused_total", "counter", "transforms refused"),
+    "dropped_by_queue": _per_authority(
+        "puts_dropped_total", "counter", "messages dropped because too many were waiting"
+    ),
+    "clock_offset_min_s": _per_authority(
+        "clock_offset_min_seconds", "gauge", "least lead of its stamps over their arrival"
+    ),
+    "clock_offset_max_s": _per_authority(
+        "clock_offset_max_seconds", "gauge", "greatest lead of its stamps over their arrival"
+    ),
+    "stamp_age_s": _per_authority(
+        "stamp_age_seconds", "gauge", "age of the newest stamp of its last message on arrival"
+    ),
 }
 
 #: Fields of an authority's record that are no metrics.

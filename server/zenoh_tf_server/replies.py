@@ -33,7 +33,7 @@ from zenoh_tf.errors import LimitExceeded, ServerBusy
 
 from .lanes import busy
 from .limits import Limits
-from .outbox_links import UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
+from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -358,8 +358,10 @@ class Replies:
         timeout_ms = _POLL_MS
         for outbox in stuck:
             full = self._links.full_link(outbox.client)
-            if full is None:
-                timeout_ms = _ASK_AGAIN_MS
+            if full is None and outbox.queue[0].in_parts:
+                timeout_ms = 0
+            elif full is None or full == BROKEN:
+                timeout_ms = min(timeout_ms, _ASK_AGAIN_MS)
             else:
                 poll.register(full, select.POLLOUT)
         if self._handed_over:
