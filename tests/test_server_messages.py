@@ -180,25 +180,6 @@ def _wait(tf: TransformClient, counter: str, value: int) -> None:
         time.sleep(0.01)
 
 
-def test_more_pending_queries_than_allowed(start_server: StartServer) -> None:
-    server = start_server("--max-pending-queries", "1", "--workers", "1")
-    stamps = np.arange(20_000)
-    with server.connect() as tf, ThreadPoolExecutor(16) as pool:
-        tf.set_transform(StampedTransform("map", "base", 1, Transform()))
-
-        def ask(_: int) -> str:
-            try:
-                tf.sample("map", "base", stamps)
-            except LimitExceeded as error:
-                assert (error.field, error.limit) == ("pending_queries", 1)
-                return "refused"
-            return "answered"
-
-        outcomes = list(pool.map(ask, range(64)))
-        assert {"refused", "answered"} == set(outcomes)
-        assert tf.can_transform("map", "base")
-
-
 def garbage(seed: int) -> Iterator[bytes]:
     """Random bytes, truncated and damaged messages, and headers that claim gigabytes."""
     rng = random.Random(seed)

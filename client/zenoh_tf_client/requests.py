@@ -314,8 +314,8 @@ def _optional_stamp(stamp_ns: int | None) -> int | None:
     return None if stamp_ns is None else columns.stamp(stamp_ns)
 
 
-def hello() -> Request[dict[str, Any]]:
-    return _info(dict, "hello")
+def hello(user: str | None = None, client: str | None = None) -> Request[dict[str, Any]]:
+    return _info(dict, "hello", user=user, client=client)
 
 
 def frames() -> Request[list[str]]:

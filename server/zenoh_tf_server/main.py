@@ -18,7 +18,7 @@ from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import printable
 
-from . import flags, logs
+from . import flags, logs, security
 from .metrics import MetricsMissing
 from .network import NetworkError
 from .operations import Operations
@@ -36,11 +36,12 @@ log = logging.getLogger("zenoh_tf.server")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = flags.parser()
-    options = parser.parse_args(arguments)
-    flags.check(parser, options)
+    options = flags.parse(arguments)
     logs.setup(options.log_level, options.log_format)
     settings = flags.settings(options)
+    warning = None if settings.connect else security.exposure(settings.security, settings.listen)
+    if warning is not None:
+        log.warning(warning)
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))

@@ -20,9 +20,9 @@ from .link_sockets import LinkSocket, LinkSockets
 UNCHECKED_ROOM: Final = 60_000
 #: No more at once, so that clients take turns.
 _MAX_ROOM: Final = 1 << 20
-#: A reply that cannot be sent in parts needs a link that has sent all before. Up to this size it
-#: then fits into the kernel's buffers of a usual system.
-WHOLE_ROOM: Final = 8 << 20
+#: The longest reply to a client that takes no parts. It is sent when nothing is before it, and then
+#: fits into the kernel's buffer of a usual system.
+WHOLE_ROOM: Final = 2 << 20
 
 
 class OutboxLinks:
@@ -53,10 +53,11 @@ class OutboxLinks:
         return any(link is None for link in self._links(client))
 
     def full_link(self, client: str) -> int | None:
-        """The file descriptor of a link that takes no more now, to wait for."""
+        """The file descriptor of a link that takes no more now. None: there is none that a poll
+        can wait for."""
         for link in self._links(client):
             if link is not None and not link.is_writable():
-                return link.fd
+                return None if link.is_broken() else link.fd
         return None
 
     def cut_full(self, client: str) -> bool:

@@ -18,6 +18,8 @@ from .limits import Limits
 from .link_sockets import LinkSockets
 from .outbox_links import OutboxLinks
 from .replies import Replies
+from .request_guard import RequestGuard
+from .security import OPEN, Security
 from .service import Service
 from .state import State, StateSettings
 from .workers import Workers
@@ -37,6 +39,7 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    security: Security = OPEN
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
 
@@ -61,7 +64,9 @@ class Server:
         with ExitStack() as stack:
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
-            session = network.open_session(settings.listen, settings.connect, limits)
+            session = network.open_session(
+                settings.listen, settings.connect, limits, settings.security, settings.tree
+            )
             stack.callback(session.close)
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
@@ -71,12 +76,14 @@ class Server:
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            replies = Replies(OutboxLinks(sockets, clients), limits)
+            guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
+            guard.certificate_of = network.certificates(session)
+            self.service = service = Service(
+                tree, settings.tree, self.instance, limits, loop, state.links, guard
+            )
+            replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
-            self.service = service = Service(
-                tree, settings.tree, self.instance, limits, loop, state.links
-            )
             stack.callback(service.close)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)

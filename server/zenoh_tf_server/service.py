@@ -30,6 +30,7 @@ from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
+from .request_guard import RequestGuard
 from .state_file import Stored
 from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
@@ -49,7 +50,9 @@ class Service:
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
         links: StaticLinks | None = None,
+        guard: RequestGuard | None = None,
     ) -> None:
+        self.guard = guard or RequestGuard()
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -68,13 +71,22 @@ class Service:
             "batch": self._batch,
             "info": lambda message, reply_to: reply_to(self._pack(self._run_info(message)), False),
             "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
+            "hello": lambda message, reply_to: reply_to(
+                self._pack({"value": self._hello(message)}), False
+            ),
         }
 
-    def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
-        """Reply to one request. Never raises: an error is the reply."""
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply.
+
+        `chunk` is what stands behind the operation in the query's key.
+        """
         counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
+            self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -305,14 +317,15 @@ class Service:
 
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
-            return {"value": self._hello()}
+            return {"value": self._hello(message)}
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
         return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
 
-    def _hello(self) -> dict[str, Any]:
-        return {
+    def _hello(self, message: wire.Message) -> dict[str, Any]:
+        access = self.guard.access(message)
+        return ({} if access is None else {"access": access}) | {
             "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
