@@ -59,7 +59,7 @@ chaos: native ## 200,000 remote transactions under kills, stops, partitions and 
 fuzz: native ## 1,000,000 damaged messages through Zenoh, then coverage-guided fuzzing; FUZZ=20000 and FUZZ_S=30 are short
 	@FUZZ=$(or $(FUZZ),1000000) $(BIN)/python -m pytest tests/fuzz -s $(ARGS)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "atheris>=3.0"
-	@for target in decoder handler key; do \
+	@for target in decoder handler key config; do \
 		$(BIN)/python -m tests.fuzz.coverage $$target -max_total_time=$(or $(FUZZ_S),600) || exit 1; \
 	done
 
