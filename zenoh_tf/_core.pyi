@@ -61,6 +61,7 @@ class Tree:
         max_depth: int = 1000,
         one_authority_per_frame: bool = False,
         time_jump: Literal["reject", "clear"] = "reject",
+        max_memory_bytes: int = 0,
     ) -> None: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
@@ -288,8 +289,9 @@ class Tree:
     def stats(self) -> dict[str, int]:
         """Return counters of the whole tree, by name.
 
-        `frames`, `static_links`, `samples` and `waiters` (lookups that wait now) count what there
-        is; `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
+        `frames`, `static_links`, `samples`, `memory_bytes` (of all samples, with the memory
+        that waits to be used again) and `waiters` (lookups that wait now) count what there is;
+        `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
         than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...
@@ -344,6 +346,7 @@ class Tree:
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
+    def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
 class WakeQueue:

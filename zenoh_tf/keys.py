@@ -136,6 +136,17 @@ def puts(tree: str, *, static: bool) -> str:
     return f"{PREFIX}/{escape(tree, 'tree')}/{'static' if static else 'set'}/*"
 
 
+def all_puts(tree: str) -> str:
+    """A key expression of all puts of a tree, static and not, and of other keys (`put_kind`)."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/*/*"
+
+
+def put_kind(key: str) -> str | None:
+    """``set`` or ``static`` of a put's key; None for any other key of a tree."""
+    kind = key.rpartition("/")[0].rpartition("/")[2]
+    return kind if kind in ("set", "static") else None
+
+
 def server(tree: str, instance: str) -> str:
     """The key of a server's liveliness token."""
     return f"{PREFIX}/{escape(tree, 'tree')}/server/{escape(instance, 'instance')}"

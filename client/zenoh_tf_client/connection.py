@@ -100,6 +100,7 @@ class Connection:
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
         self._server: ServerInfo | None = None
+        self._round_trip_ns: int | None = None  # of the last hello
         #: What this client may do; None if the server has no access rules.
         self._access: Access | None = None
         # A request id: random per connection, then counted.
@@ -328,7 +329,10 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> ServerInfo:
-        request = requests.hello(self._credentials.user, self._client_id)
+        request = requests.hello(
+            self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
+        )
+        begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
         reply = self._query(self._keys["hello"], payload, timeout_s)
         if isinstance(reply, _NoReply) and reply.at_once:
@@ -337,6 +341,7 @@ class Connection:
         now_ns = time.monotonic_ns()
         if isinstance(reply, _NoReply):
             raise ServerUnavailable(reply.reason)
+        self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
         access = value.get("access")
         user = self._credentials.user

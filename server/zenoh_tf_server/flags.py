@@ -13,7 +13,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import config_file, limits, logs, operations, security, state
+from . import config_file, future_stamps, limits, logs, operations, security, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -55,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
     security.add_flags(flags)
     logs.add_flags(flags)
     operations.add_flags(flags)
+    future_stamps.add_flags(flags)
     state.add_flags(flags)
     limits.add_flags(flags)
     return flags
@@ -86,8 +87,9 @@ def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
         choices=("reject", "clear"),
         default="reject",
         help="what to do with a transform that is older than its frame's newest by more than the "
-        "cache time. reject: drop it, because it is late. clear: simulated time was set back, so "
-        "drop all but static transforms, then store it (default: %(default)s)",
+        "cache time. reject: drop it, because it is late. clear: if a second one follows that is a "
+        "little newer, simulated time was set back, so clear this frame's history, and store it "
+        "(default: %(default)s)",
     )
 
 
@@ -140,6 +142,7 @@ def settings(options: argparse.Namespace) -> Settings:
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
+        future=future_stamps.from_flags(options),
         security=options.security,
         operations=operations.from_flags(options),
         state=state.from_flags(options),

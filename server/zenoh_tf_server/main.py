@@ -32,6 +32,10 @@ CANNOT_START = 2
 #: that takes longer than this is ended by force.
 _STOP_TIMEOUT_S = 1.2
 
+#: How long a thread may keep the interpreter while others wait for it. A single lookup takes it
+#: several times, and beside long requests waits as long each time; the default is 5 ms.
+_SWITCH_INTERVAL_S = 0.0005
+
 log = logging.getLogger("zenoh_tf.server")
 
 
@@ -52,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 async def serve(settings: Settings) -> NoReturn:
     """Serve until SIGINT or SIGTERM, then end the process."""
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     operations = Operations(settings.operations)

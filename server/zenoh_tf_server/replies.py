@@ -33,7 +33,7 @@ from zenoh_tf.errors import LimitExceeded, ServerBusy
 
 from .lanes import busy
 from .limits import Limits
-from .outbox_links import UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
+from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -161,6 +161,7 @@ class Replies:
         self._lock = threading.Lock()
         self._outboxes: dict[str, _Outbox] = {}
         self._held_bytes = 0  # of all outboxes
+        self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
         self._closing = False
         self._woken, self._wake = socket.socketpair()
@@ -206,12 +207,16 @@ class Replies:
         limits, held, all_held = self._limits, outbox.held_bytes, self._held_bytes
         if held > 2 * limits.unread_reply_bytes:
             # It goes on asking, and even the refusals are not read.
-            self._links.cut_full(client)
+            self._cut_off += self._links.cut_full(client)
         if held > limits.unread_reply_bytes:
             return busy(limits, "unread_reply_bytes", held)
         if all_held > limits.all_unread_reply_bytes:
             return busy(limits, "all_unread_reply_bytes", all_held)
         return None
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {"unread_reply_bytes": self._held_bytes, "clients_cut_off": self._cut_off}
 
     def too_long(self, size: int) -> bytes:
         """The reply in place of one that is too long for a client that takes no parts."""
@@ -301,6 +306,7 @@ class Replies:
         elif now_s - outbox.stuck_since_s > _CUT_OFF_S:
             outbox.stuck_since_s = now_s
             if self._links.cut_full(outbox.client):
+                self._cut_off += 1
                 log.warning(
                     "client %s has read nothing for %g s: closed its connection",
                     outbox.client or "(unknown)",
@@ -352,8 +358,10 @@ class Replies:
         timeout_ms = _POLL_MS
         for outbox in stuck:
             full = self._links.full_link(outbox.client)
-            if full is None:
-                timeout_ms = _ASK_AGAIN_MS
+            if full is None and outbox.queue[0].in_parts:
+                timeout_ms = 0
+            elif full is None or full == BROKEN:
+                timeout_ms = min(timeout_ms, _ASK_AGAIN_MS)
             else:
                 poll.register(full, select.POLLOUT)
         if self._handed_over:

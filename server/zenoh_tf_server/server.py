@@ -13,6 +13,8 @@ from zenoh_tf import TransformTree
 
 from . import network, operations, tree_claim
 from .clients import Clients
+from .event_reports import EventReports
+from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
 from .link_sockets import LinkSockets
@@ -39,6 +41,7 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    future: FutureStamps = field(default_factory=FutureStamps)
     security: Security = OPEN
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
@@ -79,15 +82,33 @@ class Server:
             guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
             guard.certificate_of = network.certificates(session)
             self.service = service = Service(
-                tree, settings.tree, self.instance, limits, loop, state.links, guard
+                tree,
+                settings.tree,
+                self.instance,
+                limits,
+                loop,
+                state.links,
+                guard,
+                settings.future,
             )
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
             stack.callback(service.close)
-            ingest = Ingest(service.commit, service.puts, service.refusals, limits)
+            service.add_counters(replies.counters)
+            ingest = Ingest(
+                service.commit,
+                service.puts,
+                service.refusals,
+                limits,
+                service.clocks,
+                settings.future,
+            )
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
+            reports = EventReports(tree, service.clocks)
+            stack.callback(reports.close)
+            reports.start()
             clients.start(session, settings.tree)
             workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)

@@ -1,15 +1,14 @@
 """The threads that receive and serve queries.
 
-Each query family (lookup, commit, batch, info, admin) has a Zenoh channel and its own threads. A
-short request is served by the thread that receives it: a hand-over to another thread would cost a
-sequential client a sixth of its rate. A family has one thread more than may serve at once. The
-thread that receives a query while all others serve puts it into the family's lane. So some thread
-always drains the channel: a full channel would block Zenoh's receive thread, and with it every
-client.
+Each query family (`keys.OPERATIONS`) has a Zenoh channel and its own threads. A short request is
+served by the thread that receives it: a hand-over to another thread would cost a sequential client
+a sixth of its rate. A family has one thread more than may serve at once. The thread that receives
+a query while all others serve puts it into the family's lane. So some thread always drains the
+channel: a full channel would block Zenoh's receive thread, and with it every client.
 
 Long requests go to lanes with threads of their own, so that short ones never wait behind them:
-one lane for long lookups, commits and batches, and one for the infos. `hello` is served as a short
-request, and its family serves nothing else: no work delays it.
+one lane for long lookups, commits and batches, and one for the infos. `hello` has a family of its
+own, and as an info is served like a short request: no work delays it.
 
 How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in `replies`. No
 reply blocks a thread of this module.
@@ -54,6 +53,7 @@ class Workers:
 
     def __init__(self, service: Service, clients: Clients, replies: Replies, count: int) -> None:
         budget = Budget(service.limits)
+        service.add_counters(budget.counters)
         shared = _Shared(service, clients, replies, budget)
         self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
         self._families = [
@@ -111,10 +111,13 @@ class _Shared:
             takes_parts = word == keys.TAKES_PARTS
         return Reply(query, key, client, takes_parts, size, self.replies)
 
-    def serve(self, query: zenoh.Query, operation: str, data: bytes) -> None:
-        """Run a request and reply to it."""
-        reply_to = self.reply_to(query, operation, len(data))
+    def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
+        """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
         try:
+            if data is None:
+                payload = query.payload
+                data = payload.to_bytes() if payload is not None else b""
+            reply_to = self.reply_to(query, operation, len(data))
             refusal = self.replies.refusal(reply_to.client)
             if refusal is None:
                 chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
@@ -158,9 +161,7 @@ class _LaneThreads:
 
     def _work(self) -> None:
         while (request := self.lane.wait()) is not None:
-            payload = request.query.payload
-            data = payload.to_bytes() if payload is not None else b""
-            self._shared.serve(request.query, request.operation, data)
+            self._shared.serve(request.query, request.operation)
 
 
 class _Family:
@@ -220,7 +221,6 @@ class _Family:
     def _receive(self, query: zenoh.Query) -> None:
         payload = query.payload
         size = len(payload) if payload is not None else 0
-        data = b""
         if size <= SHORT_BYTES:
             data = payload.to_bytes() if payload is not None else b""
             if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
@@ -244,9 +244,7 @@ class _Family:
         """Serve a query, and then what waits in the lane."""
         self._shared.serve(query, self._operation, data)
         while (request := self._next()) is not None:
-            payload = request.query.payload
-            data = payload.to_bytes() if payload is not None else b""
-            self._shared.serve(request.query, self._operation, data)
+            self._shared.serve(request.query, self._operation)
 
     def _next(self) -> Request | None:
         """The lane's next request. None: there is none, and this thread is not busy now."""
