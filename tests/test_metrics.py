@@ -151,7 +151,7 @@ def test_every_value_of_the_server_is_declared(server: ServerProcess) -> None:
 
 def test_every_declared_metric_is_exported_and_no_other(server: ServerProcess) -> None:
     with server.connect() as tf:
-        tf.broadcaster("a").send(link("base"))
+        tf.broadcaster("a").send(link("base", time.time_ns()))  # a put, which has an arrival
         names = {name for name, _ in until(server, lambda found: value(found, "frames") == 2)}
     plain = {re.sub(r"_(bucket|sum|count)$", "", name) for name in names}
     assert {name for name in plain if name.startswith("zenoh_tf_")} == {
@@ -279,6 +279,7 @@ def test_the_sum_of_the_other_authorities_never_falls() -> None:
     assert series.values([a])["a"]["stored"] == 1
     found = series.values([a, record("b", 10), record("c", 5)])
     assert (found[OTHER]["stored"], found[OTHER]["frames"]) == (15, 2)
+    assert "stamp_age_s" in found["a"] and "stamp_age_s" not in found[OTHER]
     found = series.values([a, record("b", 12)])  # c is forgotten
     assert (found[OTHER]["stored"], found[OTHER]["frames"]) == (17, 1)
     found = series.values([a, record("b", 12), record("c", 2)])  # and comes back

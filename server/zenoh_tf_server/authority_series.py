@@ -60,8 +60,8 @@ class AuthoritySeries:
                     grown = value - before.get(field, 0.0)
                     # Less than before: the authority was forgotten, and began again.
                     _add(self._other, {field: grown if grown >= 0 else value})
-                else:
-                    _add(gauges, {field: value})
+                elif not FROM_AUTHORITIES[field].name.endswith("_seconds"):
+                    _add(gauges, {field: value})  # a sum of times would tell nothing
         self._seen = others
         return {**self._other, **gauges}
 

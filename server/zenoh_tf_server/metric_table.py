@@ -48,6 +48,7 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "frames": _gauge("frames", "frames in the tree"),
     "static_links": _gauge("static_links", "static links in the tree"),
     "samples": _gauge("samples", "samples of all dynamic links"),
+    "memory_bytes": _gauge("tree_memory_bytes", "bytes that the tree's frames and samples take"),
     "waiters": _gauge("waiting_lookups", "lookups that wait for a transform"),
     "pending_queries": _gauge("queued_queries", "queries that wait for a worker"),
     "pending_bytes": _gauge("queued_query_bytes", "bytes of the queries that wait for a worker"),
