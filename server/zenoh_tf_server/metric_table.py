@@ -48,6 +48,7 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "frames": _gauge("frames", "frames in the tree"),
     "static_links": _gauge("static_links", "static links in the tree"),
     "samples": _gauge("samples", "samples of all dynamic links"),
+    "memory_bytes": _gauge("sample_memory_bytes", "bytes of all samples"),
     "waiters": _gauge("waiting_lookups", "lookups that wait for a transform"),
     "pending_queries": _gauge("queued_queries", "queries that wait for a worker"),
     "pending_bytes": _gauge("queued_query_bytes", "bytes of the queries that wait for a worker"),
@@ -117,6 +118,9 @@ FROM_AUTHORITIES: Final[dict[str, Metric]] = {
         "stamp_age_seconds", "gauge", "age of the newest stamp of its last message on arrival"
     ),
 }
+
+#: Fields of an authority's record whose sum over several authorities means nothing.
+NOT_SUMMED: Final = frozenset({"clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"})
 
 #: Fields of an authority's record that are no metrics.
 AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset({"name", "last_refusal"})

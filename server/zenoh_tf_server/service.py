@@ -116,8 +116,8 @@ class Service:
         self._more_counters.append(counters)
 
     def authorities(self) -> list[dict[str, Any]]:
-        """The records of all authorities, with what was refused of each."""
-        return self.refusals.add_to(self.tree._authority_records())
+        """The records of all authorities, with what was refused, and its clock."""
+        return self._info.authorities()
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
