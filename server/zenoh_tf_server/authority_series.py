@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from zenoh_tf.text import cut, printable
 
-from .metric_table import FROM_AUTHORITIES
+from .metric_table import FROM_AUTHORITIES, NOT_SUMMED
 
 OTHER: Final = "(other)"
 _MAX_LABEL_CHARS: Final = 100
@@ -60,8 +60,8 @@ class AuthoritySeries:
                     grown = value - before.get(field, 0.0)
                     # Less than before: the authority was forgotten, and began again.
                     _add(self._other, {field: grown if grown >= 0 else value})
-                elif not FROM_AUTHORITIES[field].name.endswith("_seconds"):
-                    _add(gauges, {field: value})  # a sum of times would tell nothing
+                elif field not in NOT_SUMMED:
+                    _add(gauges, {field: value})
         self._seen = others
         return {**self._other, **gauges}
 

@@ -119,6 +119,9 @@ FROM_AUTHORITIES: Final[dict[str, Metric]] = {
     ),
 }
 
+#: Fields of an authority's record whose sum over several authorities means nothing.
+NOT_SUMMED: Final = frozenset({"clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"})
+
 #: Fields of an authority's record that are no metrics.
 AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset({"name", "last_refusal"})
 
