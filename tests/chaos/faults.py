@@ -42,8 +42,9 @@ FAULTS = [
     ),
     Fault(
         "an outcome is forgotten early",
-        "self._entries[request_id] = _Entry(until_ns)",
-        "self._entries[request_id] = _Entry(now_ns)",
+        "self._entries[request_id] = _Entry(",
+        "self._entries[request_id] = (lambda *a: _Entry(*(1 if each is until_ns else each"
+        " for each in a)))(",
     ),
     Fault(
         "a commit is answered before it is applied",
