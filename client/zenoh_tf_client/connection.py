@@ -122,6 +122,11 @@ class Connection:
             self.close()
             raise
 
+    def __del__(self) -> None:
+        # Zenoh would close the session when it is freed, outside of `calls`.
+        if hasattr(self, "calls"):
+            self.calls.close()
+
     @property
     def instance(self) -> str:
         """Instance id of the server that answered last; asks for it if none is known."""

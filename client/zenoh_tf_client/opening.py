@@ -18,8 +18,10 @@ import zenoh
 
 from .session_calls import OPENING, note_zenoh_use
 
-#: The first attempt's time; each further one takes twice as long, for slow networks.
+#: The first attempt's time; the others take longer, for slow networks. A program that ends
+#: waits for the attempt that runs.
 _FIRST_ATTEMPT_S: Final = 1.0
+_MAX_ATTEMPT_S: Final = 3.0
 _MIN_ATTEMPT_S: Final = 0.05
 #: Zenoh's message after an attempt in which nobody answered; another attempt may succeed.
 NOBODY_THERE: Final = "Unable to connect"
@@ -69,4 +71,4 @@ def _open(
                 with contextlib.suppress(InvalidStateError):  # cancelled just now
                     opened.set_exception(error)
                 return
-        attempt_s *= 2
+        attempt_s = min(2 * attempt_s, _MAX_ATTEMPT_S)

@@ -28,8 +28,9 @@ import zenoh
 
 from zenoh_tf.errors import ServerUnavailable
 
-#: How long the exit handler waits for calls to return before it gives up.
-_EXIT_TIMEOUT_S = 2.0
+#: How long the exit handler waits for calls to return before it gives up: a session that the
+#: server does not let close takes 10 s.
+_EXIT_TIMEOUT_S = 11.0
 #: How long a caller waits until its session has closed, before it is left to close by itself.
 _CLOSE_TIMEOUT_S = 2.0
 #: How long a daemon thread sleeps, after the sessions were closed at exit, before it learns that.
@@ -103,6 +104,10 @@ class SessionCalls:
             if self._closed:
                 return
             self._closed = True
+            self._inside += 1  # the exit handler waits for it, too
+        if _exiting.is_set():  # no thread can be started any more
+            self._close()
+            return
         # Zenoh goes on trying for 10 s if the server does not take what is still to be sent.
         # Another thread waits for that, because it cannot be interrupted.
         closing = threading.Thread(target=self._close, name="close session", daemon=True)
@@ -110,8 +115,11 @@ class SessionCalls:
         closing.join(_CLOSE_TIMEOUT_S)
 
     def _close(self) -> None:
-        with contextlib.suppress(zenoh.ZError):
-            self._close_session()
+        try:
+            with contextlib.suppress(zenoh.ZError):
+                self._close_session()
+        finally:
+            self.__exit__(None, None, None)
 
     def wait_until_none(self, timeout_s: float) -> None:
         """Wait until no call is inside, or for `timeout_s`."""
@@ -148,11 +156,11 @@ def _close_all() -> None:
         return
     _exiting.set()
     with _all_lock:
-        still_open = [calls for calls in _all if not calls.closed]
-    for calls in still_open:
+        all_calls = list(_all)
+    for calls in all_calls:
         calls.close()
     deadline_s = time.monotonic() + _EXIT_TIMEOUT_S
-    for calls in still_open:
+    for calls in all_calls:
         calls.wait_until_none(max(0.0, deadline_s - time.monotonic()))
     _all_closed.set()
 
