@@ -22,7 +22,7 @@ void CommitExecution::apply(const WriteLocks& locks) noexcept {
   if (plan_.clears_samples()) clear_samples(locks.frames());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
-  update_heights();
+  if (!plan_.changed_links().empty()) update_heights();
   if (plan_.clears_samples()) {  // clear_samples() and apply_group() may list the same frame
     std::sort(changed_.begin(), changed_.end());
     changed_.set_size(
