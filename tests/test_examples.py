@@ -38,7 +38,10 @@ def test_sensor_and_client(server: Any) -> None:
     )
     try:
         with TransformClient.connect(server.endpoint) as tf:
-            since_ns = time.time_ns()
+            while not tf.can_transform("map", "camera"):
+                assert sensor.poll() is None
+                time.sleep(0.05)
+            since_ns = tf.lookup_transform("map", "camera").stamp_ns  # the start may take long
             while not tf.can_transform("map", "camera", since_ns + 10**9):
                 assert sensor.poll() is None
                 time.sleep(0.05)

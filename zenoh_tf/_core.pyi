@@ -346,6 +346,7 @@ class Tree:
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
+    def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
 class WakeQueue:

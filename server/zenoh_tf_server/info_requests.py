@@ -9,6 +9,7 @@ from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
 
+from .clock_offsets import ClockOffsets
 from .refusals import Refusals
 
 
@@ -16,11 +17,16 @@ class InfoRequests:
     """Answers `info` requests from a tree. Thread safety: all methods."""
 
     def __init__(
-        self, tree: TransformTree, refusals: Refusals, counters: Callable[[], dict[str, int]]
+        self,
+        tree: TransformTree,
+        refusals: Refusals,
+        clocks: ClockOffsets,
+        counters: Callable[[], dict[str, int]],
     ) -> None:
         """`counters`: the server's own counters, added to the tree's in `stats`."""
         self._tree = tree
         self._refusals = refusals
+        self._clocks = clocks
         self._counters = counters
 
     def value(self, message: wire.Message) -> Any:
@@ -32,7 +38,7 @@ class InfoRequests:
         if what == "frame":
             return tree._frame_record(wire.text(message, "frame"))
         if what == "authorities":
-            return self._refusals.add_to(tree._authority_records())
+            return self.authorities()
         if what == "parent":
             return tree.parent(wire.text(message, "frame"), _stamp(message))
         if what == "chain":
@@ -43,6 +49,10 @@ class InfoRequests:
         if what == "stats":
             return tree.stats() | self._counters()
         raise InvalidArgumentException(f"unknown info request {quoted(what)}", field="what")
+
+    def authorities(self) -> list[dict[str, Any]]:
+        """What is known of each authority: the fields of `zenoh_tf.AuthorityInfo`."""
+        return self._clocks.add_to(self._refusals.add_to(self._tree._authority_records()))
 
     def _velocity(self, message: wire.Message) -> dict[str, Any]:
         return self._tree._velocity_record(

@@ -49,39 +49,45 @@ class Budget:
         self.lock = threading.Lock()
         # Guarded by the lock.
         self._bytes = 0
-        self._client_bytes: dict[str, int] = {}
         self._count = 0
-        self._client_count: dict[str, int] = {}
+        self._clients: dict[str, list[int]] = {}  # client: bytes, number
 
     def add(self, request: Request) -> ServerBusy | None:
         """Count a request, or return why it is refused. Requires the lock."""
-        limits, client = self._limits, request.client
-        client_bytes = self._client_bytes.get(client, 0)
-        client_count = self._client_count.get(client, 0) + 1
-        for name, value, held in (
-            ("pending_queries", self._count + 1, self._count),
-            ("client_pending_queries", client_count, client_count - 1),
-            ("pending_bytes", self._bytes + request.cost, self._bytes),
-            ("client_pending_bytes", client_bytes + request.cost, client_bytes),
-        ):
-            # A request that is larger than the limit may wait alone.
-            if held and value > getattr(limits, name):
-                return busy(limits, name, value)
-        self._bytes += request.cost
+        limits, cost = self._limits, request.cost
+        used = self._clients.get(request.client)
+        if used is None:
+            used = [0, 0]
+        # A request that is larger than a limit may wait alone.
+        if self._count and self._count >= limits.pending_queries:
+            return busy(limits, "pending_queries", self._count + 1)
+        if used[1] and used[1] >= limits.client_pending_queries:
+            return busy(limits, "client_pending_queries", used[1] + 1)
+        if self._bytes and self._bytes + cost > limits.pending_bytes:
+            return busy(limits, "pending_bytes", self._bytes + cost)
+        if used[0] and used[0] + cost > limits.client_pending_bytes:
+            return busy(limits, "client_pending_bytes", used[0] + cost)
+        self._bytes += cost
         self._count += 1
-        self._client_bytes[client] = client_bytes + request.cost
-        self._client_count[client] = client_count
+        used[0] += cost
+        used[1] += 1
+        self._clients[request.client] = used
         return None
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {"pending_queries": self._count, "pending_bytes": self._bytes}
 
     def remove(self, request: Request) -> None:
         """Count a request no more. Requires the lock."""
-        client = request.client
-        self._bytes -= request.cost
+        cost = request.cost
+        used = self._clients[request.client]
+        self._bytes -= cost
         self._count -= 1
-        self._client_bytes[client] -= request.cost
-        self._client_count[client] -= 1
-        if not self._client_count[client]:
-            del self._client_count[client], self._client_bytes[client]
+        used[0] -= cost
+        used[1] -= 1
+        if not used[1]:
+            del self._clients[request.client]
 
 
 def busy(limits: Limits, name: str, value: int) -> ServerBusy:
@@ -101,6 +107,7 @@ class Lane:
         self._budget = budget
         self._queues: OrderedDict[str, deque[Request]] = OrderedDict()
         self._filled = threading.Condition(budget.lock)
+        self._waiting = 0  # threads in `wait`
         self._closed = False
 
     def put(self, request: Request) -> ServerBusy | None:
@@ -108,8 +115,12 @@ class Lane:
         with self._budget.lock:
             refusal = self._budget.add(request)
             if refusal is None:
-                self._queues.setdefault(request.client, deque()).append(request)
-                self._filled.notify()
+                queue = self._queues.get(request.client)
+                if queue is None:
+                    queue = self._queues[request.client] = deque()
+                queue.append(request)
+                if self._waiting:
+                    self._filled.notify()
             return refusal
 
     def take(self) -> Request | None:
@@ -125,7 +136,9 @@ class Lane:
             while (request := self._take()) is None:
                 if self._closed:
                     return None
+                self._waiting += 1
                 self._filled.wait()
+                self._waiting -= 1
             return request
 
     def close(self) -> None:

@@ -33,7 +33,7 @@ from zenoh_tf.errors import LimitExceeded, ServerBusy
 
 from .lanes import busy
 from .limits import Limits
-from .outbox_links import UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
+from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -109,24 +109,35 @@ class Reply:
         """How many bytes are not sent yet, with the message's own."""
         return len(self.data) - self._start + _OVERHEAD_BYTES
 
-    def send(self, room: int) -> bool:
-        """Send the reply, or as much of it as there is room for if it may come in parts. True:
-        that was the last, and the query is finished. The client of a query that is never finished
-        waits for its whole time-out."""
+    def send_whole(self) -> None:
+        """Send the reply and finish the query."""
         query = self._query
         try:
             if self._failed:
                 query.reply_err(self.data)
-            elif self._start == 0 and (not self.in_parts or self.left() <= room):
-                query.reply(self._key, self.data)
             else:
-                part = self.data[self._start : self._start + room - _OVERHEAD_BYTES]
-                self._start += len(part)
-                query.reply(self._key, part, attachment=str(len(self.data)).encode())
-                if self._start < len(self.data):
-                    return False
+                query.reply(self._key, self.data)
         except zenoh.ZError as error:  # the client has gone, or given up
             log.debug("cannot reply to %s: %s", query.key_expr, error)
+        query.drop()
+
+    def send(self, room: int) -> bool:
+        """Send the reply, or as much of it as there is room for if it may come in parts. True:
+        that was the last, and the query is finished. The client of a query that is never finished
+        waits for its whole time-out."""
+        if self._start == 0 and (not self.in_parts or self.left() <= room):
+            self.send_whole()
+            return True
+        query = self._query
+        part = self.data[self._start : self._start + room - _OVERHEAD_BYTES]
+        try:
+            query.reply(self._key, part, attachment=str(len(self.data)).encode())
+            self._start += len(part)
+        except zenoh.ZError as error:  # the client has gone, or given up
+            log.debug("cannot reply to %s: %s", query.key_expr, error)
+            self._start = len(self.data)
+        if self._start < len(self.data):
+            return False
         query.drop()
         return True
 
@@ -161,6 +172,7 @@ class Replies:
         self._lock = threading.Lock()
         self._outboxes: dict[str, _Outbox] = {}
         self._held_bytes = 0  # of all outboxes
+        self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
         self._closing = False
         self._woken, self._wake = socket.socketpair()
@@ -186,13 +198,18 @@ class Replies:
         outbox = self._outboxes.get(reply.client) or self._new_outbox(reply.client)
         size = len(reply.data) + _OVERHEAD_BYTES
         with outbox.lock:
-            now = not outbox.busy and self._spend(outbox, size, reply)
+            now = not outbox.busy
+            if now:
+                if outbox.credit >= size:  # the common case
+                    outbox.credit -= size
+                else:
+                    now = self._spend(outbox, size, reply)
             if not now:
                 self._hold(outbox, reply)
                 hand_over = not outbox.busy
                 outbox.busy = True
         if now:
-            reply.send(size)
+            reply.send_whole()
         elif hand_over:
             self._handed_over.append(outbox)
             self._wake_up()
@@ -206,12 +223,16 @@ class Replies:
         limits, held, all_held = self._limits, outbox.held_bytes, self._held_bytes
         if held > 2 * limits.unread_reply_bytes:
             # It goes on asking, and even the refusals are not read.
-            self._links.cut_full(client)
+            self._cut_off += self._links.cut_full(client)
         if held > limits.unread_reply_bytes:
             return busy(limits, "unread_reply_bytes", held)
         if all_held > limits.all_unread_reply_bytes:
             return busy(limits, "all_unread_reply_bytes", all_held)
         return None
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {"unread_reply_bytes": self._held_bytes, "clients_cut_off": self._cut_off}
 
     def too_long(self, size: int) -> bytes:
         """The reply in place of one that is too long for a client that takes no parts."""
@@ -301,6 +322,7 @@ class Replies:
         elif now_s - outbox.stuck_since_s > _CUT_OFF_S:
             outbox.stuck_since_s = now_s
             if self._links.cut_full(outbox.client):
+                self._cut_off += 1
                 log.warning(
                     "client %s has read nothing for %g s: closed its connection",
                     outbox.client or "(unknown)",
@@ -352,8 +374,10 @@ class Replies:
         timeout_ms = _POLL_MS
         for outbox in stuck:
             full = self._links.full_link(outbox.client)
-            if full is None:
-                timeout_ms = _ASK_AGAIN_MS
+            if full is None and outbox.queue[0].in_parts:
+                timeout_ms = 0
+            elif full is None or full == BROKEN:
+                timeout_ms = min(timeout_ms, _ASK_AGAIN_MS)
             else:
                 poll.register(full, select.POLLOUT)
         if self._handed_over:

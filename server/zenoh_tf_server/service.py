@@ -24,12 +24,16 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.text import quoted
 
+from .clock_offsets import ClockOffsets
+from .future_stamps import FutureStamps
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
+from .rate_limited_log import RateLimitedLog
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
+from .request_guard import RequestGuard
 from .state_file import Stored
 from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
@@ -49,7 +53,10 @@ class Service:
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
         links: StaticLinks | None = None,
+        guard: RequestGuard | None = None,
+        future: FutureStamps | None = None,
     ) -> None:
+        self.guard = guard or RequestGuard()
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -57,24 +64,35 @@ class Service:
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
-        self._info = InfoRequests(tree, self.refusals, self._counters)
+        self.clocks = ClockOffsets()
+        self._info = InfoRequests(tree, self.refusals, self.clocks, self._counters)
+        self._future = future or FutureStamps()
+        self._admin_log = RateLimitedLog(log)
         self._reply_cache = ReplyCache(limits)
         self.name = name
         self.requests = RequestCounters()
+        self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
             "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
             "batch": self._batch,
-            "info": lambda message, reply_to: reply_to(self._pack(self._run_info(message)), False),
+            "info": self._reply_to_info,
             "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
+            "hello": self._reply_to_hello,
         }
 
-    def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
-        """Reply to one request. Never raises: an error is the reply."""
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply.
+
+        `chunk` is what stands behind the operation in the query's key.
+        """
         counts = self.requests.begin()
         try:
             message = wire.unpack(payload, self.limits.message_bytes)
+            self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -92,6 +110,10 @@ class Service:
     def stats(self) -> dict[str, int]:
         """The counters of the tree and of the server; `metric_table` declares each key."""
         return self.tree.stats() | self._counters()
+
+    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
+        """Let `stats` have the counters of another part of the server too."""
+        self._more_counters.append(counters)
 
     def authorities(self) -> list[dict[str, Any]]:
         """The records of all authorities, with what was refused of each."""
@@ -221,20 +243,21 @@ class Service:
     def _run_commit(self, message: wire.Message) -> wire.Message:
         commit = wire.parse_commit(message)
         self.limits.check("rows", commit.rows)
+        self._future.check(commit)
         stored, ticket = self._commit(commit)
         self._links.wait(ticket)
         return wire.commit_reply(stored)
 
-    def commit(self, commit: wire.Commit) -> Any:
-        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped. Static links are stored
-        soon after."""
-        return self._commit(commit)[0]
+    def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
+        `max_stamp_ns`. Static links are stored soon after."""
+        return self._commit(commit, max_stamp_ns)[0]
 
-    def _commit(self, commit: wire.Commit) -> tuple[Any, int]:
+    def _commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
         """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
         if commit.static:
             return self._links.commit(commit)
-        stored = apply(self.tree, commit)
+        stored = apply(self.tree, commit, max_stamp_ns)
         return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     # --- batches, info and administration
@@ -288,6 +311,7 @@ class Service:
                     commit = wire.parse_commit(body)
                     rows += commit.rows
                     self.limits.check("rows", rows)
+                    self._future.check(commit)
                     stored, ticket = self._commit(commit)
                     if ticket != NO_TICKET:
                         tickets[len(replies)] = ticket
@@ -303,16 +327,33 @@ class Service:
                 replies[index] = {"error": wire.encode_error(error)}
         return {"replies": replies}
 
+    def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if message.get("what") == "hello":  # of a client from before this family
+            self._reply_to_hello(message, reply_to)
+        else:
+            reply_to(self._pack(self._run_info(message)), False)
+
+    def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if "clock_ns" in message:
+            told = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
+            self.clocks.client_told(reply_to.client, *told)
+        reply_to(self._pack({"value": self._hello(message)}), False)
+
     def _run_info(self, message: wire.Message) -> wire.Message:
         if wire.text(message, "what") == "hello":
-            return {"value": self._hello()}
+            return {"value": self._hello(message)}
         return {"value": self._info.value(message)}
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
+        counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        counters |= self._links.counters()
+        for more in self._more_counters:
+            counters |= more()
+        return counters
 
-    def _hello(self) -> dict[str, Any]:
-        return {
+    def _hello(self, message: wire.Message) -> dict[str, Any]:
+        access = self.guard.access(message)
+        return ({} if access is None else {"access": access}) | {
             "tree": self.name,
             "instance": self.instance,
             "server_version": version("zenoh-tf"),
@@ -324,14 +365,14 @@ class Service:
         what = wire.text(message, "what")
         if what == "clear":
             ticket = self._links.clear(wire.flag(message, "keep_static", True))
-            log.info("cleared the tree")
+            self._admin_log.info("clear", "cleared the tree")
         elif what == "reset":
             ticket = self._links.reset()
-            log.info("reset the tree: every frame is gone")
+            self._admin_log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.text(message, "name")
             ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %s", quoted(name))
+            self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
             raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
         self._links.wait(ticket)

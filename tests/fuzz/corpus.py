@@ -13,6 +13,21 @@ from .seeds import Mutator, seeds
 
 CORPUS = Path(__file__).parent / "corpus"
 _KEYS = ("main", "%", "%2F", "a%20b", "%25%0A", "\u2028", "é", "x" * 255, "%2f", "%ZZ")
+_CONFIG = b"""
+cache-time = 30.0
+listen = ["tls/0.0.0.0:7447"]
+[limits]
+rows = 1000
+[tls]
+certificate = "server.pem"
+key = "server.key"
+[users]
+file = "users"
+[[access]]
+users = ["nav"]
+may = ["read"]
+publish = ["wheels*"]
+"""
 
 
 def as_input(target: str, operation: str, payload: bytes) -> bytes:
@@ -28,6 +43,9 @@ def first_inputs(target: str) -> Iterator[bytes]:
     if target == "key":
         yield from (text.encode() for text in _KEYS)
         return
+    if target == "config":
+        yield _CONFIG
+        return
     for operation, body in seeds():
         yield as_input(target, operation, msgpack.packb(body))
 
@@ -39,8 +57,11 @@ def kept(target: str) -> Iterator[bytes]:
 
 
 def mutated(target: str, count: int, seed: object) -> Iterator[bytes]:
-    """Damaged messages, or for keys damaged texts."""
+    """Damaged messages, or for other targets damaged texts."""
     mutator = Mutator(seed)
-    for _ in range(count):
-        operation, payload = mutator.next()
-        yield payload[:300] if target == "key" else as_input(target, operation, payload)
+    texts = [] if target in ("decoder", "handler") else list(first_inputs(target))
+    for index in range(count):
+        if texts:
+            yield mutator.damaged(texts[index % len(texts)])
+        else:
+            yield as_input(target, *mutator.next())

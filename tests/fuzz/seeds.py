@@ -106,6 +106,12 @@ class Mutator:
             self._damage(payload)
         return operation, bytes(payload)
 
+    def damaged(self, data: bytes) -> bytes:
+        """The same bytes with some damage."""
+        changed = bytearray(data)
+        self._damage(changed)
+        return bytes(changed)
+
     def _changed(self, body: dict[str, Any]) -> dict[str, Any]:
         """One or two fields hold something else, are gone, or are new."""
         body = dict(body)

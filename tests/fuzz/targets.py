@@ -5,16 +5,20 @@ Each target takes any bytes, and raises AssertionError if something is wrong wit
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import atexit
 import functools
 import logging
+import tempfile
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf.errors import InvalidArgumentException, TransformException
+from zenoh_tf_server import config_file, flags
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.service import Service
 
@@ -131,8 +135,26 @@ def key(data: bytes) -> None:
     assert keys.last_name(keys.put("main", text, static=False)) == text
 
 
+@functools.cache
+def _flags() -> tuple[argparse.ArgumentParser, Path]:
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    return flags.parser(), Path(folder.name, "config.toml")
+
+
+def config(data: bytes) -> None:
+    """A configuration file is read, or refused with one line that names what is wrong."""
+    parser, path = _flags()
+    path.write_bytes(data)
+    try:
+        config_file.read(parser, path)
+    except InvalidArgumentException as error:
+        assert str(error)
+
+
 TARGETS: dict[str, Callable[[bytes], None]] = {
     "decoder": decoder,
     "handler": handler,
     "key": key,
+    "config": config,
 }

@@ -80,6 +80,7 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   out["reparented"] = load(events.reparented);
   out["switched"] = load(events.switched);
   out["authority_changes"] = load(events.authority_changes);
+  out["time_jumps"] = load(events.time_jumps);
   out["last_change"] = last_change(tree, info);
   return out;
 }
@@ -169,6 +170,37 @@ nb::dict stats(const Tree& tree) {
   return out;
 }
 
+// What happened since the last call: maps, and how many events found no room.
+nb::tuple take_events(Tree& tree) {
+  using Kind = TreeEvent::Kind;
+  const auto [events, lost] = tree.take_events();
+  const auto stamp = [](Stamp value) {
+    return value == kNoStamp ? nb::none() : nb::object(nb::int_(value));
+  };
+  // An authority of a commit that was rejected may have no name.
+  const auto authority = [&](AuthorityId id) {
+    return text(id <= tree.authorities() ? tree.authority(id) : std::string_view());
+  };
+  nb::list out;
+  for (const TreeEvent& event : events) {
+    nb::dict record;
+    record["kind"] = event.kind == Kind::late        ? "late"
+                     : event.kind == Kind::time_jump ? "time_jump"
+                     : event.kind == Kind::conflict  ? "conflict"
+                                                     : "reparented";
+    record["frame"] = name_or_none(tree, event.frame);
+    record["authority"] = authority(event.authority);
+    record["authority_before"] = authority(event.authority_before);
+    record["parent"] = name_or_none(tree, tree.info(event.frame).parent);
+    record["parent_before"] = name_or_none(tree, event.parent_before);
+    record["stamp_ns"] = stamp(event.stamp);
+    record["newest_stamp_ns"] = stamp(event.newest);
+    record["count"] = event.count;
+    out.append(record);
+  }
+  return nb::make_tuple(out, lost);
+}
+
 }  // namespace
 
 void bind_introspection(nb::class_<Tree>& tree) {
@@ -179,7 +211,8 @@ void bind_introspection(nb::class_<Tree>& tree) {
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats, ZTF_DOC(Tree_stats))
       .def("_frame_record", &frame_record, nb::arg("name"))
-      .def("_authority_records", &authority_records);
+      .def("_authority_records", &authority_records)
+      .def("_take_events", &take_events);
 }
 
 }  // namespace ztf

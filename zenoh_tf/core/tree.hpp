@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "counters.hpp"
+#include "event_log.hpp"
 #include "frame_info.hpp"
 #include "guards.hpp"
 #include "history.hpp"
@@ -47,8 +48,9 @@ struct Options {
   // a frame needs one of its capacity.
   std::uint64_t max_memory_bytes = 0;
   bool one_authority_per_frame = false;
-  // A dynamic row that is too old for its frame means that time was set back: the commit clears all
-  // dynamic samples and stores the row, instead of dropping or rejecting it.
+  // Two commits in a row whose rows of a frame are too old mean that time was set back, if the
+  // second's are newer: it clears the frame's history and stores its rows. Without this option it
+  // does so only if the history ends ahead of the real-time clock (CommitPlan::restarts_history).
   bool clear_on_time_jump = false;
 };
 
@@ -154,10 +156,13 @@ class Tree {
   [[nodiscard]] AuthorityCounts authority_counts(AuthorityId id) const noexcept {
     return authority_counters_.sum(id);
   }
-  // How often commits cleared all samples because time was set back.
+  // How often a frame's history was cleared because time was set back.
   [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
   // How many rows were dropped because they were later than CommitRequest::max_stamp.
   [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
+
+  // Returns what happened since the last call (event_log.hpp).
+  auto take_events() { return event_log_.take(); }
 
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
   void clear(bool keep_static);
@@ -248,6 +253,7 @@ class Tree {
   std::mutex topology_;
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
+  EventLog event_log_;
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
 };

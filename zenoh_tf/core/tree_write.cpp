@@ -39,12 +39,12 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
     plan.validate_read_set(locks);
   }
   if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
-  execution.reserve(locks);
+  execution.reserve();
   plan.check_expiry();
 
   // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
   locks.begin_write();
-  execution.apply(locks);
+  execution.apply();
   locks.release(execution.frames_with_new_version(locks));
   return PlanOutcome::ready;
 }
