@@ -89,8 +89,8 @@ FAULTS = [
         "readers are not held off",
         ("optimistic",),
         "tree_write.cpp",
-        "  locks.begin_write();\n  execution.apply(locks);\n",
-        "  execution.apply(locks);\n",
+        "  locks.begin_write();\n  execution.apply();\n",
+        "  execution.apply();\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",

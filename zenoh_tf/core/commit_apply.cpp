@@ -18,7 +18,7 @@ void CommitExecution::apply() noexcept {
   plan_.names().publish(plan_.children());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
-  update_heights();
+  if (!plan_.changed_links().empty()) update_heights();
   if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
   if (plan_.from_future() != 0) {
     tree_.from_future_.fetch_add(plan_.from_future(), std::memory_order_relaxed);

@@ -99,7 +99,7 @@ void CommitPlan::sort_rows() {
 }
 
 void CommitPlan::group_rows() {
-  give_back_rings();  // of an earlier attempt
+  if (prepared_rings_.size() != 0) give_back_rings();  // of an earlier attempt
   groups_.clear();
   children_.clear();
   FrameWrites* const groups = groups_.reserve(writes_.size());
@@ -130,10 +130,6 @@ void CommitPlan::validate_read_set(const WriteLocks& locks) const {
     const Version now = locked ? *locked : id ? tree_.frames_[id].version.current() : 0;
     if (now != request_.read_versions[i]) reject_conflict(request_.read_names[i]);
   }
-}
-
-void CommitPlan::check_expiry() const {
-  if (request_.expires_ns != CommitRequest::kNeverExpires) check_not_expired(request_);
 }
 
 PlanOutcome CommitPlan::decide(CommitScope scope) {

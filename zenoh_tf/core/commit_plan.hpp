@@ -62,7 +62,9 @@ class CommitPlan {
  public:
   // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
   CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
-  ~CommitPlan() { give_back_rings(); }
+  ~CommitPlan() {
+    if (prepared_rings_.size() != 0) give_back_rings();
+  }
   CommitPlan(const CommitPlan&) = delete;
   CommitPlan& operator=(const CommitPlan&) = delete;
 
@@ -88,7 +90,9 @@ class CommitPlan {
   void validate_read_set(const WriteLocks& locks) const;
 
   // Throws Rejected if the request has expired. To be called when nothing is left to wait for.
-  void check_expiry() const;
+  void check_expiry() const {
+    if (request_.expires_ns != CommitRequest::kNeverExpires) check_not_expired(request_);
+  }
 
   // Step 3: decides what each group stores, and reserves memory for it. Requires the write locks.
   // Throws Rejected and bad_alloc.
