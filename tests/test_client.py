@@ -16,8 +16,8 @@ from zenoh_tf.errors import (
     ExtrapolationException,
     ForwardExtrapolationException,
     InvalidArgumentException,
-    LimitExceeded,
     LookupException,
+    ServerBusy,
     ServerUnavailable,
     TransformException,
 )
@@ -368,7 +368,7 @@ def test_more_waiters_than_allowed(start_server: StartServer) -> None:
         waiting.start()
         while tf.stats()["waiters"] < 1:
             pass
-        with pytest.raises(LimitExceeded) as caught:
+        with pytest.raises(ServerBusy) as caught:
             tf.lookup_transform("a", "b", timeout_s=10.0)
         assert (caught.value.field, caught.value.limit) == ("waiters", 1)
         tf.set_transform(link("a", "b", 1 * S))

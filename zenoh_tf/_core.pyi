@@ -32,7 +32,8 @@ Rows = tuple[
     NDArray[np.int64],
     NDArray[np.int64],  # newest_stamp_ns (latest forms only)
     NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
-    list[tuple[int, Any]],  # (row, TransformException), for every row with a status
+    # (row, TransformException), for the rows with a status that the budget has room for
+    list[tuple[int, Any]],
     tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
 ]
 
@@ -46,6 +47,29 @@ def columns_of(
     NDArray[np.int64],
     NDArray[np.float64],
 ]: ...
+
+# The bytes that a MessagePack message takes when it is decoded, -1 if it is cut short or not
+# MessagePack, -2 if it is nested too deeply. Allocates nothing.
+def decoded_size(message: bytes) -> int: ...
+
+class Budget:
+    """What one message to the server may still cost. To take more than is left raises
+    `LimitExceeded`, which names the limit."""
+
+    def __init__(
+        self,
+        *,
+        links: int,  # climbed by its lookups
+        read_set: int,  # frames of one read set
+        listed: int,  # names listed and frames counted by info requests
+        reply_bytes: int,
+        error_bytes: int,  # of rows that fail; beyond it they have only their status
+    ) -> None: ...
+    def take_links(self, n: int) -> None: ...
+    def take_listed(self, n: int) -> None: ...
+    def take_reply(self, n: int) -> None: ...
+    @property
+    def listed_left(self) -> int: ...
 
 class Tree:
     """The native tree; see `zenoh_tf.TransformTree`."""
@@ -318,6 +342,8 @@ class Tree:
         *,
         atomic: bool = False,  # every row in one snapshot; OP_LATEST is then as OP_LATEST_XACT
         versions: bool = False,  # also return what was read, for a transaction
+        errors: bool = True,  # False: failed rows have only their status
+        budget: Budget | None = None,  # charged before the rows are looked up
     ) -> Rows: ...
     def _commit_rows(
         self,
@@ -343,6 +369,11 @@ class Tree:
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
+    def _frames_page(
+        self, after: int, most: int, budget: Budget
+    ) -> tuple[list[str], int | None]: ...  # names, `after` of the next page
+    def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
+    def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
@@ -360,7 +391,8 @@ class ParkedLookups:
     def start(self) -> bool:
         """Looks up every row once. True: all are complete, and no token will come."""
     def cancel(self) -> None: ...
-    def result(self, waited_s: float) -> Rows:
+    def links(self) -> int: ...  # how many frames the rows would watch now, at most
+    def result(self, waited_s: float, errors: bool = True, budget: Budget | None = None) -> Rows:
         """As `Tree._read_rows`; rows that still wait get what they would get now."""
 
 def park_lookups(
@@ -374,4 +406,6 @@ def park_lookups(
     stamp_ns: NDArray[np.int64],
     fixed: NDArray[np.uint32] | None = None,
     source_stamp_ns: NDArray[np.int64] | None = None,
+    # Frames that all waiting lookups of the tree may watch: beyond it, a row fails instead.
+    max_links: int = ...,
 ) -> ParkedLookups: ...

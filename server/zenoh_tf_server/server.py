@@ -60,6 +60,7 @@ class Server:
             stack.callback(clients.close)
             service = Service(tree, settings.tree, self.instance, limits, loop)
             stack.callback(service.close)
+            clients.when_gone(service.client_gone)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)

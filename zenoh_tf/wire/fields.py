@@ -15,6 +15,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import decoded_size
 from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
 
 VERSION: Final = 1
@@ -25,6 +26,10 @@ MAX_MAP_KEYS: Final = 256
 MAX_LIST: Final = 1 << 20
 #: Largest message by default; `--max-message-bytes` of the server changes it.
 MAX_MESSAGE_BYTES: Final = 16 << 20
+#: Largest reply. The server's replies are far smaller (`--max-reply-bytes`).
+MAX_REPLY_BYTES: Final = 256 << 20
+#: Characters of a value that an error quotes.
+_MAX_QUOTED: Final = 64
 
 U8: Final = np.dtype("u1")
 U32: Final = np.dtype("<u4")
@@ -33,6 +38,8 @@ I64: Final = np.dtype("<i8")
 F64: Final = np.dtype("<f8")
 
 Message = dict[str, Any]
+
+_NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
 
 
 class _Packers(threading.local):
@@ -63,11 +70,14 @@ def pack(message: Mapping[str, Any]) -> bytes:
         ) from error
 
 
-def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
-    """The map of a message.
+def unpack(
+    payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES, max_decoded_bytes: int | None = None
+) -> Message:
+    """The map of a message. Refuses it before it is decoded, if that would cost too much.
 
     Raises:
-        LimitExceeded: The payload has more than `max_bytes`.
+        LimitExceeded: The payload has more than `max_bytes`, or takes more than
+            `max_decoded_bytes` of memory when it is decoded.
         ProtocolError: It is not a message, or of another version of the protocol.
     """
     if len(payload) > max_bytes:
@@ -78,6 +88,7 @@ def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
             limit=max_bytes,
             value=len(payload),
         )
+    _check_cost(payload, max_decoded_bytes)
     try:
         message = _unpack(payload, "strict")
     except UnicodeDecodeError as error:
@@ -95,11 +106,27 @@ def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
         )
     if message.get("v") != VERSION or type(message["v"]) is not int:
         raise ProtocolError(
-            f"protocol version {message.get('v')!r} is not supported: this side has version "
+            f"protocol version {quoted(message.get('v'))} is not supported: this side has version "
             f"{VERSION}; update the older side",
             field="v",
         )
     return message
+
+
+def _check_cost(payload: bytes, max_bytes: int | None) -> None:
+    """Raise an error for a message that is cut short, nested too deeply, or too dear to decode."""
+    size = decoded_size(payload)
+    if size < 0:
+        reason = "nested too deeply" if size == _NESTED_TOO_DEEPLY else "cut short or not msgpack"
+        raise ProtocolError(f"the message is not a msgpack map: it is {reason}", field="message")
+    if max_bytes is not None and size > max_bytes:
+        raise LimitExceeded(
+            f"the message takes {size} bytes when it is decoded: the limit is {max_bytes} "
+            "(--max-decoded-bytes); send fewer rows at once",
+            field="decoded_bytes",
+            limit=max_bytes,
+            value=size,
+        )
 
 
 def _unpack(payload: bytes, unicode_errors: str) -> Any:
@@ -146,6 +173,15 @@ def _bad_text(value: Any, path: str) -> str | None:
     return None
 
 
+def quoted(value: Any) -> str:
+    """A value from a message for an error: cut off, and without the contents of lists and maps."""
+    if isinstance(value, (list, dict, bytes)):
+        return f"a {type(value).__name__} of length {len(value)}"
+    if isinstance(value, str) and len(value) > _MAX_QUOTED:
+        return repr(value[:_MAX_QUOTED] + "...")
+    return repr(value)
+
+
 def malformed(field: str, expected: str) -> ProtocolError:
     """The error of a field that is not as expected."""
     return ProtocolError(f"field {field!r} must be {expected}", field=field)
@@ -162,6 +198,24 @@ def text(message: Message, field: str, default: str | None = None) -> str:
     value = message.get(field, default)
     if type(value) is not str:
         raise malformed(field, "text")
+    return value
+
+
+def name(message: Message, field: str, max_bytes: int) -> str:
+    """A text of at most `max_bytes` in UTF-8.
+
+    Raises:
+        LimitExceeded: It is longer.
+    """
+    value = text(message, field)
+    if len(value) * 4 > max_bytes and (size := len(value.encode())) > max_bytes:
+        raise LimitExceeded(
+            f"{field} is {quoted(value)} of {size} bytes: the limit is {max_bytes} "
+            "(--max-name-bytes)",
+            field="name_bytes",
+            limit=max_bytes,
+            value=size,
+        )
     return value
 
 
