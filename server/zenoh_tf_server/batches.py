@@ -38,6 +38,11 @@ _PAUSE_S: Final = 20e-6
 class Operations(Protocol):
     """What the service does for the operations of a batch."""
 
+    def read_one(
+        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget
+    ) -> wire.Message | None:
+        """The reply to a single lookup, or None if it fails or is of an uncommon kind."""
+
     def read(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
         """The reply to a lookup that does not wait."""
 
@@ -68,7 +73,7 @@ class Batch:
             LimitExceeded: It has too many operations, or not even their errors fit in a reply.
         """
         self._list = wire.parse_batch(body)
-        limits.check("rows", len(self._list))
+        limits.check("operations", len(self._list))
         self._limits = limits
         self._instance = instance
         self._operations = operations
@@ -140,6 +145,10 @@ class Batch:
                 time.sleep(_PAUSE_S)
 
     def _lookup(self, body: wire.Message) -> wire.Message:
+        one = wire.parse_one_read(body)
+        if one is not None and (found := self._operations.read_one(*one, self._budget)):
+            self._count(1)
+            return found
         lookup = wire.parse_lookup(body)
         self._count(lookup.rows)
         if not lookup.timeout_ns:

@@ -20,6 +20,8 @@ _LARGE_TREE: Final = 100_000
 _COUNTS_AGE_S: Final = 1.0
 #: What a record of an authority costs, as a multiple of a name's.
 _RECORD: Final = 20
+#: What a frame of a chain costs, for which it is also looked up.
+_CHAINED: Final = 4
 #: A name of so many bytes counts twice, one of twice as many three times.
 _LONG_NAME: Final = 32
 
@@ -117,7 +119,7 @@ class InfoRequests:
         target, source = self._frame(message, "target"), self._frame(message, "source")
         budget.take_listed(1)
         names = self._tree.chain(target, source, _stamp(message))
-        budget.take_listed(len(names) + sum(map(len, names)) // _LONG_NAME)
+        budget.take_listed(min(len(names) * _CHAINED, budget.listed_left))
         return names
 
     def _velocity(self, message: wire.Message, budget: Budget) -> dict[str, Any]:

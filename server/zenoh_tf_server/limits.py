@@ -49,6 +49,11 @@ class Limits:
         "lookups or transforms in one message, over all operations of a batch",
         "the request is refused, a put is dropped and counted",
     )
+    operations: int = _limit(
+        25_000,
+        "operations of one batch",
+        "the request is refused",
+    )
     message_bytes: int = _limit(
         16 << 20,
         "bytes of one message",
@@ -56,7 +61,7 @@ class Limits:
         "times as much closes its sender's connection",
     )
     decoded_bytes: int = _limit(
-        128 << 20,
+        48 << 20,
         "bytes of memory that one message takes when it is decoded",
         "the request is refused, a put is dropped and counted",
     )

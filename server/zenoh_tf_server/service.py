@@ -113,7 +113,7 @@ class Service:
 
     def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         one = wire.parse_one_read(message)
-        if one is not None and (found := self._read_one(*one)) is not None:
+        if one is not None and (found := self.read_one(*one)) is not None:
             reply_to(self._pack(found), False)
             return
         lookup = wire.parse_lookup(message)
@@ -140,12 +140,16 @@ class Service:
 
         self.waiters.ask(lookups, reply_to.client, budget, settle, fail)
 
-    def _read_one(self, target: str, source: str, op: int, stamp_ns: int) -> wire.Message | None:
+    def read_one(
+        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget | None = None
+    ) -> wire.Message | None:
         """Fast path of a single lookup without options: the reply's fields, or None if the lookup
         fails or is of another kind. The general path then finds out why."""
         tree = self.tree
         newest_ns = None
         try:
+            if budget is not None:
+                budget.take_links(tree._links((target, source)) + 1)
             if op == wire.OP_AT and stamp_ns != wire.NO_STAMP:
                 found = tree.lookup_transform(target, source, stamp_ns)
             elif op == wire.OP_COMMON:
