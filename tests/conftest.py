@@ -31,6 +31,9 @@ def free_endpoint() -> str:
 class ServerProcess:
     """A running ``zenoh-tf-server``."""
 
+    #: How Python starts it.
+    START: tuple[str, ...] = ("-m", "zenoh_tf_server")
+
     def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
         self.endpoint = endpoint
         self.tree = tree
@@ -38,7 +41,7 @@ class ServerProcess:
         where = () if "--connect" in flags else ("--listen", endpoint)
         with log.open("a") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "zenoh_tf_server", *where, "--tree", tree, *flags],
+                [sys.executable, *self.START, *where, "--tree", tree, *flags],
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 text=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import ServerProcess, free_endpoint
+from .conftest import ServerProcess, StartServer, free_endpoint
 
 #: Zenoh looks for signals ten times a second in every thread that waits, so a script has to run
 #: for longer than that. Under load the interpreter takes longer to end, which widens the race.
@@ -97,7 +98,7 @@ waits = [tf2.Buffer().wait_for_transform_async("a", "never", tf2.Time()) for _ i
 }
 
 
-def run(script: str, *arguments: str) -> None:
+def run(script: str, *arguments: str, status: int = 0) -> None:
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
         capture_output=True,
@@ -105,7 +106,7 @@ def run(script: str, *arguments: str) -> None:
         timeout=50,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (status, "")
 
 
 def run_under_load(script: str, *arguments: str) -> None:
@@ -173,9 +174,64 @@ del tf, broadcaster
 gc.collect()
 assert [ref() for ref in gone] == [None, None]
 end = time.monotonic() + 10
-while "resend statics" in {thread.name for thread in threading.enumerate()}:
+while "announce statics" in {thread.name for thread in threading.enumerate()}:
     assert time.monotonic() < end, "the thread of a collected broadcaster goes on"
     time.sleep(0.01)
 """,
         endpoint,
     )
+
+
+def test_the_exit_status_is_the_scripts_own(endpoint: str) -> None:
+    script = CONNECT + NEVER_CLOSED["daemon threads that read"] + "\nsys.exit(3)\n"
+    for _ in range(RUNS):
+        run(script, endpoint, status=3)
+
+
+#: Nobody answers at an address of TEST-NET-1, nor at a port where nothing listens.
+@pytest.mark.parametrize("nobody", ["tcp/192.0.2.1:7447", "tcp/127.0.0.1:9"])
+def test_connect_hears_ctrl_c(nobody: str) -> None:
+    run(
+        """
+import os, signal, sys, threading, time
+from zenoh_tf_client import TransformClient
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+begun = time.monotonic()
+try:
+    TransformClient.connect(sys.argv[1], timeout_s=45)
+except KeyboardInterrupt:
+    assert time.monotonic() - begun < 20
+    sys.exit(5)
+""",
+        nobody,
+        status=5,
+    )
+
+
+def test_a_frozen_server_does_not_hold_up_a_program_that_ends(
+    start_server: StartServer,
+) -> None:
+    """A thread is blocked in a put, which Zenoh gives up after 5 s, and a close after 10 s."""
+    frozen = start_server()
+    script = (
+        CONNECT
+        + """
+import os, signal
+rows = [StampedTransform("a", f"b{row}", 1, Transform()) for row in range(10_000)]
+sensor = tf.broadcaster("sensor")
+def send():
+    try:
+        sensor.send(rows)
+    except TransformException:
+        time.sleep(60)
+forever(send)
+time.sleep(0.3)
+os.kill(int(sys.argv[2]), signal.SIGSTOP)
+time.sleep(1.0)
+if sys.argv[3] == "close":
+    tf.close()
+"""
+    )
+    for how in ("close", "exit"):
+        run(script, frozen.endpoint, str(frozen.process.pid), how)
+        frozen.send_signal(signal.SIGCONT)

@@ -19,7 +19,7 @@ PACKAGES = {
 }
 RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
-EXTRAS = {"rosbags": "zenoh_tf_client", "scipy": "zenoh_tf"}
+EXTRAS = {"rosbags": "zenoh_tf_client", "scipy": "zenoh_tf", "prometheus_client": "zenoh_tf_server"}
 
 
 def _imports(package: str) -> Iterator[tuple[Path, str]]:

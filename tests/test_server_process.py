@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 
 import pytest
 import zenoh
@@ -70,6 +71,40 @@ def test_signals_stop_it_cleanly(server: ServerProcess, number: signal.Signals) 
         waiting.join(5)
         assert "stopping" in str(failures[0])
     assert "Traceback" not in server.log
+
+
+#: A put of 1 MB, as often as the network takes it.
+FLOOD = """
+import sys
+import numpy as np
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+sensor = TransformClient.connect(sys.argv[1]).broadcaster(f"flood {sys.argv[2]}")
+rows = [StampedTransform("a", f"b{row}", 1, Transform()) for row in range(10_000)]
+print("ready", flush=True)
+while True:
+    sensor.send(rows)
+"""
+
+
+def test_sigterm_under_a_flood_of_large_puts(server: ServerProcess) -> None:
+    with ExitStack() as stack:
+        for number in range(3):
+            flood = stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-c", FLOOD, server.endpoint, str(number)],
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                )
+            )
+            stack.callback(flood.kill)
+            assert flood.stdout is not None
+            assert flood.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        server.send_signal(signal.SIGTERM)
+        assert server.process.wait(15) == 0
+    assert "stopping" in server.log
 
 
 def test_port_in_use(server: ServerProcess) -> None:

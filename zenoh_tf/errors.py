@@ -17,13 +17,18 @@
         ├── ServerRestarted                 the server instance of the earlier reads is gone
         ├── ProtocolError                   a message is malformed
         ├── ServerBusy                      the server has too much to do: try again later
-        └── AccessDenied                    the server's access rules do not allow this
+        ├── AccessDenied                    the server's access rules do not allow this
+        └── NotDurable                      a write was applied, but the server cannot store it
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
 apply is ``None``. The classes up to the extrapolation errors are tf2's.
 """
 
 from __future__ import annotations
+
+from typing import Final
+
+from .text import cut
 
 #: Field name -> meaning. The same names are used on the wire (docs/protocol.md).
 FACTS = {
@@ -43,8 +48,14 @@ FACTS = {
 }
 
 
+#: Characters of an error's message, and of a fact that is text. An error may name what a client
+#: sent, but must not repeat megabytes of it in replies and logs.
+MAX_MESSAGE_CHARS: Final = 2000
+MAX_FACT_CHARS: Final = 1000
+
+
 class TransformException(Exception):
-    """Base of every error; see the module's tree and ``FACTS``."""
+    """Base of every error; see the module's tree and ``FACTS``. Long texts are cut."""
 
     #: One byte in ``TransformArray.status`` and on the wire; 0 means no error.
     code = 1
@@ -64,11 +75,11 @@ class TransformException(Exception):
     retry_after_s: float | None = None
 
     def __init__(self, message: str = "", **facts: object) -> None:
-        super().__init__(message)
+        super().__init__(cut(message, MAX_MESSAGE_CHARS))
         for name, fact in facts.items():
             if name not in FACTS:
                 raise TypeError(f"unknown fact {name!r}")
-            setattr(self, name, fact)
+            setattr(self, name, cut(fact, MAX_FACT_CHARS) if isinstance(fact, str) else fact)
 
     @property
     def facts(self) -> dict[str, object]:
@@ -189,6 +200,13 @@ class AccessDenied(ServiceException):
     code = 18
 
 
+class NotDurable(ServiceException):
+    """The write was applied and all readers see it, but the server's disk does not take it: a
+    server that ends now loses it. The server goes on trying."""
+
+    code = 19
+
+
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
@@ -211,6 +229,7 @@ BY_CODE: dict[int, type[TransformException]] = {
         ProtocolError,
         ServerBusy,
         AccessDenied,
+        NotDurable,
     )
 }
 

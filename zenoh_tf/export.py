@@ -23,6 +23,9 @@ import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.text import printable
+
+__all__ = ["CLOCK_RANGE_S", "dot", "mermaid", "printable", "text"]
 
 #: A stamp farther than this from the clock counts as of another clock.
 CLOCK_RANGE_S = 24 * 3600
@@ -141,19 +144,6 @@ def mermaid(frames: Iterable[FrameInfo], now_ns: int | None = None) -> str:
     if not nodes:
         lines.append(f"    empty({_mermaid_label([_EMPTY])})")
     return "\n".join(lines)
-
-
-def printable(text: str) -> str:
-    """Return ``text`` with control characters escaped.
-
-    Anyone may name a frame, and a terminal executes control sequences.
-
-    Args:
-        text: A frame's or an authority's name.
-    """
-    return "".join(
-        char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
-    )
 
 
 def _walk(frames: Iterable[FrameInfo]) -> Iterator[tuple[str, FrameInfo]]:

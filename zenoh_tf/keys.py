@@ -20,6 +20,7 @@ import re
 from typing import Final
 
 from .errors import InvalidArgumentException
+from .text import quoted
 
 PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
@@ -76,7 +77,7 @@ def unescape(chunk: str) -> str:
         canonical = False
     if not canonical:
         raise InvalidArgumentException(
-            f"key chunk {chunk!r} is not a correctly escaped name: see docs/protocol.md",
+            f"key chunk {quoted(chunk)} is not a correctly escaped name: see docs/protocol.md",
             field="chunk",
         )
     return name
@@ -94,7 +95,8 @@ def operation(tree: str, name: str) -> str:
     """The key of a query family, e.g. ``operation("main", "lookup")``."""
     if name not in OPERATIONS:
         raise InvalidArgumentException(
-            f"unknown query family {name!r}: use one of {', '.join(OPERATIONS)}", field="operation"
+            f"unknown query family {quoted(name)}: use one of {', '.join(OPERATIONS)}",
+            field="operation",
         )
     return f"{PREFIX}/{escape(tree, 'tree')}/{name}"
 

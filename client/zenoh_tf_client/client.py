@@ -31,6 +31,8 @@ class TransformClient(ClientLookups, ClientIntrospection):
     and adds the errors of the service. ``X_target_source`` maps coordinates in source to
     coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a lost
     connection the client reconnects by itself. A context manager, which closes itself at the end.
+    A process that is forked after the first connection cannot connect, and every call raises
+    ServerUnavailable: start such processes with multiprocessing's "spawn" method.
 
     Thread safety: all methods.
 
@@ -53,7 +55,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._broadcasters: list[Broadcaster] = []
+        self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
     def connect(
@@ -104,13 +106,14 @@ class TransformClient(ClientLookups, ClientIntrospection):
     def close(self) -> None:
         """Close the connection and its broadcasters. May be called again.
 
-        Calls of other threads that wait for a reply fail soon. A program that ends closes its
-        clients by itself.
+        Calls of other threads that wait for a reply fail soon. What was published may be lost if
+        the server does not take it within two seconds. A program that ends closes its clients by
+        itself.
         """
-        broadcasters, self._broadcasters = self._broadcasters, []
-        for broadcaster in broadcasters:
-            broadcaster.close()
+        # The connection first: a thread that is inside `send` may hold its broadcaster for long.
         self._connection.close()
+        for broadcaster in list(self._broadcasters):
+            broadcaster.close()
 
     @property
     def endpoint(self) -> str:
@@ -203,7 +206,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         """Drop every frame at one instant: all samples, static links and names.
 
         The tree is then as new, apart from its counters and authorities. Broadcasters that
-        keep static transforms do not announce them again until a server starts.
+        keep static transforms do not announce them again until a server starts, and then all.
 
         Raises:
             ServerUnavailable: No server answered, and nothing was changed.
@@ -293,9 +296,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
         """
-        broadcaster = Broadcaster(self._connection, authority)
-        self._broadcasters.append(broadcaster)
-        return broadcaster
+        return Broadcaster(self._connection, authority, self._broadcasters)
 
     def _call(self, request: Request[T]) -> T:
         if request.writes:

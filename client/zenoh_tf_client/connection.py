@@ -25,8 +25,9 @@ from zenoh_tf.errors import (
 )
 
 from . import requests
+from .opening import NOBODY_THERE, open_session
 from .served_trees import no_server_message, served_trees
-from .session_calls import OPENING, SessionCalls
+from .session_calls import SessionCalls
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
@@ -35,6 +36,8 @@ _HELLO_PERIOD_S: Final = 0.05
 _OTHER_TREES_GRACE_S: Final = 1.0
 _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
+#: The limit of a server that does not tell.
+_DEFAULT_ROWS: Final = 100_000
 #: The error reply that Zenoh makes up when no server replies in time.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
@@ -47,12 +50,13 @@ class _NoReply:
 
 
 @dataclass(frozen=True, slots=True)
-class _Server:
+class ServerInfo:
     """The server that answered last."""
 
     instance: str
     clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
+    rows: int  # transforms in one message
 
 
 class Connection:
@@ -76,13 +80,12 @@ class Connection:
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
-        self._server: _Server | None = None
+        self._server: ServerInfo | None = None
         # A request id: random per connection, then counted.
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
         deadline_s = time.monotonic() + timeout_s
-        with OPENING:
-            self.session = self._open()
+        self.session = self._open()
         self.calls = SessionCalls(self.session.close)
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
@@ -114,6 +117,10 @@ class Connection:
     def close(self) -> None:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
+
+    def hello(self) -> ServerInfo:
+        """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
+        return self._hello(self.timeout_s)
 
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
         """Return the reply to a request that changes nothing.
@@ -210,7 +217,7 @@ class Connection:
             )
         return payload
 
-    def _known_server(self) -> _Server:
+    def _known_server(self) -> ServerInfo:
         return self._server or self._hello(self.timeout_s)
 
     def _forget_server(self) -> None:
@@ -236,7 +243,7 @@ class Connection:
                     next_check_s = time.monotonic() + _OTHER_TREES_PERIOD_S
             time.sleep(_HELLO_PERIOD_S)
 
-    def _hello(self, timeout_s: float) -> _Server:
+    def _hello(self, timeout_s: float) -> ServerInfo:
         request = requests.hello()
         reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
         now_ns = time.monotonic_ns()
@@ -246,10 +253,11 @@ class Connection:
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this
         # side's own time-out.
-        server = _Server(
+        server = ServerInfo(
             wire.text(value, "instance"),
             wire.integer(value, "clock_ns") - now_ns,
             wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
+            wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
         )
         self._server = server
         return server
@@ -259,19 +267,20 @@ class Connection:
 
     def _open(self) -> zenoh.Session:
         try:
-            return zenoh.open(
-                zenoh_config.client(
+            return open_session(
+                lambda attempt_s: zenoh_config.client(
                     [self.endpoint],
-                    self.timeout_s,
+                    attempt_s,
                     retry=_RETRY,
                     max_message_bytes=wire.MAX_REPLY_BYTES,
-                )
+                ),
+                self.timeout_s,
             )
         except zenoh.ZError as error:
             raise self._cannot_open(str(error)) from error
 
     def _cannot_open(self, reason: str) -> TransformException:
-        if "Unable to connect" in reason:
+        if NOBODY_THERE in reason:
             return ServerUnavailable(
                 f"nothing listens at {self._address} (tree {self.tree!r}, "
                 f"tried for {self.timeout_s:g} s)"

@@ -6,6 +6,9 @@ runs inside the session's `SessionCalls`, and opening one inside `OPENING`. An e
 runs before finalization, closes all sessions that are still open and waits until no thread is
 inside a call.
 
+Zenoh's threads do not exist in a child that was forked from a process with a session: there, every
+call fails at once, and nothing that belongs to Zenoh is closed or freed.
+
 Thread safety: all functions and methods.
 """
 
@@ -13,6 +16,8 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
+import os
 import threading
 import time
 import weakref
@@ -25,12 +30,22 @@ from zenoh_tf.errors import ServerUnavailable
 
 #: How long the exit handler waits for calls to return before it gives up.
 _EXIT_TIMEOUT_S = 2.0
+#: How long a caller waits until its session has closed, before it is left to close by itself.
+_CLOSE_TIMEOUT_S = 2.0
 #: How long a daemon thread sleeps, after the sessions were closed at exit, before it learns that.
 #: The process usually ends before, so that the thread prints no traceback.
 _PAUSE_AT_EXIT_S = 1.0
 
 _all: weakref.WeakSet[SessionCalls] = weakref.WeakSet()
 _all_lock = threading.Lock()
+#: True once this process has begun to open a session.
+_zenoh_was_used = False
+#: True in a child that was forked after this process had used Zenoh.
+_forked = False
+_FORKED_MESSAGE = (
+    "this process was forked from one that had connected: Zenoh does not work in it; start "
+    "processes with multiprocessing's 'spawn' method, or fork before the first connection"
+)
 _exiting = threading.Event()
 _all_closed = threading.Event()
 
@@ -54,6 +69,8 @@ class SessionCalls:
             _all.add(self)
 
     def __enter__(self) -> None:
+        if _forked:  # before the lock, which a thread of the parent may have held
+            raise ServerUnavailable(_FORKED_MESSAGE)
         with self._changed:
             if not self._closed and not _is_daemon_at_exit():
                 self._inside += 1
@@ -80,11 +97,19 @@ class SessionCalls:
 
     def close(self) -> None:
         """Close the session; calls that are inside fail soon. May be called again."""
+        if _forked:
+            return
         with self._changed:
             if self._closed:
                 return
             self._closed = True
-        # Zenoh gives up after 10 s if the server does not take what is still to be sent.
+        # Zenoh goes on trying for 10 s if the server does not take what is still to be sent.
+        # Another thread waits for that, because it cannot be interrupted.
+        closing = threading.Thread(target=self._close, name="close session", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_TIMEOUT_S)
+
+    def _close(self) -> None:
         with contextlib.suppress(zenoh.ZError):
             self._close_session()
 
@@ -96,6 +121,12 @@ class SessionCalls:
 
 #: The calls that open sessions. Zenoh cannot interrupt them, so at exit they are waited for.
 OPENING = SessionCalls(lambda: None, "the program is ending")
+
+
+def note_zenoh_use() -> None:
+    """To be called before the process uses Zenoh: from then on its forked children must not."""
+    global _zenoh_was_used  # noqa: PLW0603
+    _zenoh_was_used = True
 
 
 def _is_daemon_at_exit() -> bool:
@@ -113,6 +144,8 @@ def _pause_at_exit() -> None:
 @atexit.register
 def _close_all() -> None:
     """Close every open session, and wait until all threads have left them."""
+    if _forked:
+        return
     _exiting.set()
     with _all_lock:
         still_open = [calls for calls in _all if not calls.closed]
@@ -122,3 +155,21 @@ def _close_all() -> None:
     for calls in still_open:
         calls.wait_until_none(max(0.0, deadline_s - time.monotonic()))
     _all_closed.set()
+
+
+def _after_fork() -> None:
+    """In a forked child: let no call reach Zenoh, and free none of its objects."""
+    global _forked  # noqa: PLW0603
+    if not _zenoh_was_used:
+        return
+    _forked = True
+    for calls in list(_all):
+        _never_free(calls)
+
+
+def _never_free(thing: object) -> None:
+    """Leak an object with all that it refers to: to free a session waits for Zenoh's threads."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
+
+
+os.register_at_fork(after_in_child=_after_fork)

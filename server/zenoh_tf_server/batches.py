@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from zenoh_tf import wire
 from zenoh_tf._core import Budget
-from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
+from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, NotDurable
 
 from .limits import Limits
+from .static_links import NO_TICKET
 
 if TYPE_CHECKING:
     from zenoh_tf._core import Rows
@@ -46,8 +47,11 @@ class Operations(Protocol):
     def read(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
         """The reply to a lookup that does not wait."""
 
-    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> wire.Message:
-        """The reply to a commit."""
+    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
+        """The reply to a commit, and a ticket for `wait_until_durable`."""
+
+    def wait_until_durable(self, ticket: int) -> None:
+        """Wait for what has a ticket. Raises NotDurable."""
 
     def info(self, message: wire.Message, budget: Budget) -> wire.Message:
         """The reply to an info request."""
@@ -101,7 +105,20 @@ class Batch:
 
     def run(self, expires_ns: int | None) -> None:
         """Run all operations; commits only before `expires_ns`."""
-        self._run(lambda body: self._operations.commit_reply(self._commit(body), expires_ns))
+        tickets: dict[int, int] = {}
+
+        def commit(body: wire.Message) -> wire.Message:
+            reply, ticket = self._operations.commit_reply(self._commit(body), expires_ns)
+            if ticket != NO_TICKET:
+                tickets[len(self._replies)] = ticket
+            return reply
+
+        self._run(commit)
+        try:
+            self._operations.wait_until_durable(max(tickets.values(), default=NO_TICKET))
+        except NotDurable as error:
+            for index in tickets:
+                self._replies[index] = self._fit(self._failure(error))
 
     def run_reads(self, outcome: bytes) -> None:
         """Run all operations but the commits, whose replies are those in `outcome`."""

@@ -69,12 +69,14 @@ class Clients:
         with self._lock:
             if len(self._connected) < self._max_clients:
                 self._connected.add(client)
+                log.debug("client %s is connected", client, extra={"client": client})
 
     def _remove(self, client: str) -> None:
         with self._lock:
             if client not in self._connected:
                 return
             self._connected.remove(client)
+        log.debug("client %s is gone", client, extra={"client": client})
         for callback in self._when_gone:
             try:
                 callback(client)

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import limits
+from . import limits, logs, operations, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -46,12 +46,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="threads that serve queries, per query family (default: %(default)s)",
     )
-    flags.add_argument(
-        "--log-level",
-        choices=("debug", "info", "warning", "error"),
-        default="info",
-        help="lowest level of the messages logged to standard error (default: %(default)s)",
-    )
+    logs.add_flags(flags)
+    operations.add_flags(flags)
+    state.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -93,6 +90,7 @@ def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         flags.error(f"--workers is {options.workers}: it must be at least 1")
     if not options.cache_time > 0:
         flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
+    state.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -117,4 +115,6 @@ def settings(options: argparse.Namespace) -> Settings:
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
+        operations=operations.from_flags(options),
+        state=state.from_flags(options),
     )

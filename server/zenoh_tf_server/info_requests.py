@@ -10,6 +10,7 @@ from typing import Any, Final
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import Budget
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.text import quoted
 
 from .limits import Limits
 from .refusals import Refusals
@@ -85,7 +86,7 @@ class InfoRequests:
             return self._velocity(message, budget)
         if what == "stats":
             return self._stats_of(budget)
-        raise InvalidArgumentException(f"unknown info request {wire.quoted(what)}", field="what")
+        raise InvalidArgumentException(f"unknown info request {quoted(what)}", field="what")
 
     def _frames(self, message: wire.Message, budget: Budget) -> wire.Message:
         """All names, or with `limit` a page of them and where the next one starts."""

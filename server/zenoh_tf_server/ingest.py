@@ -17,6 +17,7 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys, wire
 from zenoh_tf.errors import TransformException
+from zenoh_tf.text import quoted
 
 from .limits import Limits
 from .rate_limited_log import RateLimitedLog
@@ -113,7 +114,8 @@ class Ingest:
         with self._lock:
             self._counters.puts += 1
             self._counters.put_transforms += kept
-            self._counters.dropped_as_too_old += commit.rows - kept
+            if not commit.announce:  # what an announcement leaves out is not old
+                self._counters.dropped_as_too_old += commit.rows - kept
 
     def _refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
         field = error.field if isinstance(error, TransformException) else None
@@ -122,6 +124,6 @@ class Ingest:
         if authority is not None:
             self._refusals.refuse(authority, transforms, reason)
         source = key if authority is None else authority
-        self._log.warn(f"put of {source!r}", reason)
+        self._log.warn(f"put of {quoted(source)}", reason)
         with self._lock:  # last: a client that sees the count finds the reason as well
             self._counters.bad_puts += 1

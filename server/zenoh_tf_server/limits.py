@@ -139,6 +139,16 @@ class Limits:
         "authorities remembered that had messages refused and none accepted",
         "the one that was refused longest ago is forgotten",
     )
+    metrics_authorities: int = _limit(
+        100,
+        "authorities with metrics of their own (`--metrics`)",
+        "the others are summed as one",
+    )
+    removed_statics: int = _limit(
+        10_000,
+        "static links remembered as removed, which broadcasters do not announce again",
+        "the one that was removed longest ago is forgotten",
+    )
     connections: int = _limit(
         1000,
         "Zenoh connections to the embedded router",

@@ -10,21 +10,27 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from typing import NoReturn
 
 import uvloop
 
 from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
+from zenoh_tf.text import printable
 
-from . import flags
+from . import flags, logs
+from .metrics import MetricsMissing
 from .network import NetworkError
+from .operations import Operations
 from .server import Server, Settings
+from .state_file import StateError
 from .tree_claim import TreeTaken
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
 CANNOT_START = 2
-#: A server stops within two seconds: a stop that takes longer than this is ended by force.
-_STOP_TIMEOUT_S = 1.7
+#: A server stops within two seconds, of which hearing the signal under load may take some. A stop
+#: that takes longer than this is ended by force.
+_STOP_TIMEOUT_S = 1.2
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -33,51 +39,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = flags.parser()
     options = parser.parse_args(arguments)
     flags.check(parser, options)
-    logging.basicConfig(
-        level=options.log_level.upper(),
-        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    logs.setup(options.log_level, options.log_format)
     settings = flags.settings(options)
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
-    except (NetworkError, TreeTaken, TransformException) as error:
-        print(f"zenoh-tf-server: {error}", file=sys.stderr)
+    except (NetworkError, MetricsMissing, StateError, TreeTaken, TransformException) as error:
+        print(printable(f"zenoh-tf-server: {error}"), file=sys.stderr)
         return CANNOT_START
-    return 0
 
 
-async def serve(settings: Settings) -> None:
-    """Serve until SIGINT or SIGTERM."""
+async def serve(settings: Settings) -> NoReturn:
+    """Serve until SIGINT or SIGTERM, then end the process."""
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
+    operations = Operations(settings.operations)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.ensure_future(asyncio.to_thread(Server, settings, loop))
     stopped = asyncio.ensure_future(stop.wait())
     await asyncio.wait({starting, stopped}, return_when=asyncio.FIRST_COMPLETED)
     if not starting.done():
-        _leave("stopped before the start was complete")
+        log.warning("stopped before the start was complete")
+        _end()
     try:
         server = starting.result()
     except BaseException:
         stopped.cancel()
         raise
     print(_greeting(settings, server.instance), flush=True)
+    operations.serving(server)
     await stopped
     log.info("stopping")
+    operations.stopping()
     try:
         await asyncio.wait_for(asyncio.to_thread(server.close), _STOP_TIMEOUT_S)
+        log.info("stopped")
     except TimeoutError:
-        _leave("the Zenoh session did not close in time: ending without closing it")
-    log.info("stopped")
+        log.warning("the Zenoh session did not close in time: ending without closing it")
+    _end()
 
 
-def _leave(reason: str) -> None:
-    """End the process at once: Python cannot interrupt a thread that is inside Zenoh."""
-    log.warning(reason)
+def _end() -> NoReturn:
+    """End the process at once, with status 0.
+
+    An ordinary exit would wait for threads that are inside Zenoh, and abort the process when one
+    of them returns to an interpreter that is gone.
+    """
     logging.shutdown()
+    sys.stdout.flush()
     os._exit(0)
 
 

@@ -6,16 +6,17 @@ import asyncio
 import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, tree_claim
+from . import network, operations, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
 from .service import Service
+from .state import State, StateSettings
 from .workers import Workers
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
@@ -33,10 +34,12 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    operations: operations.Settings = field(default_factory=operations.Settings)
+    state: StateSettings = field(default_factory=StateSettings)
 
 
 class Server:
-    """Serves from construction to `close`. Raises NetworkError or TreeTaken."""
+    """Serves from construction to `close`. Raises NetworkError, StateError or TreeTaken."""
 
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
@@ -53,12 +56,18 @@ class Server:
         )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
+            state = State(settings.state, tree, settings.tree, limits)
+            stack.callback(state.close)
             session = network.open_session(settings.listen, settings.connect, limits)
             stack.callback(session.close)
+            stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
-            clients = Clients(limits.connections)
+            self.session = session
+            self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
-            service = Service(tree, settings.tree, self.instance, limits, loop)
+            self.service = service = Service(
+                tree, settings.tree, self.instance, limits, loop, state.links
+            )
             stack.callback(service.close)
             clients.when_gone(service.client_gone)
             ingest = Ingest(service.commit, service.puts, service.refusals, limits)

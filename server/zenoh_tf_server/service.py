@@ -19,6 +19,7 @@ from zenoh_tf.errors import (
     InvalidArgumentException,
     TransformException,
 )
+from zenoh_tf.text import quoted
 
 from .batches import Batch
 from .info_requests import InfoRequests
@@ -26,6 +27,9 @@ from .ingest import PutCounters
 from .limits import Limits
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
+from .request_counters import RequestCounters
+from .state_file import Stored
+from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
 from .writes import Writes
 
@@ -48,6 +52,7 @@ class Service:
         instance: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
+        links: StaticLinks | None = None,
     ) -> None:
         self.tree = tree
         self.instance = instance
@@ -59,6 +64,9 @@ class Service:
         self._info = InfoRequests(tree, limits, self.refusals, self._counters)
         self._reply_cache = ReplyCache(limits)
         self._writes = Writes(instance, self._reply_cache, self.error)
+        self.name = name
+        self.requests = RequestCounters()
+        self._links = links or StaticLinks(tree, limits, None, Stored())
         self._hello = {
             "tree": name,
             "instance": instance,
@@ -75,18 +83,30 @@ class Service:
 
     def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
         """Reply to one request. Never raises: an error is the reply."""
+        counts = self.requests.begin()
         try:
             message = self.limits.unpack(payload)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
+        counts.end(operation)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
-        return wire.pack(wire.error_reply(self.instance, self._typed(error)))
+        typed = self._typed(error)
+        self.requests.failed(type(typed).__name__)
+        return wire.pack(wire.error_reply(self.instance, typed))
 
     def close(self) -> None:
         self.waiters.close()
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server; `metric_table` declares each key."""
+        return self.tree.stats() | self._counters()
+
+    def authorities(self) -> list[dict[str, Any]]:
+        """The records of all authorities, with what was refused of each."""
+        return self.refusals.add_to(self.tree._authority_records())
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -191,33 +211,36 @@ class Service:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
             commit = wire.parse_commit(message)
             self.limits.check("rows", commit.rows)
-            reply = self._pack(self.commit_reply(commit, expires_ns))
+            stored, ticket = self.commit_reply(commit, expires_ns)
+            self._links.wait(ticket)
+            reply = self._pack(stored)
             return reply, reply
 
         self._writes.run(message, reply_to, run)
 
-    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> wire.Message:
-        """The fields of the reply to a commit."""
-        return wire.commit_reply(self.commit(commit, expires_ns))
+    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
+        """The fields of the reply to a commit, and the ticket of its durability."""
+        commit.expires_ns = expires_ns
+        stored, ticket = self._store(commit)
+        return wire.commit_reply(stored), ticket
 
-    def commit(self, commit: wire.Commit, expires_ns: int | None = None) -> Any:
-        """Commit a transaction to the tree before `expires_ns`: (n,) uint8, 1 stored, 0 dropped
-        as too old."""
+    def wait_until_durable(self, ticket: int) -> None:
+        """Wait for what has a ticket. Raises NotDurable."""
+        self._links.wait(ticket)
+
+    def commit(self, commit: wire.Commit) -> Any:
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped. Static links are stored
+        soon after."""
+        return self._store(commit)[0]
+
+    def _store(self, commit: wire.Commit) -> tuple[Any, int]:
+        """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
         self._check_names(commit.names)
         self._check_names(commit.read_names)
-        return self.tree._commit_rows(
-            commit.names,
-            commit.parent,
-            commit.child,
-            commit.stamp,
-            commit.pose,
-            authority=commit.authority,
-            static=commit.static,
-            drop_old=commit.drop_old,
-            read_names=commit.read_names,
-            read_versions=commit.read_versions,
-            expires_ns=expires_ns,
-        )
+        if commit.static:
+            return self._links.commit(commit)
+        stored = apply(self.tree, commit)
+        return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     def _check_names(self, names: list[str]) -> None:
         """Refuse more names than the most rows can use."""
@@ -265,7 +288,7 @@ class Service:
         return self._info.reply(message, budget)
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
@@ -278,17 +301,16 @@ class Service:
     def _administer(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
         if what == "clear":
-            self.tree.clear(wire.flag(message, "keep_static", True))
+            ticket = self._links.clear(wire.flag(message, "keep_static", True))
             log.info("cleared the tree")
         elif what == "reset":
-            self.tree.reset()
+            ticket = self._links.reset()
             log.info("reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.name(message, "name", self.limits.name_bytes)
-            self.tree.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %r", name)
+            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
+            log.info("removed frame %s", quoted(name))
         else:
-            raise InvalidArgumentException(
-                f"unknown admin operation {wire.quoted(what)}", field="what"
-            )
+            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
+        self._links.wait(ticket)
         return {"value": None}

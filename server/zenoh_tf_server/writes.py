@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from zenoh_tf import wire
 from zenoh_tf.errors import ServerRestarted
+from zenoh_tf.text import quoted
 
 from .reply_cache import ReplyCache, ReplyCallback
 
@@ -47,7 +48,7 @@ class Writes:
         """
         write = wire.parse_write(message)
         if write.instance is not None and write.instance != self._instance:
-            other = wire.quoted(write.instance)
+            other = quoted(write.instance)
             raise ServerRestarted(
                 f"the write is for server instance {other}, but this is instance "
                 f"{self._instance}: it did not run; send it again to this one",

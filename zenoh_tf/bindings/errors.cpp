@@ -107,6 +107,10 @@ bool is_main_thread() {
 
 GilReleased::GilReleased() : state_(PyEval_SaveThread()) {}
 
+void GilReleasedOnWait::take_back() {
+  block_if_thread_ends([&] { PyEval_RestoreThread(state_); });
+}
+
 GilReleased::~GilReleased() {
   block_if_thread_ends([&] { PyEval_RestoreThread(state_); });
 }

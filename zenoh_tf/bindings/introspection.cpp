@@ -19,6 +19,11 @@ FrameId known(const Tree& tree, nb::handle name) {
   return id;
 }
 
+FrameInfo info_holding_gil(const Tree& tree, FrameId id) {
+  const GilReleasedOnWait released;
+  return tree.info(id);
+}
+
 nb::object name_or_none(const Tree& tree, FrameId id) {
   if (id == 0) return nb::none();
   const std::string_view name = tree.name(id);
@@ -74,7 +79,7 @@ T load(const std::atomic<T>& counter) {
 // The fields of zenoh_tf.FrameInfo.
 nb::dict frame_record(const Tree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
-  const FrameInfo info = tree.info(id);
+  const FrameInfo info = info_holding_gil(tree, id);
   const FrameEvents& events = tree.events(id);
   const bool has_data = info.parent != 0;
   const auto stamp = [&](Stamp value) {
@@ -130,9 +135,10 @@ nb::list authority_records(const Tree& tree) {
 std::uint64_t links(const Tree& tree, nb::handle frames) {
   std::uint64_t total = 0;
   for (const nb::handle name : tuple_of(frames)) {
+    const std::string_view text = text_of(name, "frame");
+    const GilReleasedOnWait released;
     std::uint32_t depth = 0;
-    for (FrameId id = tree.find(text_of(name, "frame"));
-         id != 0 && depth <= tree.options().max_depth; ++depth)
+    for (FrameId id = tree.find(text); id != 0 && depth <= tree.options().max_depth; ++depth)
       id = tree.parent(id, kNoStamp);
     total += depth;
   }
@@ -140,14 +146,25 @@ std::uint64_t links(const Tree& tree, nb::handle frames) {
 }
 
 nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
-  return name_or_none(tree, tree.parent(known(tree, frame), stamp_of(stamp, "stamp_ns")));
+  const FrameId id = known(tree, frame);
+  const Stamp at = stamp_of(stamp, "stamp_ns");
+  FrameId found;
+  {
+    const GilReleasedOnWait released;
+    found = tree.parent(id, at);
+  }
+  return name_or_none(tree, found);
 }
 
 nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
   Query query = query_of(tree, Op::at, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   std::vector<FrameId> ids;
-  const Failure failure = tree.chain(query, ids);
+  Failure failure;
+  {
+    const GilReleasedOnWait released;
+    failure = tree.chain(query, ids);
+  }
   if (failure.code != Code::ok) raise(make_error(tree, failure, target, source));
   nb::list out;
   for (const FrameId id : ids) out.append(name_or_none(tree, id));
@@ -156,21 +173,20 @@ nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handl
 
 nb::dict stats(const Tree& tree) {
   std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0, frames = 0;
-  {
-    const GilReleased released;
-    for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
-      const FrameInfo info = tree.info(id);
-      const FrameEvents& events = tree.events(id);
-      if (!tree.removed(id)) ++frames;
-      if (info.parent != 0 && info.is_static)
-        ++statics;
-      else if (info.parent != 0)
-        samples += info.samples;
-      rewritten += load(events.rewritten);
-      dropped += load(events.dropped);
-      evicted += info.evicted;
-    }
+  std::optional<GilReleased> released(std::in_place);
+  for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
+    const FrameInfo info = tree.info(id);
+    const FrameEvents& events = tree.events(id);
+    if (!tree.removed(id)) ++frames;
+    if (info.parent != 0 && info.is_static)
+      ++statics;
+    else if (info.parent != 0)
+      samples += info.samples;
+    rewritten += load(events.rewritten);
+    dropped += load(events.dropped);
+    evicted += info.evicted;
   }
+  released.reset();
   nb::dict out;
   out["frames"] = frames;
   out["static_links"] = statics;

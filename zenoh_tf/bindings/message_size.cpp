@@ -10,8 +10,8 @@ namespace ztf {
 
 namespace {
 
-constexpr int kMaxDepth = 32;                       // messages of the protocol have 6 levels
-constexpr std::size_t kReleaseFrom = 64 * 1024;     // bytes from which releasing the GIL pays
+constexpr int kMaxDepth = 32;                    // messages of the protocol have 6 levels
+constexpr std::size_t kReleaseFrom = 64 * 1024;  // bytes from which releasing the GIL pays
 constexpr std::int64_t kMalformed = -1;
 constexpr std::int64_t kTooDeep = -2;
 
@@ -152,8 +152,6 @@ std::int64_t decoded_size(const nb::bytes& message) {
 
 }  // namespace
 
-void bind_message_size(nb::module_& m) {
-  m.def("decoded_size", &decoded_size, nb::arg("message"));
-}
+void bind_message_size(nb::module_& m) { m.def("decoded_size", &decoded_size, nb::arg("message")); }
 
 }  // namespace ztf

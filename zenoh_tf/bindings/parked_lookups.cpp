@@ -105,7 +105,9 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   bool look_up_again(ParkedRow& row) {
     return !cancelled_.load() && look_up(row) && --incomplete_ == 0;
   }
+  // Requires the GIL, as does the destructor.
   void cancel() {
+    const GilReleasedOnWait released;
     cancelled_ = true;
     for (ParkedRow& row : parked_) tree_.wait_list().cancel(row);
   }
@@ -136,7 +138,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
     query.target = tree_.find(rows_.texts[target]);
     query.source = tree_.find(rows_.texts[source]);
     if (query.op == Op::full) query.fixed = tree_.find(rows_.texts[fixed]);
-    tree_.lookup(query, answer);
+    lookup_holding_gil(tree_, query, answer);
   }
 
   const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive
@@ -144,7 +146,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   WakeQueue& queue_;
   ReadRows rows_;
   const std::uint64_t token_;
-  const std::size_t max_links_;  // of all waiting lookups of the tree
+  const std::size_t max_links_;   // of all waiting lookups of the tree
   std::deque<ParkedRow> parked_;  // a deque, since rows must not move
   // Rows, and one for start(): so exactly one caller sees it reach 0.
   std::atomic<std::size_t> incomplete_;
@@ -237,7 +239,7 @@ void bind_parked_lookups(nb::module_& m) {
   nb::class_<ParkedLookups>(m, "ParkedLookups", docs::ParkedLookups.text)
       .def("start", &ParkedLookups::start, ZTF_DOC(ParkedLookups_start),
            nb::call_guard<GilReleased>())
-      .def("cancel", &ParkedLookups::cancel, nb::call_guard<GilReleased>())
+      .def("cancel", &ParkedLookups::cancel)
       .def("links", &ParkedLookups::links, nb::call_guard<GilReleased>())
       .def("result", &ParkedLookups::result, ZTF_DOC(ParkedLookups_result), nb::arg("waited_s"),
            nb::arg("errors") = true, nb::arg("budget").none() = nb::none());

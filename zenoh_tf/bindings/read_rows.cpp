@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t kReleaseFrom = 16;  // rows from which releasing the GIL pays
 
-constexpr std::size_t kMaxQuoted = 64;    // bytes of a name in an error about its length
+constexpr std::size_t kMaxQuoted = 64;      // bytes of a name in an error about its length
 constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
 
 // Each frame once, in the version that was read first: if a later row read another version, the
@@ -109,6 +109,7 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
       const GilReleased released;
       run();
     } else {
+      const GilReleasedOnWait released;
       run();
     }
   } catch (const Rejected&) {
@@ -116,8 +117,7 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
     throw;
   }
   if (budget) budget->links.take(links);
-  const nb::object reads =
-      versions ? versions_of(tree, rows, read_set.list(), budget) : nb::none();
+  const nb::object reads = versions ? versions_of(tree, rows, read_set.list(), budget) : nb::none();
   return reply(tree, rows, answers, {{}, errors, budget}, reads);
 }
 
@@ -162,9 +162,9 @@ bool same_failure(const ReadRows& rows, const std::vector<Answer>& answers, std:
   const ReadRows::Names &x = rows.names[i], &y = rows.names[j];
   return a.code == b.code && a.stamp == b.stamp && a.frame == b.frame && a.oldest == b.oldest &&
          a.newest == b.newest && a.target == b.target && a.source == b.source &&
-         a.parent == b.parent && a.target_root == b.target_root &&
-         a.source_root == b.source_root && x.target == y.target && x.source == y.source &&
-         x.fixed == y.fixed && rows.queries[i].op == rows.queries[j].op;
+         a.parent == b.parent && a.target_root == b.target_root && a.source_root == b.source_root &&
+         x.target == y.target && x.source == y.source && x.fixed == y.fixed &&
+         rows.queries[i].op == rows.queries[j].op;
 }
 
 }  // namespace
@@ -196,8 +196,7 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
                    const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
                    const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
                    const std::optional<Column<Stamp>>& source_stamp)
-    : name_objects(names_of(tree, name_list, texts, "names")),
-      invalid_name(name_objects.size()) {
+    : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
   for (std::size_t i = 0; i < name_objects.size(); ++i) {
     try {
       ids.push_back(frame_of(tree, name_objects[i], "frame"));

@@ -1,8 +1,9 @@
 // Tree: the base class of zenoh_tf.TransformTree.
 //
-// GIL: a single lookup or set keeps it, since releasing it would cost more than the work. Waits,
-// and commits of several transforms, release it. No thread waits for the GIL while it holds a
-// lock of the core, so there is no deadlock between the two.
+// GIL: a single lookup or set keeps it, since releasing it would cost more than the work. If it
+// waits for a frame or a mutex for more than some microseconds, it releases it. Waits for data, and
+// commits of several transforms, release it. No thread waits for the GIL while it holds a lock of
+// the core, so there is no deadlock between the two.
 #include <chrono>
 #include <cmath>
 
@@ -16,6 +17,15 @@ constexpr std::pair<std::string_view, Concurrency> kConcurrency[] = {
     {"optimistic", Concurrency::optimistic},
     {"2pl", Concurrency::two_phase},
     {"giant", Concurrency::giant},
+};
+
+// Its destruction takes the wait list's mutex, whose holder may wait for a frame.
+struct OwnedWaiter {
+  std::optional<BlockingWaiter> waiter;
+  ~OwnedWaiter() {
+    const GilReleasedOnWait released;
+    waiter.reset();
+  }
 };
 
 // Blocks until there is an answer, none can come, or the deadline has passed. Returns the note
@@ -32,9 +42,10 @@ constexpr std::pair<std::string_view, Concurrency> kConcurrency[] = {
   // up regularly to check.
   const auto slice =
       is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
-  BlockingWaiter waiter(tree.wait_list(), query, text_of(target, "target_frame"),
-                        text_of(source, "source_frame"),
-                        fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
+  OwnedWaiter owned;
+  BlockingWaiter& waiter = owned.waiter.emplace(
+      tree.wait_list(), query, text_of(target, "target_frame"), text_of(source, "source_frame"),
+      fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
     bool done;
     {
@@ -48,7 +59,7 @@ constexpr std::pair<std::string_view, Concurrency> kConcurrency[] = {
     }
     if (Clock::now() >= deadline) break;
   }
-  tree.lookup(waiter.query(), answer);  // the failure as of the deadline
+  lookup_holding_gil(tree, waiter.query(), answer);  // the failure as of the deadline
   return waited(timeout_s);
 }
 
@@ -77,7 +88,7 @@ StampedTransform lookup(const Tree& tree, nb::handle target, nb::handle source, 
   const Query query = query_at(tree, target, source, stamp);
   Answer a;
   if (timeout_s == 0.0) [[likely]] {
-    tree.lookup(query, a);
+    lookup_holding_gil(tree, query, a);
     return stamped_answer(tree, a, target, source);
   }
   const std::string note = wait(tree, query, target, source, nb::none(), timeout_s, a);
@@ -94,7 +105,7 @@ StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle tar
   Answer a;
   std::string note;
   if (timeout_s == 0.0)
-    tree.lookup(query, a);
+    lookup_holding_gil(tree, query, a);
   else
     note = wait(tree, query, target, source, fixed, timeout_s, a);
   if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
@@ -112,7 +123,7 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
   const Query query = query_at(tree, target, source, stamp);
   Answer a;
   if (timeout_s == 0.0)
-    tree.lookup(query, a);
+    lookup_holding_gil(tree, query, a);
   else
     wait(tree, query, target, source, nb::none(), timeout_s, a);
   return a.failure.code == Code::ok;
@@ -121,7 +132,7 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
 template <Op op>
 LatestTransform latest(const Tree& tree, nb::handle target, nb::handle source) {
   Answer a;
-  tree.lookup(query_of(tree, op, target, source), a);
+  lookup_holding_gil(tree, query_of(tree, op, target, source), a);
   return latest_answer(tree, a, target, source);
 }
 
@@ -143,7 +154,10 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
   // Resolves the names again after the transaction: a frame that was created or removed meanwhile
   // would be reported beside newer state of another pair.
   for (bool unchanged = false; !unchanged;) {
-    tree.lookup_transaction(queries, answers, reads);
+    {
+      const GilReleasedOnWait released;
+      tree.lookup_transaction(queries, answers, reads);
+    }
     unchanged = true;
     for (std::size_t i = 0; i < queries.size(); ++i) {
       const Query now = query_of(tree, Op::latest_xact, names[i].first, names[i].second);
@@ -159,7 +173,7 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
 
 std::optional<Stamp> latest_common_time(const Tree& tree, nb::handle a, nb::handle b) {
   Answer answer;
-  tree.lookup(query_of(tree, Op::common_time, a, b), answer);
+  lookup_holding_gil(tree, query_of(tree, Op::common_time, a, b), answer);
   if (answer.failure.code != Code::ok) raise(make_error(tree, answer.failure, a, b));
   return answer.stamp == kNoStamp ? std::nullopt : std::optional(answer.stamp);
 }
@@ -298,9 +312,13 @@ void bind_lookups(nb::class_<Tree>& tree) {
 void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
             bool release_gil) {
   try {
-    std::optional<GilReleased> released;
-    if (release_gil) released.emplace();
-    tree.commit(request, stored);
+    if (release_gil) {
+      const GilReleased released;
+      tree.commit(request, stored);
+    } else {
+      const GilReleasedOnWait released;
+      tree.commit(request, stored);
+    }
   } catch (const Rejected& rejected) {
     raise(make_error(rejected));
   }

@@ -27,7 +27,10 @@ nb::dict velocity_record(const Tree& tree, nb::handle tracking, nb::handle obser
   if (interval < 1) raise_invalid("averaging_interval_s must be above 0", "averaging_interval_s");
 
   VelocityAnswer a;
-  tree.lookup_velocity(query, a);
+  {
+    const GilReleasedOnWait released;
+    tree.lookup_velocity(query, a);
+  }
   if (a.failure.code != Code::ok) {
     using Leg = VelocityAnswer::Leg;
     const nb::handle target = a.leg == Leg::reference ? reference : observation;

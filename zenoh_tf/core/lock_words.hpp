@@ -17,6 +17,7 @@
 #include <type_traits>
 
 #include "compiler.hpp"
+#include "long_wait.hpp"
 #include "yield_point.hpp"
 
 namespace ztf {
@@ -44,8 +45,10 @@ class Backoff {
     pause_cpu();
     return true;
   }
-  // Sleeps for 5 to 80 microseconds, twice as long each time, and allows new spins.
+  // Announces a long wait, sleeps for 5 to 80 microseconds, twice as long each time, and allows
+  // new spins.
   void nap() {
+    LongWait::announce();
     std::this_thread::sleep_for(std::chrono::microseconds(5) * (1 << naps_));
     naps_ = std::min(naps_ + 1, 4);
     spins_ = 0;

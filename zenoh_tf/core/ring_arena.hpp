@@ -13,6 +13,7 @@
 #include <mutex>
 #include <vector>
 
+#include "long_wait.hpp"
 #include "zeroed_array.hpp"
 
 namespace ztf {
@@ -30,7 +31,7 @@ class RingArena {
 
   // Returns zeroed cache lines. Throws bad_alloc.
   Line* allocate(std::size_t lines) {
-    const std::lock_guard lock(mutex_);
+    const auto lock = lock_announced(mutex_);
     if (lines > left_) {
       // The rest of the last block stays unused.
       const std::size_t size = std::max(lines, kFirstBlock << std::min(blocks_.size(), kDoublings));

@@ -19,6 +19,11 @@ Tree::Tree(const Options& options)
       names_(options.max_frames),
       authorities_(options.max_authorities) {}
 
+std::unique_lock<std::mutex> Tree::lock_giant() const {
+  return options_.concurrency == Concurrency::giant ? lock_announced(giant_)
+                                                    : std::unique_lock<std::mutex>();
+}
+
 void Tree::list_frames(FrameList& all) const {
   for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
 }
@@ -40,11 +45,10 @@ void Tree::notify_waiters_of(const FrameList& changed) const noexcept {
 }
 
 void Tree::clear(bool keep_static) {
-  std::unique_lock giant(giant_, std::defer_lock);
-  if (options_.concurrency == Concurrency::giant) giant.lock();
+  const auto giant = lock_giant();
   FrameList all, dropped;
   {
-    const std::lock_guard topology(topology_);
+    const auto topology = lock_announced(topology_);
     list_frames(all);
     (void)dropped.reserve(all.size());  // before the first write, after which nothing may fail
     WriteLocks locks(*this, all);
@@ -57,11 +61,10 @@ void Tree::clear(bool keep_static) {
 }
 
 void Tree::reset() {
-  std::unique_lock giant(giant_, std::defer_lock);
-  if (options_.concurrency == Concurrency::giant) giant.lock();
+  const auto giant = lock_giant();
   FrameList all;
   {
-    const std::lock_guard topology(topology_);  // no name is added meanwhile
+    const auto topology = lock_announced(topology_);  // no name is added meanwhile
     list_frames(all);
     WriteLocks locks(*this, all);
     locks.begin_write();
@@ -113,11 +116,10 @@ void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) 
 }
 
 void Tree::remove_frame(std::string_view name, bool subtree) {
-  std::unique_lock giant(giant_, std::defer_lock);
-  if (options_.concurrency == Concurrency::giant) giant.lock();
+  const auto giant = lock_giant();
   FrameList removed;
   {
-    const std::lock_guard topology(topology_);  // no newest parent changes
+    const auto topology = lock_announced(topology_);  // no newest parent changes
     list_subtree(name, subtree, removed);
     WriteLocks locks(*this, removed);
     locks.begin_write();

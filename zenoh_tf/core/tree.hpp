@@ -198,6 +198,8 @@ class Tree {
 
   PlanOutcome try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope);
 
+  // Locks the giant mutex, if the concurrency control has one.
+  [[nodiscard]] std::unique_lock<std::mutex> lock_giant() const;
   void list_frames(FrameList& all) const;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
   // frames' write locks.

@@ -57,7 +57,7 @@ void Tree::read(ReadSet& reads, Body&& body) const {
       }
     }
     case Concurrency::giant: {
-      const std::lock_guard lock(giant_);
+      const auto lock = lock_announced(giant_);
       GiantGuard guard(frames_, reads);
       attempt(guard);
       return;

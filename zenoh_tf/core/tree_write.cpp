@@ -7,8 +7,7 @@ void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) 
   CommitPlan plan(*this, request, stored);
   CommitExecution execution(*this, plan);
   {
-    std::unique_lock giant(giant_, std::defer_lock);
-    if (options_.concurrency == Concurrency::giant) giant.lock();
+    const auto giant = lock_giant();
     CommitScope scope = plan.initial_scope();
     for (;;) {
       const PlanOutcome outcome = try_commit(plan, execution, scope);
@@ -26,8 +25,10 @@ void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) 
 // Throws Rejected and bad_alloc. Unless it returns `ready` it has changed nothing that others can
 // see, and `stored` is unspecified.
 PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope) {
-  std::unique_lock topology(topology_, std::defer_lock);
-  if (scope != CommitScope::children) topology.lock();
+  // To lock all frames is long work in itself.
+  if (scope == CommitScope::all_frames) LongWait::announce();
+  std::unique_lock<std::mutex> topology;
+  if (scope != CommitScope::children) topology = lock_announced(topology_);
   if (!plan.resolve_and_group(scope)) return PlanOutcome::needs_topology;
 
   FrameList all;

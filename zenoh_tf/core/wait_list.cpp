@@ -55,7 +55,7 @@ bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
     const Failure& failure = waiter.answer_.failure;
     if (failure.code == Code::ok || !tree_.may_succeed_later(failure)) return true;
     {
-      const std::lock_guard lock(mutex_);
+      const auto lock = lock_announced(mutex_);
       try {
         park(waiter, reads, max_links);  // step W1 (wait_list.hpp)
       } catch (...) {
@@ -74,7 +74,7 @@ bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
 }
 
 bool WaitList::cancel(Waiter& waiter) {
-  const std::lock_guard lock(mutex_);
+  const auto lock = lock_announced(mutex_);
   if (!waiter.parked_) return false;
   unpark(waiter);
   return true;
@@ -162,7 +162,7 @@ void WaitList::wake(const WokenList& woken) noexcept {
 }
 
 void WaitList::notify_frame(FrameId frame, Change change) noexcept {
-  const std::lock_guard lock(mutex_);
+  const auto lock = lock_announced(mutex_);
   const auto at = frames_.find(frame);
   if (at == frames_.end()) return;
   const auto& [need_sample, need_link] = at->second;
@@ -183,7 +183,7 @@ void WaitList::notify_frame(FrameId frame, Change change) noexcept {
 }
 
 void WaitList::notify_name(std::string_view name) noexcept {
-  const std::lock_guard lock(mutex_);
+  const auto lock = lock_announced(mutex_);
   const auto [begin, end] = names_.equal_range(name);
   WokenList woken;
   woken.add(begin, end);

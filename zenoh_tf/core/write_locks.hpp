@@ -130,10 +130,12 @@ class WriteLocks {
   static void pause(int attempt) {
     thread_local std::minstd_rand random(
         static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
-    if (attempt < 32)
+    if (attempt < 32) {
       for (auto spins = random() % (16u << std::min(attempt, 5)); spins > 0; --spins) pause_cpu();
-    else
-      std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
+      return;
+    }
+    LongWait::announce();
+    std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
   }
 
   static constexpr int kMaxRestarts = 16;

@@ -7,8 +7,9 @@ from typing import Any, Final
 
 import msgpack
 
+from ..text import quoted
 from .error_codec import raise_error
-from .fields import VERSION, Message, items, malformed, quoted
+from .fields import VERSION, Message, items, malformed
 
 #: What an operation of a batch may be.
 KINDS: Final = ("lookup", "commit", "info")

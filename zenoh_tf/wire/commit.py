@@ -72,8 +72,10 @@ class Commit:
     authority: str = ""
     static: bool = False
     drop_old: bool = False  # drop rows that are too old; else they fail the commit
+    announce: bool = False  # static: store only what nobody has changed or removed since
     read_names: list[str] = field(default_factory=list)
     read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
+    expires_ns: int | None = None  # on the server's clock; it is not sent here but with `Write`
 
     @property
     def rows(self) -> int:
@@ -96,6 +98,8 @@ def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Me
         body["static"] = True
     if commit.drop_old:
         body["drop_old"] = True
+    if commit.announce:
+        body["announce"] = True
     if commit.read_versions is not None:
         body["read_names"] = commit.read_names
         body["read_versions"] = raw(commit.read_versions, U64)
@@ -117,6 +121,7 @@ def parse_commit(body: Message) -> Commit:
         text(body, "authority", ""),
         flag(body, "static"),
         flag(body, "drop_old"),
+        flag(body, "announce"),
     )
     if "read_names" in body or "read_versions" in body:
         commit.read_names = texts(body, "read_names")

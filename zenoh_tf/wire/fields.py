@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .._core import decoded_size
 from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
+from ..text import quoted
 
 VERSION: Final = 1
 
@@ -28,8 +29,6 @@ MAX_LIST: Final = 1 << 20
 MAX_MESSAGE_BYTES: Final = 16 << 20
 #: Largest reply. The server's replies are far smaller (`--max-reply-bytes`).
 MAX_REPLY_BYTES: Final = 256 << 20
-#: Characters of a value that an error quotes.
-_MAX_QUOTED: Final = 64
 
 U8: Final = np.dtype("u1")
 U32: Final = np.dtype("<u4")
@@ -40,6 +39,7 @@ F64: Final = np.dtype("<f8")
 Message = dict[str, Any]
 
 _NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
+_IN_STEPS_FROM: Final = 64 * 1024  # bytes of a message
 
 
 class _Packers(threading.local):
@@ -90,7 +90,10 @@ def unpack(
         )
     _check_cost(payload, max_decoded_bytes)
     try:
-        message = _unpack(payload, "strict")
+        if len(payload) < _IN_STEPS_FROM:
+            message = _unpack(payload, "strict")
+        else:
+            message = _unpack_in_steps(payload)
     except UnicodeDecodeError as error:
         raise ProtocolError(
             "the message has text that is not UTF-8", field=_field_not_utf8(payload)
@@ -142,6 +145,38 @@ def _unpack(payload: bytes, unicode_errors: str) -> Any:
     )
 
 
+def _unpack_in_steps(payload: bytes) -> Message:
+    """As `_unpack`, of a map. Other threads get the interpreter between the operations of a batch,
+    which one call of msgpack decodes without a break."""
+    unpacker = msgpack.Unpacker(
+        raw=False,
+        strict_map_key=True,
+        max_buffer_size=len(payload),
+        max_array_len=MAX_LIST,
+        max_map_len=MAX_MAP_KEYS,
+        max_ext_len=0,
+    )
+    unpacker.feed(payload)
+    keys = unpacker.read_map_header()
+    if keys > MAX_MAP_KEYS:
+        raise ValueError(f"{keys} exceeds max_map_len({MAX_MAP_KEYS})")
+    message: Message = {}
+    for _ in range(keys):
+        key = unpacker.unpack()
+        if type(key) is not str:
+            raise ValueError(f"{type(key).__name__} is not allowed for map key")
+        if key == "operations":
+            count = unpacker.read_array_header()
+            if count > MAX_LIST:
+                raise ValueError(f"{count} exceeds max_array_len({MAX_LIST})")
+            message[key] = [unpacker.unpack() for _ in range(count)]
+        else:
+            message[key] = unpacker.unpack()
+    if unpacker.tell() != len(payload):
+        raise ValueError("it has extra data")
+    return message
+
+
 def _field_not_utf8(payload: bytes) -> str:
     """The path to the first text that is not UTF-8. Decodes the payload once more."""
     try:
@@ -173,18 +208,9 @@ def _bad_text(value: Any, path: str) -> str | None:
     return None
 
 
-def quoted(value: Any) -> str:
-    """A value from a message for an error: cut off, and without the contents of lists and maps."""
-    if isinstance(value, (list, dict, bytes)):
-        return f"a {type(value).__name__} of length {len(value)}"
-    if isinstance(value, str) and len(value) > _MAX_QUOTED:
-        return repr(value[:_MAX_QUOTED] + "...")
-    return repr(value)
-
-
 def malformed(field: str, expected: str) -> ProtocolError:
     """The error of a field that is not as expected."""
-    return ProtocolError(f"field {field!r} must be {expected}", field=field)
+    return ProtocolError(f"field {quoted(field)} must be {expected}", field=field)
 
 
 def texts(message: Message, field: str) -> list[str]:

@@ -22,7 +22,7 @@ from zenoh_tf import (
     ForwardExtrapolationException,
     TransformException,
 )
-from zenoh_tf.export import printable
+from zenoh_tf.text import printable
 from zenoh_tf_client import environment
 from zenoh_tf_client.cli import output, query, replay, stamps, view, write
 from zenoh_tf_client.cli.errors import CommandError

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import TextIO
 
 from zenoh_tf import LatestTransform, StampedTransform, Velocity
-from zenoh_tf.export import printable
+from zenoh_tf.text import printable
 from zenoh_tf_client.cli import stamps
 
 #: Terminal colours: bold, faint, green, yellow, cyan; parts that are not listed have none.

@@ -6,7 +6,7 @@ import argparse
 import time
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.export import printable
+from zenoh_tf.text import printable
 from zenoh_tf_client.cli import output, stamps
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError

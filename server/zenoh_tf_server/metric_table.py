@@ -1,0 +1,157 @@
+"""Every metric of the server in one table. The collector and docs/metrics.md are made from it.
+
+``python -m zenoh_tf_server.metric_table > docs/metrics.md`` writes the page.
+
+To export a new value, put it into the dictionary of `stats` (`Service._counters`) and declare its
+key in `FROM_STATS`. Keys that differ in a label only, such as one queue per query family, share a
+metric: declare each key with its label's value. A new field of an authority's record is declared
+in `FROM_AUTHORITIES`. A test finds what is not declared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+PREFIX: Final = "zenoh_tf_"
+
+Kind = Literal["counter", "gauge", "histogram"]
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A metric, by Prometheus' rules: base units, counters end in ``_total``."""
+
+    name: str  # without PREFIX
+    kind: Kind
+    meaning: str
+    labels: tuple[str, ...] = ()
+    values: tuple[str, ...] = ()  # of the labels, if they are fixed
+    scale: float = 1.0  # the exported value is the source's, times this
+
+    @property
+    def full_name(self) -> str:
+        return PREFIX + self.name
+
+
+def _gauge(name: str, meaning: str, scale: float = 1.0, **labels: str) -> Metric:
+    return Metric(name, "gauge", meaning, tuple(labels), tuple(labels.values()), scale)
+
+
+def _counter(name: str, meaning: str, scale: float = 1.0, **labels: str) -> Metric:
+    return Metric(f"{name}_total", "counter", meaning, tuple(labels), tuple(labels.values()), scale)
+
+
+#: Key of `stats` -> metric.
+FROM_STATS: Final[dict[str, Metric]] = {
+    "frames": _gauge("frames", "frames in the tree"),
+    "static_links": _gauge("static_links", "static links in the tree"),
+    "samples": _gauge("samples", "samples of all dynamic links"),
+    "waiters": _gauge("waiting_lookups", "lookups that wait for a transform"),
+    "outcomes": _gauge("remembered_outcomes", "replies to writes, remembered until their expiry"),
+    "commits": _counter("commits", "transactions that were committed, puts included"),
+    "rewritten": _counter("samples_rewritten", "samples at a stamp that the link already had"),
+    "dropped": _counter("samples_dropped", "samples older than the cache time of their link"),
+    "evicted": _counter("samples_evicted", "samples removed because a link's history was full"),
+    "time_jumps": _counter("time_jumps", "times that the clock was seen to be set back"),
+    "puts": _counter("puts", "published messages that were committed"),
+    "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
+    "bad_puts": _counter("puts_refused", "published messages that were refused"),
+    "dropped_as_too_old": _counter(
+        "put_transforms_too_old", "published transforms dropped as older than the cache time"
+    ),
+}
+
+#: Keys of `stats` that are no metrics.
+NOT_EXPORTED: Final[frozenset[str]] = frozenset()
+
+
+def _per_authority(name: str, kind: Kind, meaning: str, scale: float = 1.0) -> Metric:
+    return Metric(f"authority_{name}", kind, meaning, ("authority",), scale=scale)
+
+
+#: Field of an authority's record -> metric.
+FROM_AUTHORITIES: Final[dict[str, Metric]] = {
+    "frames": _per_authority("frames", "gauge", "frames whose newest sample is the authority's"),
+    "commits": _per_authority("commits_total", "counter", "transactions of the authority"),
+    "stored": _per_authority("transforms_stored_total", "counter", "transforms stored"),
+    "dropped": _per_authority("transforms_dropped_total", "counter", "transforms dropped as late"),
+    "rewritten": _per_authority(
+        "transforms_rewritten_total", "counter", "transforms at a stamp that was already there"
+    ),
+    "conflicts": _per_authority(
+        "conflicts_total", "counter", "frames taken over from another authority"
+    ),
+    "refused": _per_authority("transforms_refused_total", "counter", "transforms refused"),
+}
+
+#: Fields of an authority's record that are no metrics.
+AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset({"name", "last_refusal"})
+
+REQUESTS: Final = Metric(
+    "requests_total",
+    "counter",
+    'requests served; `outcome` is "ok" or the class of the error in the reply',
+    ("family", "outcome"),
+)
+DURATION: Final = Metric(
+    "request_duration_seconds",
+    "histogram",
+    "from the moment a worker takes a request until it has replied, or has parked a lookup that "
+    'waits; `outcome` is "ok" or "error"',
+    ("family", "outcome"),
+)
+LIMIT: Final = Metric("limit", "gauge", "a limit of docs/limits.md, by name", ("limit",))
+CLIENTS: Final = _gauge("connected_clients", "clients that are connected")
+THREADS: Final = _gauge("threads", "threads of Python in the server's process")
+READY: Final = _gauge("ready", "1 if the tree is claimed and served, else 0")
+HEALTHY: Final = _gauge("healthy", "1 if a worker has answered the latest probes, else 0")
+PROBE: Final = _gauge("probe_duration_seconds", "how long the latest probe lookup took")
+BUILD: Final = Metric(
+    "build_info",
+    "gauge",
+    "always 1; the labels say what runs",
+    ("version", "python", "zenoh", "tree", "instance"),
+)
+OTHERS: Final = (REQUESTS, DURATION, LIMIT, CLIENTS, THREADS, READY, HEALTHY, PROBE, BUILD)
+
+
+def all_metrics() -> Iterator[Metric]:
+    """Every metric of the server once, by name."""
+    metrics = {
+        metric.name: metric
+        for metric in (*FROM_STATS.values(), *FROM_AUTHORITIES.values(), *OTHERS)
+    }
+    yield from (metrics[name] for name in sorted(metrics))
+
+
+def page() -> Iterator[str]:
+    """The lines of docs/metrics.md."""
+    yield "# Metrics"
+    yield ""
+    yield "`zenoh-tf-server --metrics 127.0.0.1:9464` serves metrics for Prometheus at `/metrics`,"
+    yield "and `/healthz` and `/readyz` beside it (see [Deployment](deploy.md)). It needs the"
+    yield "extra: `pip install zenoh-tf[metrics]`. Without the flag, nothing listens. The port has"
+    yield "neither encryption nor passwords: let it listen where only Prometheus reaches it."
+    yield ""
+    yield "| metric | kind | labels | of what |"
+    yield "|---|---|---|---|"
+    for metric in all_metrics():
+        labels = ", ".join(f"`{label}`" for label in metric.labels)
+        yield f"| `{metric.full_name}` | {metric.kind} | {labels} | {metric.meaning} |"
+    yield ""
+    yield "Beside these there are the process's own: `process_resident_memory_bytes`,"
+    yield "`process_virtual_memory_bytes`, `process_cpu_seconds_total`, `process_open_fds`,"
+    yield "`process_max_fds` and `process_start_time_seconds`."
+    yield ""
+    yield "- The label `authority` is bounded: the first `--max-metrics-authorities` authorities"
+    yield '  that are seen have series of their own, all others share `authority="(other)"`. Names'
+    yield "  are escaped and cut to 100 characters."
+    yield "- The tree is read at most once a second, however often the port is asked."
+    yield "- The probe of `/healthz` is a lookup every few seconds, and counts among the requests."
+    yield "- Counters start at zero when the server starts, and some when the tree is reset."
+
+
+if __name__ == "__main__":
+    print("\n".join(page()))

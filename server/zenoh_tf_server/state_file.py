@@ -1,0 +1,279 @@
+"""The file of a server's state: an SQLite database in WAL mode, and a lock on its folder.
+
+A write is one transaction, so that a kill or a power cut leaves all of it or nothing. A new
+database gets its final name only once it is complete: a file that is not whole was damaged, and
+never comes from a server that was killed.
+
+Thread safety: none; one thread at a time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import sqlite3
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+SCHEMA_VERSION: Final = 1
+#: Tells the file from other SQLite databases ("ztfs").
+_APPLICATION_ID: Final = 0x7A746673
+_NAME: Final = "state.sqlite3"
+_LOCK_NAME: Final = "lock"
+_LINK_COLUMNS: Final = (
+    "child TEXT PRIMARY KEY NOT NULL, parent TEXT NOT NULL, stamp_ns INTEGER NOT NULL, "
+    "x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, "
+    "qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL, qw REAL NOT NULL, "
+    "authority TEXT NOT NULL, checksum INTEGER NOT NULL"
+)
+
+Sync = Literal["full", "normal"]
+
+
+class StateError(Exception):
+    """The state cannot be opened or restored; the message is one line for the user."""
+
+
+class Table(Enum):
+    """What is stored, each by the name of its child frame."""
+
+    STATIC_LINKS = "static_links"
+    LAST_POSES = "last_poses"
+    #: Static links that were removed: the number grows with each removal.
+    REMOVED_LINKS = "removed_links"
+
+
+class Link(NamedTuple):
+    """A transform without the name of its child frame, and its publisher."""
+
+    parent: str
+    stamp_ns: int
+    pose: tuple[float, ...]  # x y z qx qy qz qw of the child in the parent
+    authority: str
+
+
+#: What is to be stored under (table, child): a link, the number of a removal, or None for nothing.
+Changes = Mapping[tuple[Table, str], Link | int | None]
+
+
+@dataclass(slots=True)
+class Stored:
+    """All that a file holds."""
+
+    static_links: dict[str, Link] = field(default_factory=dict)
+    last_poses: dict[str, Link] = field(default_factory=dict)
+    removed_links: dict[str, int] = field(default_factory=dict)
+
+
+class StateFile:
+    """The open state of one tree. Holds the lock of its folder until `close`."""
+
+    def __init__(self, folder: Path, tree: str, sync: Sync = "full") -> None:
+        """Open the state in `folder`, or create both.
+
+        Raises:
+            StateError: Another server uses the folder, it cannot be written, or its file is
+                damaged, of another tree or of a newer version.
+        """
+        self.path = folder / _NAME
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._lock = _lock(folder)
+        except OSError as error:
+            raise StateError(f"cannot use --state-dir {folder}: {error}") from error
+        try:
+            if not self.path.exists():
+                self._create(tree)
+            self._database = self._open(sync)
+            try:
+                self._check(tree)
+            except BaseException:
+                self._database.close()
+                raise
+        except BaseException as error:
+            os.close(self._lock)
+            if isinstance(error, sqlite3.DatabaseError):
+                raise self._damaged(str(error)) from error
+            raise
+
+    def read(self) -> Stored:
+        """Everything that is stored.
+
+        Raises:
+            StateError: A row is damaged.
+        """
+        try:
+            return Stored(
+                dict(self._links(Table.STATIC_LINKS)),
+                dict(self._links(Table.LAST_POSES)),
+                dict(self._database.execute("SELECT child, number FROM removed_links ORDER BY 2")),
+            )
+        except sqlite3.DatabaseError as error:
+            raise self._damaged(str(error)) from error
+
+    def write(self, changes: Changes) -> None:
+        """Store all changes in one transaction; it is durable on return.
+
+        Raises:
+            sqlite3.Error: Nothing was stored, because of the disk for instance.
+        """
+        execute = self._database.execute
+        execute("BEGIN IMMEDIATE")
+        try:
+            for (table, child), value in changes.items():
+                if value is None:
+                    execute(f"DELETE FROM {table.value} WHERE child = ?", (child,))
+                elif isinstance(value, int):
+                    execute("INSERT OR REPLACE INTO removed_links VALUES (?, ?)", (child, value))
+                else:
+                    places = ", ".join("?" * 12)
+                    execute(
+                        f"INSERT OR REPLACE INTO {table.value} VALUES ({places})",
+                        _row(child, value),
+                    )
+            execute("COMMIT")
+        except BaseException:
+            # SQLite has rolled back by itself after some errors, such as a full disk.
+            with contextlib.suppress(sqlite3.Error):
+                execute("ROLLBACK")
+            raise
+
+    def close(self) -> None:
+        """Close the file and let go of the folder."""
+        try:
+            with contextlib.suppress(sqlite3.Error):  # what was written is durable already
+                self._database.close()
+        finally:
+            os.close(self._lock)
+
+    def _create(self, tree: str) -> None:
+        if any(self._beside("-wal", "-journal")):
+            raise self._damaged("the file is missing, and its log is there")
+        draft = self.path.with_name(_NAME + ".new")
+        for path in (draft, *(Path(f"{draft}{suffix}") for suffix in ("-wal", "-journal"))):
+            path.unlink(missing_ok=True)  # of a server that was killed at its first start
+        try:
+            with contextlib.closing(sqlite3.connect(draft, isolation_level=None)) as database:
+                database.execute("PRAGMA synchronous = FULL")
+                database.execute("BEGIN IMMEDIATE")
+                database.execute(f"CREATE TABLE static_links ({_LINK_COLUMNS})")
+                database.execute(f"CREATE TABLE last_poses ({_LINK_COLUMNS})")
+                database.execute(
+                    "CREATE TABLE removed_links "
+                    "(child TEXT PRIMARY KEY NOT NULL, number INTEGER NOT NULL)"
+                )
+                database.execute("CREATE TABLE served (tree TEXT NOT NULL)")
+                database.execute("INSERT INTO served VALUES (?)", (tree,))
+                database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+                database.execute("COMMIT")
+            os.replace(draft, self.path)
+            _sync_folder(self.path.parent)
+        except (OSError, sqlite3.Error) as error:
+            raise StateError(f"cannot create the state {self.path}: {error}") from error
+
+    def _open(self, sync: Sync) -> sqlite3.Connection:
+        database = sqlite3.connect(
+            self.path,
+            isolation_level=None,
+            timeout=0,
+            check_same_thread=False,  # opened by the main thread, written by another
+        )
+        try:
+            # Exclusive: no shared memory beside the file, and no other program writes to it.
+            database.execute("PRAGMA locking_mode = EXCLUSIVE")
+            database.execute("PRAGMA journal_mode = WAL")
+            database.execute(f"PRAGMA synchronous = {sync.upper()}")
+        except sqlite3.OperationalError as error:
+            database.close()
+            raise StateError(f"cannot open the state {self.path}: {error}") from error
+        except BaseException:
+            database.close()
+            raise
+        return database
+
+    def _check(self, tree: str) -> None:
+        if self._number("PRAGMA application_id") != _APPLICATION_ID:
+            raise self._damaged("it is not a state of zenoh-tf-server")
+        version = self._number("PRAGMA user_version")
+        if version != SCHEMA_VERSION:
+            raise StateError(
+                f"the state {self.path} has version {version}, and this server knows version "
+                f"{SCHEMA_VERSION}: start the server that wrote it, or choose another --state-dir"
+            )
+        faults = [row[0] for row in self._database.execute("PRAGMA quick_check(1)")]
+        if faults != ["ok"]:
+            raise self._damaged("; ".join(faults))
+        served = self._database.execute("SELECT tree FROM served").fetchall()
+        if served != [(tree,)]:
+            name = served[0][0] if served else "?"
+            raise StateError(
+                f"the state {self.path} belongs to tree {name!r}, not to {tree!r}: "
+                "give each tree a --state-dir of its own"
+            )
+
+    def _number(self, statement: str) -> int:
+        number: int = self._database.execute(statement).fetchone()[0]
+        return number
+
+    def _links(self, table: Table) -> Iterator[tuple[str, Link]]:
+        for row in self._database.execute(f"SELECT * FROM {table.value} ORDER BY child"):
+            child, parent, stamp_ns, *pose, authority, _ = row
+            link = Link(parent, stamp_ns, tuple(pose), authority)
+            if row != _row(child, link):
+                raise self._damaged(f"the row of {child!r} in {table.value} has a wrong checksum")
+            yield child, link
+
+    def _damaged(self, reason: str) -> StateError:
+        return StateError(
+            f"the state {self.path} is damaged: {reason}; put back a copy of {self.path.parent}, "
+            "or move it away to start without the links that were stored"
+        )
+
+    def _beside(self, *suffixes: str) -> Iterator[Path]:
+        for suffix in suffixes:
+            if (path := Path(f"{self.path}{suffix}")).exists():
+                yield path
+
+
+def _row(child: str, link: Link) -> tuple[str | int | float, ...]:
+    """A link as a row of its table. SQLite has no -0.0, hence the sum."""
+    pose = tuple(value + 0.0 for value in link.pose)
+    names = "\0".join((child, link.parent, link.authority)).encode()
+    checksum = zlib.crc32(names + struct.pack("<q7d", link.stamp_ns, *pose))
+    return child, link.parent, link.stamp_ns, *pose, link.authority, checksum
+
+
+def _lock(folder: Path) -> int:
+    """Lock a folder until the returned descriptor is closed, or the process ends in any way."""
+    descriptor = os.open(folder / _LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        owner = os.read(descriptor, 32).decode("ascii", "replace").strip()
+        os.close(descriptor)
+        raise StateError(
+            f"another server uses --state-dir {folder} (process {owner or 'unknown'}): "
+            "stop it, or give each server a folder of its own"
+        ) from error
+    except BaseException:
+        os.close(descriptor)
+        raise
+    with contextlib.suppress(OSError):  # only for the message above
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f"{os.getpid()}\n".encode())
+    return descriptor
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,296 @@
+"""The tree's static links: which there are, who may announce them again, and what is stored.
+
+Every change of a static link goes through this class, under one lock. So the state file gets the
+changes in the order in which the tree has seen them. Dynamic commits take no lock here, unless
+one makes a static link dynamic.
+
+Thread safety: all methods.
+Invariant: `_names` has at least all frames with a static link.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import LookupException, TransactionConflict, TransformException
+
+from .limits import Limits
+from .rate_limited_log import RateLimitedLog
+from .state_file import Link, Stored, Table
+from .state_writer import StateWriter
+
+#: How often an announcement is tried that meets other commits of the same frames.
+_ANNOUNCE_ATTEMPTS: Final = 5
+#: A ticket of nothing.
+NO_TICKET: Final = 0
+
+Stores = NDArray[np.uint8]
+Changed = dict[tuple[Table, str], Link | int | None]
+
+
+class StaticLinks:
+    """Commits and removes static links. What needs storing has a ticket for `wait`."""
+
+    def __init__(
+        self,
+        tree: TransformTree,
+        limits: Limits,
+        writer: StateWriter | None,
+        stored: Stored,
+        remembered: Iterable[str] = (),
+    ) -> None:
+        """`stored`: what the tree was restored from. `remembered`: frames with a last pose."""
+        self._tree = tree
+        self._limits = limits
+        self._writer = writer
+        #: Also held by the thread that stores last poses, so that no removed pose is stored.
+        self.lock = threading.Lock()
+        self._names = set(stored.static_links)
+        self._remembered = frozenset(remembered)
+        # Frames whose static link was removed, by the number of the removal; oldest first.
+        self._removed = OrderedDict(stored.removed_links)
+        self._last_removal = max(self._removed.values(), default=0)
+        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.state"))
+        #: False: nothing is stored, and dynamic commits need no call of `made_dynamic`.
+        self.is_stored = writer is not None
+
+    def commit(self, commit: wire.Commit) -> tuple[Stores, int]:
+        """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the ticket.
+
+        An announcement stores a row only if its frame has no link and none was removed, or has a
+        static link of the same authority.
+
+        Raises:
+            TransformException: The commit is rejected.
+        """
+        with self.lock:
+            if commit.announce:
+                return self._announce(commit)
+            return self._commit(commit)
+
+    def made_dynamic(self, commit: wire.Commit) -> int:
+        """Follow a dynamic commit that the tree has applied. Returns the ticket, which is
+        NO_TICKET unless a static link became dynamic."""
+        # A static commit adds its names before the tree applies it. So if the tree has applied
+        # this commit after a static one, the name is found here.
+        if self._names.isdisjoint(commit.names):
+            return NO_TICKET
+        children = {commit.names[index] for index in commit.child.tolist()}
+        if children.isdisjoint(self._names):
+            return NO_TICKET
+        with self.lock:
+            switched = [name for name in children & self._names if not self._is_static(name)]
+            self._names.difference_update(switched)
+            return self._put({(Table.STATIC_LINKS, name): None for name in switched})
+
+    def clear(self, keep_static: bool) -> int:
+        """Drop all samples, and static links unless they are kept. Returns the ticket."""
+        with self.lock:
+            self._tree.clear(keep_static)
+            gone = [] if keep_static else list(self._names)
+            return self._put(self._forget(gone) | self._forget_poses(self._remembered))
+
+    def reset(self) -> int:
+        """Drop every frame, and what is known of removed links. Returns the ticket."""
+        with self.lock:
+            self._tree.reset()
+            changes = self._forget_poses(self._remembered)
+            changes |= {(Table.STATIC_LINKS, name): None for name in self._names}
+            # The tree is as new: every broadcaster may announce its links to the next server.
+            changes |= {(Table.REMOVED_LINKS, name): None for name in self._removed}
+            self._names.clear()
+            self._removed.clear()
+            return self._put(changes)
+
+    def remove_frame(self, name: str, subtree: bool) -> int:
+        """Remove a frame, or all frames below it as well. Returns the ticket.
+
+        Raises:
+            TransformException: The frame cannot be removed.
+        """
+        with self.lock:
+            before = self._names | self._remembered
+            self._tree.remove_frame(name, subtree)
+            gone = before.difference(self._tree.frames()) if subtree else before & {name}
+            return self._put(
+                self._forget(list(gone & self._names)) | self._forget_poses(gone & self._remembered)
+            )
+
+    def wait(self, ticket: int) -> None:
+        """Wait until a change is durable; not at all for NO_TICKET.
+
+        Raises:
+            NotDurable: It was applied, but cannot be stored now.
+        """
+        if ticket != NO_TICKET and self._writer is not None:
+            self._writer.wait(ticket)
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`: what is not stored yet, because of the disk for instance."""
+        return {} if self._writer is None else {"state_pending": self._writer.pending}
+
+    # --- the rest requires the lock
+
+    def _commit(self, commit: wire.Commit) -> tuple[Stores, int]:
+        links = _last_links(commit)
+        new = links.keys() - self._names
+        self._names |= new
+        try:
+            stored = apply(self._tree, commit)
+        except BaseException:
+            self._names -= new
+            raise
+        changes: Changed = {(Table.STATIC_LINKS, child): link for child, link in links.items()}
+        for child in self._removed.keys() & links.keys():
+            del self._removed[child]
+            changes[Table.REMOVED_LINKS, child] = None
+        return stored, self._put(changes)
+
+    def _announce(self, commit: wire.Commit) -> tuple[Stores, int]:
+        stored = np.zeros(commit.rows, np.uint8)
+        rows = np.arange(commit.rows)
+        try:
+            return stored, self._announce_rows(commit, rows, stored)
+        except TransformException as error:
+            if commit.rows == 1:
+                raise
+            refusal = error
+        # One bad link must not keep the others back: they were set one after another, too.
+        ticket = NO_TICKET
+        for row in rows:
+            try:
+                ticket = max(ticket, self._announce_rows(commit, rows[row : row + 1], stored))
+            except TransformException as error:
+                refusal = error
+        self._log.warn(f"announced statics of {commit.authority!r}", f"some refused: {refusal}")
+        return stored, ticket
+
+    def _announce_rows(
+        self, commit: wire.Commit, rows: NDArray[np.int64], stored: NDArray[np.uint8]
+    ) -> int:
+        """Announce some rows in one commit, and mark those that are stored."""
+        for attempt in range(_ANNOUNCE_ATTEMPTS):
+            versions = [self._announceable(commit, int(row)) for row in rows]
+            may = np.array([version is not None for version in versions])
+            chosen = rows[may]
+            self._log_left_out(commit, rows[~may])
+            if not chosen.size:
+                return NO_TICKET
+            part = replace(
+                commit,
+                parent=commit.parent[chosen],
+                child=commit.child[chosen],
+                stamp=commit.stamp[chosen],
+                pose=commit.pose[chosen],
+                # The commit fails if another one changes one of the frames before it.
+                read_names=[commit.names[commit.child[row]] for row in chosen],
+                read_versions=np.array([v for v in versions if v is not None], np.uint64),
+            )
+            try:
+                _, ticket = self._commit(part)
+            except TransactionConflict:
+                if attempt + 1 == _ANNOUNCE_ATTEMPTS:
+                    raise
+                continue
+            stored[chosen] = 1
+            return ticket
+        return NO_TICKET
+
+    def _announceable(self, commit: wire.Commit, row: int) -> int | None:
+        """The frame's version if the row may be stored, else None."""
+        child = commit.names[commit.child[row]]
+        if child in self._removed:
+            return None
+        record = self._record(child)
+        if record is None:
+            return 0  # the version of a frame that does not exist
+        is_own = record["static"] and record["authority"] == commit.authority
+        version: int = record["version"]
+        return version if is_own or record["parent"] is None else None
+
+    def _log_left_out(self, commit: wire.Commit, rows: NDArray[np.int64]) -> None:
+        if rows.size:
+            first = commit.names[commit.child[rows[0]]]
+            self._log.warn(
+                f"statics of {commit.authority!r}",
+                f"announced again, but {rows.size} left out, {first!r} first: they were changed by "
+                "another authority, or removed, since",
+            )
+
+    def _record(self, frame: str) -> dict[str, Any] | None:
+        try:
+            return self._tree._frame_record(frame)
+        except LookupException:
+            return None
+
+    def _is_static(self, frame: str) -> bool:
+        record = self._record(frame)
+        return record is not None and bool(record["static"])
+
+    def _forget(self, names: list[str]) -> Changed:
+        """Note that static links were removed. Returns what to store."""
+        changes: Changed = {}
+        for name in names:
+            changes[Table.STATIC_LINKS, name] = None
+            self._last_removal += 1
+            self._removed[name] = changes[Table.REMOVED_LINKS, name] = self._last_removal
+            self._removed.move_to_end(name)
+        self._names.difference_update(names)
+        while len(self._removed) > self._limits.removed_statics:
+            oldest, _ = self._removed.popitem(last=False)
+            changes[Table.REMOVED_LINKS, oldest] = None
+        return changes
+
+    @staticmethod
+    def _forget_poses(names: Iterable[str]) -> Changed:
+        return {(Table.LAST_POSES, name): None for name in names}
+
+    def _put(self, changes: Changed) -> int:
+        if not changes or self._writer is None:
+            return NO_TICKET
+        return self._writer.put(changes)
+
+
+def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
+    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
+    return tree._commit_rows(
+        commit.names,
+        commit.parent,
+        commit.child,
+        commit.stamp,
+        commit.pose,
+        authority=commit.authority,
+        static=commit.static,
+        drop_old=commit.drop_old,
+        read_names=commit.read_names,
+        read_versions=commit.read_versions,
+        expires_ns=commit.expires_ns,
+    )
+
+
+def _last_links(commit: wire.Commit) -> dict[str, Link]:
+    """The link of each child as the tree has it after the commit: of several rows of one child it
+    applies the one with the highest stamp last, and the last of those."""
+    links: dict[str, Link] = {}
+    names = commit.names
+    columns = zip(
+        commit.parent.tolist(),
+        commit.child.tolist(),
+        commit.stamp.tolist(),
+        commit.pose.tolist(),
+        strict=True,
+    )
+    for parent, child, stamp_ns, pose in columns:
+        before = links.get(names[child])
+        if before is None or stamp_ns >= before.stamp_ns:
+            links[names[child]] = Link(names[parent], stamp_ns, tuple(pose), commit.authority)
+    return links

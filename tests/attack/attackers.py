@@ -1,0 +1,97 @@
+"""``python -m tests.attack.attackers KIND ENDPOINT ...``: hostile or greedy clients.
+
+Each prints "ready", waits for a line on stdin, and goes on until it is killed.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import zenoh
+
+from zenoh_tf import keys
+
+from . import messages
+
+
+def ready() -> None:
+    print("ready", flush=True)
+    sys.stdin.readline()
+
+
+def frozen(opened: zenoh.Session, queries: str, rows: str) -> None:
+    """Ask for replies and stop, as a program under a debugger or a laptop that sleeps."""
+    payload = messages.pack(messages.same_lookup(int(rows), "probe_map", "probe_base"))
+    ready()
+    held = [messages.ask(opened, "lookup", payload) for _ in range(int(queries))]
+    time.sleep(0.02)  # sends what is queued
+    os.kill(os.getpid(), signal.SIGSTOP)
+    time.sleep(600)
+    del held
+
+
+def lookups(opened: zenoh.Session, rows: str, source: str) -> None:
+    """Batch after batch of lookups; they fail if `source` is unknown."""
+    payload = messages.pack(messages.same_lookup(int(rows), "probe_map", source))
+    ready()
+    while True:
+        messages.send(opened, "lookup", payload)
+
+
+def _remembered(opened: zenoh.Session, rows: int) -> Iterator[bytes]:
+    reads = messages.same_lookup(rows, "probe_map", "probe_base")
+    while True:
+        write = messages.write_fields(opened)
+        one = messages.star("greedy", 0, 1)
+        operations = [["lookup", reads], ["commit", one]]
+        yield messages.pack({"v": 1, "operations": operations, **write})
+
+
+def remembered(opened: zenoh.Session, rows: str) -> None:
+    """Batches of lookups and one set, whose replies the server has to remember."""
+    payloads = _remembered(opened, int(rows))
+    ready()
+    for payload in payloads:
+        messages.send(opened, "batch", payload)
+
+
+def puts(opened: zenoh.Session, rows: str, authority: str) -> None:
+    """A flood of puts; each is newer than the last."""
+    publisher = opened.declare_publisher(
+        keys.put(messages.TREE, authority, static=False),
+        congestion_control=zenoh.CongestionControl.BLOCK,
+    )
+    body = messages.star(f"{authority}_", 0, int(rows))
+    ready()
+    while True:
+        body["stamp"] = np.full(int(rows), time.time_ns(), "<i8").tobytes()
+        publisher.put(messages.pack(body))
+
+
+def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
+    """One message that waits with many rows; says when it was refused."""
+    body = messages.same_lookup(int(rows), "probe_map", "probe_never")
+    body["timeout_ns"] = int(float(timeout_s) * 1e9)
+    ready()
+    held = messages.ask(opened, "lookup", messages.pack(body), min(float(timeout_s), 3600.0))
+    print("asked", flush=True)
+    for reply in held:
+        print(messages.kind_of(reply.err.payload.to_bytes() if reply.err else b"", True))
+    time.sleep(600)
+
+
+def main() -> None:
+    kind, endpoint, *arguments = sys.argv[1:]
+    kinds = (frozen, lookups, remembered, puts, waiters)
+    play = {each.__name__: each for each in kinds}[kind]
+    with messages.session(endpoint) as opened:
+        play(opened, *arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""``python sdk.py NAME ENDPOINT ...``: programs that use the SDK as a user would.
+
+They use its public interface only, and nothing of the tests, so that they run with the SDK of
+another checkout.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from zenoh_tf import StampedTransform, Transform, TransformException
+from zenoh_tf_client import TransformClient
+
+
+def announce_statics(endpoint: str) -> None:
+    """A sensor's driver with two static links, which runs on."""
+    tf = TransformClient.connect(endpoint)
+    sensor = tf.broadcaster("driver")
+    for child in ("camera", "lidar"):
+        sensor.send_static(StampedTransform("root", child, 0, Transform((1, 0, 0))))
+    while not tf.can_transform("root", "lidar"):
+        time.sleep(0.01)
+    print("announced", flush=True)
+    time.sleep(600)
+
+
+def set_behind_a_stall(endpoint: str) -> None:
+    """Prints what the set raised, and the seconds from its expiry until it was seen to apply."""
+    hasty = TransformClient.connect(endpoint, timeout_s=0.5)
+    watching = TransformClient.connect(endpoint, timeout_s=20.0)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    time.sleep(0.2)
+    outcome, late_s = "ok", 0.0
+    for index in range(4):
+        name = f"hasty {index}"
+        try:
+            hasty.set_transform(StampedTransform("root", name, 1, Transform()))
+        except TransformException as error:
+            outcome = type(error).__name__
+            expiry_s = time.monotonic()
+            if outcome != "OutcomeUnknown":
+                continue
+            if watching.can_transform("root", name):
+                continue  # it ran in time, and only its reply was late
+            deadline_s = expiry_s + 15.0
+            while time.monotonic() < deadline_s:
+                if watching.can_transform("root", name):
+                    late_s = max(late_s, time.monotonic() - expiry_s)
+                    break
+                time.sleep(0.05)
+    print(outcome, late_s, flush=True)
+
+
+def call_after_fork(endpoint: str) -> None:
+    """The child's line says what its call raised."""
+    tf = TransformClient.connect(endpoint)
+    print("ready", flush=True)
+    if os.fork() == 0:
+        _report(tf.frames)
+    os.wait()
+
+
+def connect_after_fork(endpoint: str) -> None:
+    tf = TransformClient.connect(endpoint)
+    print("ready", flush=True)
+    if os.fork() == 0:
+        _report(lambda: TransformClient.connect(endpoint, timeout_s=5.0))
+    os.wait()
+    tf.close()
+
+
+def _report(call: Callable[[], object]) -> None:
+    try:
+        call()
+        print("works", flush=True)
+    except BaseException as error:
+        print(f"{type(error).__name__}: {error}", flush=True)
+    os._exit(0)
+
+
+def connect_to_nothing(endpoint: str, timeout_s: str) -> None:
+    """Connect to an endpoint where nothing listens."""
+    print("ready", flush=True)
+    TransformClient.connect("tcp/127.0.0.1:9", timeout_s=float(timeout_s))
+
+
+# --- programs whose exit status counts
+
+
+def daemon_threads(endpoint: str) -> None:
+    """Threads in calls while the program ends with a status of its own."""
+    tf = TransformClient.connect(endpoint)
+    tf.set_transform(StampedTransform("a", "b", 1, Transform()))
+
+    def forever() -> None:
+        while True:
+            tf.lookup_latest_transform("a", "b")
+
+    for _ in range(8):
+        threading.Thread(target=forever, daemon=True).start()
+    print("ready", flush=True)
+    time.sleep(0.3)
+    sys.exit(7)
+
+
+def daemon_waiters(endpoint: str) -> None:
+    """The same with lookups that wait, and one that connects."""
+    tf = TransformClient.connect(endpoint)
+
+    def wait() -> None:
+        tf.lookup_transform("a", "never", timeout_s=100)
+
+    def connect() -> None:
+        while True:
+            TransformClient.connect(endpoint, timeout_s=2.0)
+
+    for target in (wait, wait, wait, connect):
+        threading.Thread(target=target, daemon=True).start()
+    print("ready", flush=True)
+    time.sleep(0.3)
+    sys.exit(7)
+
+
+def unclosed_broadcasters(endpoint: str) -> None:
+    tf = TransformClient.connect(endpoint)
+    for number in range(20):
+        broadcaster = tf.broadcaster(f"driver {number}")
+        broadcaster.send_static(StampedTransform("a", f"b {number}", 0, Transform()))
+    print("ready", flush=True)
+    sys.exit(7)
+
+
+def publishing_thread(endpoint: str) -> None:
+    tf = TransformClient.connect(endpoint)
+    sensor = tf.broadcaster("driver")
+
+    def forever() -> None:
+        while True:
+            sensor.send(StampedTransform("a", "b", time.time_ns(), Transform()))
+
+    threading.Thread(target=forever, daemon=True).start()
+    print("ready", flush=True)
+    time.sleep(0.3)
+    sys.exit(7)
+
+
+if __name__ == "__main__":
+    globals()[sys.argv[1]](*sys.argv[2:])

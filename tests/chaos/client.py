@@ -1,0 +1,135 @@
+"""``python -m tests.chaos.client ENDPOINT SLOT START_S SEED FILE [blind]``: runs transactions.
+
+Writes a line of JSON to FILE before each transaction and one after it, so that a client that is
+killed leaves its open call in the file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import sys
+import time
+from typing import Any
+
+from zenoh_tf import TransformException
+from zenoh_tf.errors import OutcomeUnknown, TransactionConflict
+from zenoh_tf_client import TransformClient
+
+from . import links
+
+#: Calls give up after this. A server is stopped, and a network held, for longer and for shorter.
+TIMEOUT_S = 0.7
+#: Clients with different slots write different versions.
+SLOTS = 16
+#: One of so many transactions has a stamp of a clock that is wrong by so much.
+_WRONG_CLOCK = 50
+_WRONG_MS = 300
+
+
+class Client:
+    def __init__(self, endpoint: str, slot: int, start_s: float, seed: str, path: str) -> None:
+        self._endpoint = endpoint
+        self._slot = slot
+        self._start_s = start_s
+        self._random = random.Random(seed)
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        self._last_ms = 0
+        self._used: set[int] = set()
+
+    def run(self) -> None:
+        """Run transactions until the process is killed."""
+        while True:
+            try:
+                tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S)
+                break
+            except TransformException:  # no server now
+                time.sleep(0.1)
+        while True:
+            if self._step(tf).startswith("failed"):
+                time.sleep(0.02)  # no server, or one that is still empty
+
+    def _write(self, **record: Any) -> None:
+        os.write(self._file, json.dumps(record).encode() + b"\n")
+
+    def _version(self) -> int:
+        """A version of this client's own, in the order of time but for wrong clocks."""
+        now_ms = int(1e3 * (time.monotonic() - self._start_s))
+        self._last_ms = now_ms = max(self._last_ms + 1, now_ms)
+        if self._random.randrange(_WRONG_CLOCK) == 0:
+            now_ms = max(1, now_ms + self._random.randint(-_WRONG_MS, _WRONG_MS))
+        version = now_ms * SLOTS + self._slot
+        while version in self._used:
+            version += SLOTS
+        self._used.add(version)
+        assert version < links.LAST_VERSION, "the run is too long for its versions"
+        return version
+
+    def _step(self, tf: TransformClient) -> str:
+        return self._transaction(tf)
+
+    def _transaction(self, tf: TransformClient) -> str:
+        writes = self._random.random() < 0.6
+        ends = self._random.choices(list(links.CHAINS), k=self._random.choice((1, 1, 2)))
+        written = self._random.sample(range(links.LINKS), self._random.choice((1, 2, 3)))
+        version = self._version() if writes else 0
+        self._write(invoked=time.monotonic_ns(), version=version, written=written if writes else [])
+        reads: list[tuple[int, int, links.Seen]] = []
+        outcome = "committed"
+        try:
+            with tf.transaction() as transaction:
+                for end in ends:
+                    before_ns = time.monotonic_ns()
+                    found = transaction.lookup_latest_transform_xact("root", f"link{end}")
+                    seen = links.decode(end, found.transform)
+                    reads.append((before_ns, time.monotonic_ns(), seen))
+                if writes:
+                    transaction.set_transforms_xact(links.rows(written, version))
+        except TransactionConflict:
+            outcome = "conflict"
+        except OutcomeUnknown:
+            outcome = "unknown"
+        except TransformException as error:
+            outcome = f"failed: {type(error).__name__}"  # it did not run
+        except ValueError as error:
+            outcome = f"inconsistent: {error}"
+        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=reads)
+        return outcome
+
+
+class BlindClient(Client):
+    """Writes one link and reads nothing, so that no read set keeps a late write from running.
+
+    Its stamps are ahead, so that a write that is applied late is still the newest. After an
+    unknown outcome it pauses, so that no later write of its own hides that one.
+    """
+
+    _AHEAD_MS = 2500
+    _LINK = links.LINKS - 1
+    _PAUSE_S = 1.5
+
+    def _step(self, tf: TransformClient) -> str:
+        version = self._version() + self._AHEAD_MS * SLOTS
+        self._write(invoked=time.monotonic_ns(), version=version, written=[self._LINK])
+        outcome = "committed"
+        try:
+            tf.set_transforms_xact(links.rows([self._LINK], version))
+        except OutcomeUnknown:
+            outcome = "unknown"
+        except TransformException as error:
+            outcome = f"failed: {type(error).__name__}"
+        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=[])
+        if outcome == "unknown":
+            time.sleep(self._PAUSE_S)
+        return outcome
+
+
+def main() -> None:
+    endpoint, slot, start, seed, path, *blind = sys.argv[1:]
+    kind = BlindClient if blind else Client
+    kind(endpoint, int(slot), float(start), seed, path).run()
+
+
+if __name__ == "__main__":
+    main()

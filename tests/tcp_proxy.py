@@ -1,0 +1,132 @@
+"""A TCP proxy that delays, throttles, holds, cuts and resets the connections through it.
+
+It runs in a thread of its own. Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import struct
+import threading
+from collections.abc import Callable, Coroutine
+from types import TracebackType
+from typing import Any, Self
+
+_CHUNK = 1 << 16
+_CLOSE_TIMEOUT_S = 5.0
+#: With this, closing a socket drops what is unsent and sends a reset.
+_LINGER = struct.pack("ii", 1, 0)
+
+
+class TcpProxy:
+    """Forwards connections from `endpoint` to a target, both as ``tcp/HOST:PORT``."""
+
+    def __init__(self, target: str) -> None:
+        host, _, port = target.removeprefix("tcp/").rpartition(":")
+        self._target = host, int(port)
+        self._delay_s = 0.0
+        self._bytes_per_s = 0.0
+        self._connections: set[asyncio.StreamWriter] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._loop = asyncio.new_event_loop()
+        self._flows = asyncio.Event()
+        self._flows.set()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="proxy", daemon=True)
+        self._thread.start()
+        self._server = self._await(asyncio.start_server(self._accept, "127.0.0.1", 0))
+        self.endpoint = f"tcp/127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def delay(self, seconds: float) -> None:
+        """Forward everything this much later. A stream has one delay: it also limits the rate."""
+        self._call(lambda: setattr(self, "_delay_s", seconds))
+
+    def throttle(self, bytes_per_s: float) -> None:
+        """Forward at most this many bytes a second each way; 0 for no limit."""
+        self._call(lambda: setattr(self, "_bytes_per_s", bytes_per_s))
+
+    def hold(self) -> None:
+        """Forward nothing until `release`, as a partition that no side is told of."""
+        self._call(self._flows.clear)
+
+    def release(self) -> None:
+        """Forward what was held, and go on."""
+        self._call(self._flows.set)
+
+    def cut(self) -> None:
+        """Close all connections in an orderly way."""
+        self._call(lambda: self._close_all(reset=False))
+
+    def reset(self) -> None:
+        """Reset all connections; what is under way is lost."""
+        self._call(lambda: self._close_all(reset=True))
+
+    def close(self) -> None:
+        """Close everything and end the thread."""
+        self._await(self._stop())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(_CLOSE_TIMEOUT_S)
+        self._loop.close()
+
+    def _await(self, work: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(_CLOSE_TIMEOUT_S)
+
+    def _call(self, action: Callable[[], object]) -> None:
+        self._loop.call_soon_threadsafe(action)
+
+    async def _stop(self) -> None:
+        self._server.close()
+        self._close_all(reset=True)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _close_all(self, *, reset: bool) -> None:
+        for writer in self._connections:
+            if reset:
+                with contextlib.suppress(OSError):
+                    peer = writer.get_extra_info("socket")
+                    peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _LINGER)
+                writer.transport.abort()
+            else:
+                writer.close()
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            there_reader, there_writer = await asyncio.open_connection(*self._target)
+        except OSError:  # as if nothing listened here
+            writer.transport.abort()
+            return
+        for source, sink in ((reader, there_writer), (there_reader, writer)):
+            self._connections.add(sink)
+            task = asyncio.get_running_loop().create_task(self._pump(source, sink))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _pump(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
+        try:
+            while data := await source.read(_CHUNK):
+                if self._delay_s:
+                    await asyncio.sleep(self._delay_s)
+                if self._bytes_per_s:
+                    await asyncio.sleep(len(data) / self._bytes_per_s)
+                await self._flows.wait()
+                sink.write(data)
+                await sink.drain()
+        except OSError:
+            pass
+        finally:
+            self._connections.discard(sink)
+            sink.close()
