@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories anomalies chaos attack lint format docs bench figures core-test platforms \
+.PHONY: help native demo test histories anomalies chaos fuzz soak attack lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
 help: ## list the targets
@@ -55,6 +55,16 @@ anomalies: native ## 1,000,000 concurrent transactions, and every fault that the
 
 chaos: native ## 200,000 remote transactions under kills, stops, partitions and frozen clients; CHAOS=20000 is short, SEED=N repeats a plan
 	@CHAOS=$(or $(CHAOS),200000) $(BIN)/python -m pytest tests/chaos -s $(ARGS)
+
+fuzz: native ## 1,000,000 damaged messages through Zenoh, then coverage-guided fuzzing; FUZZ=20000 and FUZZ_S=30 are short
+	@FUZZ=$(or $(FUZZ),1000000) $(BIN)/python -m pytest tests/fuzz -s $(ARGS)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "atheris>=3.0"
+	@for target in decoder handler key config; do \
+		$(BIN)/python -m tests.fuzz.coverage $$target -max_total_time=$(or $(FUZZ_S),600) || exit 1; \
+	done
+
+soak: native ## an hour of mixed load, which must reach a plateau, and docs/figures/soak.svg; SOAK=120 is short
+	@$(BIN)/python -m tests.soak --seconds $(or $(SOAK),3600) $(ARGS)
 
 attack: native ## every known attack on real servers, and the bounds they must keep; ARGS="--case 3a 13", ARGS="--python OTHER/.venv/bin/python"
 	@$(BIN)/python -m tests.attack $(ARGS)

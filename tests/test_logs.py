@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import re
@@ -142,6 +143,33 @@ def test_hostile_messages_never_reach_the_log_raw(start_server: StartServer, for
     assert "forged" in log
     if form == "json":
         assert {each["level"] for each in records} >= {"info", "warning"}
+
+
+def test_each_place_that_logs_has_a_bounded_rate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    written = io.StringIO()
+    handler = logs._Handler(written)
+    handler.setFormatter(logs.TextFormatter())
+    error = raised(ValueError("defect"))
+    for number in range(10_000):
+        handler.handle(record(f"cleared {number}"))
+    other = record("another place")
+    other.lineno = 2
+    handler.handle(other)
+    for _ in range(10_000):
+        failed = record("failed", error=error)
+        failed.lineno = 3
+        handler.handle(failed)
+    lines = written.getvalue().splitlines()
+    assert sum("cleared" in line for line in lines) == 100
+    assert sum("another place" in line for line in lines) == 1
+    assert sum("ValueError: defect" in line for line in lines) == 5
+    now_s += 6.0
+    handler.handle(record("cleared again"))
+    assert written.getvalue().endswith("cleared again (9900 more were suppressed)\n")
 
 
 def test_uncaught_exceptions_and_warnings_are_records(tmp_path: Any) -> None:

@@ -84,8 +84,9 @@ def link(child: str, stamp_ns: int = 1) -> StampedTransform:
 
 
 @pytest.fixture
-def server(start_server: StartServer) -> ServerProcess:
-    return start_server("--metrics", "127.0.0.1:0", "--max-metrics-authorities", "2")
+def server(start_server: StartServer, tmp_path: Path) -> ServerProcess:
+    flags = ["--metrics", "127.0.0.1:0", "--max-metrics-authorities", "2"]
+    return start_server(*flags, "--state-dir", str(tmp_path / "state"))
 
 
 def test_the_values_are_those_of_the_server(server: ServerProcess) -> None:

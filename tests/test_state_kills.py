@@ -94,7 +94,7 @@ def static_x(tf: TransformClient, frame: str) -> int | None:
         assert tf.frame(frame).static
     except LookupException:
         return None
-    return int(tf.lookup_transform("map", frame).transform.translation[0])
+    return round(float(tf.lookup_transform("map", frame).transform.translation[0]))
 
 
 @pytest.mark.timeout(60 + 20 * KILLS)

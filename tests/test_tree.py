@@ -274,12 +274,24 @@ def test_limits() -> None:
 
 def test_a_deep_chain() -> None:
     tree = TransformTree()
-    tree.set_transforms_xact([link(f"f{i}", f"f{i + 1}", 1, 1.0) for i in range(1001)])
+    tree.set_transforms_xact([link(f"f{i}", f"f{i + 1}", 1, 1.0) for i in range(1000)])
     assert x_of(tree.lookup_transform("f0", "f1000")) == 1000.0
     assert x_of(tree.lookup_transform("f1000", "f0")) == -1000.0
-    with pytest.raises(LookupException) as caught:
-        tree.lookup_transform("f0", "f1001")
-    assert caught.value.limit == 1000
+
+
+def test_no_frame_is_deeper_than_the_limit() -> None:
+    tree = TransformTree(max_depth=3)
+    tree.set_transforms_xact([link(f"f{i}", f"f{i + 1}", 1) for i in range(3)])
+    tree.set_transform(link("top", "other", 1))
+    for parent, child in (("f3", "new"), ("top", "f0")):
+        with pytest.raises(LimitExceeded) as caught:
+            tree.set_transform(link(parent, child, 2))
+        error = caught.value
+        assert (error.field, error.limit, error.value) == ("max_depth", 3, 4)
+        assert (error.frame, error.parent_frame) == (child, parent)
+    assert "new" not in tree.frames()
+    tree.remove_frame("f3")
+    assert tree.set_transform(link("top", "f0", 2))
 
 
 def test_a_path_that_ends_at_the_depth_limit_is_not_too_deep() -> None:

@@ -26,6 +26,9 @@ PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
 OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin")
 
+#: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
+TAKES_PARTS: Final = "parts"
+
 #: Longest name in UTF-8 bytes. Escaping may triple it, and Zenoh's keys should be short.
 MAX_NAME_BYTES: Final = 255
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import random
 import threading
 import time
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
     OutcomeUnknown,
+    ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     TransformException,
@@ -90,7 +92,7 @@ class Connection:
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
         client_id = str(self.session.zid())
-        self._attachment = client_id.encode()
+        self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -130,7 +132,7 @@ class Connection:
         """
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
-        reply = self._query(operation, payload, timeout_s)
+        reply = self._query_until_served(operation, payload, timeout_s)
         if isinstance(reply, _NoReply):
             raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
@@ -163,11 +165,32 @@ class Connection:
             instance,
         )
         payload = self._pack(body | write.fields())
-        reply = self._query(operation, payload, self.timeout_s)
+        # A refused write did not run, so it may be sent again; its expiry stays the same.
+        reply = self._query_until_served(operation, payload, self.timeout_s)
         if isinstance(reply, _NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
+
+    def _query_until_served(
+        self, operation: str, payload: bytes, timeout_s: float
+    ) -> wire.Message | _NoReply:
+        """As `_query`, and again as long as the server is busy and the time is not over."""
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            reply = self._query(operation, payload, timeout_s)
+            if isinstance(reply, _NoReply) or "error" not in reply:
+                return reply
+            error = wire.decode_error(reply["error"])
+            pause_s = error.retry_after_s
+            if not isinstance(error, ServerBusy) or pause_s is None or pause_s < 0:
+                return reply
+            # Clients that were refused together should not come back together.
+            pause_s *= random.uniform(1, 2)
+            timeout_s = deadline_s - time.monotonic() - pause_s
+            if timeout_s <= 0:
+                return reply
+            time.sleep(pause_s)
 
     def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _NoReply:
         """Return the first reply, or why there is none."""
@@ -190,7 +213,12 @@ class Connection:
         return reply
 
     def _first_reply(self, operation: str, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the first reply's payload; None if the query ended without one."""
+        """Return the reply's payload; None if the query ended without one, or within one.
+
+        A long reply comes in parts; the attachment of each is the length of the whole.
+        """
+        parts: list[bytes] = []
+        length = 0
         replies = self.session.get(
             self._keys[operation],
             payload=payload,
@@ -200,7 +228,13 @@ class Connection:
         )
         for reply in replies:
             if (sample := reply.ok) is not None:
-                return sample.payload.to_bytes()
+                if sample.attachment is None:
+                    return sample.payload.to_bytes()
+                parts.append(sample.payload.to_bytes())
+                length += len(parts[-1])
+                if length == int(sample.attachment.to_bytes()):
+                    return b"".join(parts)
+                continue
             return reply.err.payload.to_bytes()  # type: ignore[union-attr]
         return None
 

@@ -40,8 +40,10 @@ log = logging.getLogger("zenoh_tf.server.health")
 class Health:
     """Probes a server from `serving` to `stopping`."""
 
-    def __init__(self, period_s: float = PERIOD_S) -> None:
+    def __init__(self, period_s: float = PERIOD_S, timeout_s: float = _TIMEOUT_S) -> None:
+        """A probe every `period_s` or more rarely; each waits `timeout_s` for its reply."""
         self._period_s = period_s
+        self._timeout_s = timeout_s
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._answered: list[Callable[[], object]] = []
@@ -77,7 +79,7 @@ class Health:
     def _run(self, server: Server) -> None:
         while not self._stop.is_set():
             begun_s = time.monotonic()
-            problem = probe(server.session, server.service.name, server.instance)
+            problem = probe(server.session, server.service.name, server.instance, self._timeout_s)
             if self._stop.is_set():
                 return
             if problem is None:
@@ -90,13 +92,13 @@ class Health:
             self._stop.wait(self._period_s)
 
 
-def probe(session: zenoh.Session, tree: str, instance: str) -> str | None:
+def probe(session: zenoh.Session, tree: str, instance: str, timeout_s: float) -> str | None:
     """Look a frame up by a query that stays in this process. Returns what is wrong, or None."""
     try:
         replies = session.get(
             keys.operation(tree, "lookup"),
             payload=_REQUEST,
-            timeout=_TIMEOUT_S,
+            timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
             allowed_destination=zenoh.Locality.SESSION_LOCAL,
         )
@@ -109,4 +111,4 @@ def probe(session: zenoh.Session, tree: str, instance: str) -> str | None:
             return "the reply is not of this server"
     except (zenoh.ZError, TransformException) as error:
         return str(error)
-    return f"no reply within {_TIMEOUT_S:g} s"
+    return f"no reply within {timeout_s:g} s"

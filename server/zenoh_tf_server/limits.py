@@ -93,8 +93,33 @@ class Limits:
     )
     pending_queries: int = _limit(
         4096,
-        "queries received but not yet started, per query family",
-        "the query is refused",
+        "queries received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    client_pending_queries: int = _limit(
+        2048,
+        "queries of one client received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    pending_bytes: int = _limit(
+        128 << 20,
+        "bytes of queries received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    client_pending_bytes: int = _limit(
+        64 << 20,
+        "bytes of one client's queries received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    unread_reply_bytes: int = _limit(
+        64 << 20,
+        "bytes of replies that wait until a client reads",
+        "the client's queries are refused with `ServerBusy`",
+    )
+    all_unread_reply_bytes: int = _limit(
+        256 << 20,
+        "bytes of replies that wait until clients read",
+        "the queries of clients that have replies waiting are refused with `ServerBusy`",
     )
     waiters: int = _limit(
         20_000,

@@ -1,8 +1,9 @@
 """The server's log: text or JSON on standard error, safe whatever a record contains.
 
-Records quote what clients have sent. The formatters escape and cut every line, so that no call of
-the logger has to. A record is one line; in the text format, the lines of a traceback follow it,
-indented, so that no message can pass for a record of its own.
+Records quote what clients have sent, and clients may cause them as fast as they like. The
+formatters escape and cut every line, and the handler bounds the rate of each place in the code that
+logs, so that no call of the logger has to. A record is one line; in the text format, the lines of a
+traceback follow it, indented, so that no message can pass for a record of its own.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import sys
 import threading
 import time
 import traceback
+from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TextIO
 
 from zenoh_tf.text import cut, printable, quoted
 
@@ -30,6 +32,10 @@ _MAX_TRACEBACK_CHARS: Final = 4000
 _MAX_FIELDS: Final = 16
 _MAX_FIELD_CHARS: Final = 120
 _MAX_NAME_CHARS: Final = 32
+#: Records of one place in the code in a period, and those of them with a traceback.
+_PERIOD_S: Final = 5.0
+_MAX_RECORDS: Final = 100
+_MAX_TRACEBACKS: Final = 5
 _INDENT: Final = "    | "
 
 #: What every record has; other attributes are fields that a call has added with `extra`.
@@ -68,7 +74,37 @@ def setup(level: str, form: Format) -> None:
     sys.unraisablehook = _log_unraisable
 
 
+@dataclass(slots=True)
+class _Place:
+    """A place in the code that logs. There are few, so none is forgotten."""
+
+    until_s: float = 0.0  # the end of the period
+    records: int = 0
+    tracebacks: int = 0
+    suppressed: int = 0  # since the last record that was logged
+
+
 class _Handler(logging.StreamHandler[Any]):
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__(stream)
+        self._places: dict[tuple[str, int], _Place] = {}  # guarded by the handler's lock
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record, or count it as suppressed. Requires the handler's lock."""
+        place = self._places.setdefault((record.pathname, record.lineno), _Place())
+        now_s = time.monotonic()
+        if now_s >= place.until_s:
+            place.until_s = now_s + _PERIOD_S
+            place.records = place.tracebacks = 0
+        place.records += 1
+        place.tracebacks += bool(record.exc_info)
+        if place.records > _MAX_RECORDS or (record.exc_info and place.tracebacks > _MAX_TRACEBACKS):
+            place.suppressed += 1
+            return
+        if place.suppressed:
+            record.suppressed, place.suppressed = place.suppressed, 0
+        super().emit(record)
+
     def handleError(self, record: logging.LogRecord) -> None:
         """Do nothing: the standard handler would write the raw record to standard error."""
 
@@ -122,7 +158,9 @@ def _message(record: logging.LogRecord) -> str:
         text = record.getMessage()
     except Exception as error:  # a wrong call of the logger must not end a worker
         text = f"{record.msg} (cannot be formatted: {error})"
-    return cut(text, _MAX_MESSAGE_CHARS)
+    text = cut(text, _MAX_MESSAGE_CHARS)
+    suppressed = getattr(record, "suppressed", 0)
+    return f"{text} ({suppressed} more were suppressed)" if suppressed else text
 
 
 def _fields(record: logging.LogRecord) -> dict[str, Any]:

@@ -50,9 +50,15 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "samples": _gauge("samples", "samples of all dynamic links"),
     "waiters": _gauge("waiting_lookups", "lookups that wait for a transform"),
     "outcomes": _gauge("remembered_outcomes", "replies to writes, remembered until their expiry"),
+    "state_pending": _gauge(
+        "state_pending", "changes of links that are not stored yet (`--state-dir`)"
+    ),
     "commits": _counter("commits", "transactions that were committed, puts included"),
     "rewritten": _counter("samples_rewritten", "samples at a stamp that the link already had"),
     "dropped": _counter("samples_dropped", "samples older than the cache time of their link"),
+    "from_future": _counter(
+        "samples_from_future", "samples refused because their stamp is too far ahead of the clock"
+    ),
     "evicted": _counter("samples_evicted", "samples removed because a link's history was full"),
     "time_jumps": _counter("time_jumps", "times that the clock was seen to be set back"),
     "puts": _counter("puts", "published messages that were committed"),
@@ -112,7 +118,7 @@ BUILD: Final = Metric(
     "build_info",
     "gauge",
     "always 1; the labels say what runs",
-    ("version", "python", "zenoh", "tree", "instance"),
+    ("version", "python", "zenoh", "tree", "server_instance"),
 )
 OTHERS: Final = (REQUESTS, DURATION, LIMIT, CLIENTS, THREADS, READY, HEALTHY, PROBE, BUILD)
 

@@ -54,7 +54,8 @@ def _address(text: str) -> str:
 
 
 class Operations:
-    """Listens for Prometheus from construction to `close`; a server joins in between."""
+    """Listens for Prometheus from construction to the process's end, also while no server is
+    there yet."""
 
     def __init__(self, settings: Settings) -> None:
         """Raises NetworkError or MetricsMissing."""
@@ -93,11 +94,6 @@ class Operations:
         """The server is about to close."""
         service_manager.notify(STOPPING=1)
         self._health.stopping()
-
-    def close(self) -> None:
-        """Listen no more."""
-        if self._port is not None:
-            self._port.close()
 
     def _metrics_page(self) -> Page:
         assert self._metrics is not None

@@ -15,6 +15,9 @@ from . import network, operations, tree_claim
 from .clients import Clients
 from .ingest import Ingest
 from .limits import Limits
+from .link_sockets import LinkSockets
+from .outbox_links import OutboxLinks
+from .replies import Replies
 from .service import Service
 from .state import State, StateSettings
 from .workers import Workers
@@ -65,6 +68,12 @@ class Server:
             self.session = session
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
+            sockets = LinkSockets()
+            stack.callback(sockets.close)
+            sockets.start(session)
+            replies = Replies(OutboxLinks(sockets, clients), limits)
+            stack.callback(replies.close)
+            clients.when_gone(replies.forget)
             self.service = service = Service(
                 tree, settings.tree, self.instance, limits, loop, state.links
             )
@@ -74,7 +83,7 @@ class Server:
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
             clients.start(session, settings.tree)
-            workers = Workers(service, settings.workers)
+            workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
             workers.start(session, settings.tree)
             token = tree_claim.claim(session, settings.tree, self.instance)

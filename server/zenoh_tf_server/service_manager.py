@@ -12,7 +12,7 @@ from typing import Final
 
 log = logging.getLogger("zenoh_tf.server")
 
-_TIMEOUT_S: Final = 1.0
+_TIMEOUT_S: Final = 0.2
 
 
 def notify(**fields: str | int) -> bool:

@@ -107,8 +107,9 @@ class State:
         if poses is not None:
             poses.close()
         writer, self._writer = self._writer, None
-        if writer is not None:
-            writer.close()
+        if writer is not None and not writer.close():
+            log.error("the state is not stored: the disk does not answer")
+            return
         file, self._file = self._file, None
         if file is not None:
             file.close()

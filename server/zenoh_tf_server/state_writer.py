@@ -72,12 +72,14 @@ class StateWriter:
         with self._changed:
             return len(self._pending)
 
-    def close(self) -> None:
-        """Write what is pending, once more if the last write failed, and end the thread."""
+    def close(self) -> bool:
+        """Write what is pending, once more if the last write failed, and end the thread. False:
+        the disk does not answer, and the thread is still there."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         self._thread.join(_JOIN_TIMEOUT_S)
+        return not self._thread.is_alive()
 
     def _not_durable(self, reason: str) -> NotDurable:
         return NotDurable(

@@ -30,6 +30,8 @@ from .state_writer import StateWriter
 
 #: How often an announcement is tried that meets other commits of the same frames.
 _ANNOUNCE_ATTEMPTS: Final = 5
+#: An announcement of more rows is not tried row by row.
+_MAX_SINGLE_ROWS: Final = 4096
 #: A ticket of nothing.
 NO_TICKET: Final = 0
 
@@ -120,7 +122,7 @@ class StaticLinks:
         with self.lock:
             before = self._names | self._remembered
             self._tree.remove_frame(name, subtree)
-            gone = before.difference(self._tree.frames()) if subtree else before & {name}
+            gone = self._missing(list(before)) if subtree else before & {name}
             return self._put(
                 self._forget(list(gone & self._names)) | self._forget_poses(gone & self._remembered)
             )
@@ -161,7 +163,7 @@ class StaticLinks:
         try:
             return stored, self._announce_rows(commit, rows, stored)
         except TransformException as error:
-            if commit.rows == 1:
+            if not 1 < commit.rows <= _MAX_SINGLE_ROWS:
                 raise
             refusal = error
         # One bad link must not keep the others back: they were set one after another, too.
@@ -231,6 +233,11 @@ class StaticLinks:
             return self._tree._frame_record(frame)
         except LookupException:
             return None
+
+    def _missing(self, frames: list[str]) -> set[str]:
+        """Those of some frames that do not exist."""
+        status, _, _ = self._tree._lookup_columns(frames, frames, None)
+        return {frame for frame, code in zip(frames, status.tolist(), strict=True) if code}
 
     def _is_static(self, frame: str) -> bool:
         record = self._record(frame)

@@ -46,7 +46,7 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 class StatusPort:
-    """Serves pages by path from construction to `close`."""
+    """Serves pages by path from construction to the process's end."""
 
     def __init__(self, address: str, pages: Pages) -> None:
         """Raises NetworkError if the address cannot be listened on."""
@@ -58,20 +58,12 @@ class StatusPort:
             raise NetworkError(
                 f"cannot serve metrics on {address}: {error.strerror or error}"
             ) from error
-        self._thread = threading.Thread(
-            target=self._http.serve_forever, args=(0.1,), name="status", daemon=True
-        )
-        self._thread.start()
+        threading.Thread(target=self._http.serve_forever, name="status", daemon=True).start()
 
     @property
     def port(self) -> int:
         """The port listened on; the system has chosen it if 0 was asked for."""
         return int(self._http.server_address[1])
-
-    def close(self) -> None:
-        """Listen no more."""
-        self._http.shutdown()
-        self._http.server_close()
 
 
 class _HttpServer(ThreadingHTTPServer):

@@ -1,105 +1,199 @@
-"""Queries: a bounded Zenoh channel and a pool of threads for each query family.
+"""The threads that receive and serve queries.
 
-A pool has one thread more than may serve queries at once. A thread that receives a query while
-all others serve puts it into the backlog, or refuses it if the backlog is full. So some thread
+Each query family (lookup, commit, batch, info, admin) has a Zenoh channel and its own threads. A
+short request is served by the thread that receives it: a hand-over to another thread would cost a
+sequential client a sixth of its rate. A family has one thread more than may serve at once. The
+thread that receives a query while all others serve puts it into the family's lane. So some thread
 always drains the channel: a full channel would block Zenoh's receive thread, and with it every
-client. A callback on Zenoh's thread could fill the backlog as well, but costs a sequential client
-a sixth of its rate.
+client.
+
+Long requests go to lanes with threads of their own, so that short ones never wait behind them:
+one lane for long lookups, commits and batches, and one for the infos. `hello` is served as a short
+request, and its family serves nothing else: no work delays it.
+
+How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in `replies`. No
+reply blocks a thread of this module.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
-from typing import Any
+from typing import Any, Final
 
 import zenoh
 from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys
 
-from .reply_cache import ReplyCallback
+from .clients import Clients
+from .lanes import Budget, Lane, Request
+from .replies import Replies, Reply
 from .service import Service
 
 log = logging.getLogger("zenoh_tf.server")
 
-_CHANNEL = 256
-#: A Zenoh id has 32 hexadecimal digits.
-_MAX_CLIENT_ID_BYTES = 64
-#: Families whose requests are short and rare: one thread serves them.
-_SMALL = ("info", "admin")
+#: Small, because what is in a channel is not counted; a thread always drains it.
+_CHANNEL: Final = 16
+#: An attachment is a Zenoh id of at most 32 hexadecimal digits, and maybe a word.
+_MAX_ATTACHMENT_BYTES: Final = 64
+#: A request of up to this size is short: about 15,000 lookups, or 3,000 transforms to store,
+#: which take a few milliseconds.
+SHORT_BYTES: Final = 256 << 10
+#: Families whose requests are rare: one thread serves them.
+_SMALL: Final = ("info", "admin")
+#: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
+_HELLO: Final = b"\xa5hello"
+_HELLO_BYTES: Final = 64
+_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class QueryReply:
-    """The ReplyCallback of one query: sends the reply and finishes the query. The client of a
-    query that is never finished waits for its whole time-out."""
+    """The ReplyCallback of one query."""
 
-    __slots__ = ("_key", "_query")
+    __slots__ = ("_in_parts", "_key", "_query", "_replies", "_size", "client")
 
-    def __init__(self, query: zenoh.Query, key: zenoh.KeyExpr) -> None:
+    def __init__(
+        self, query: zenoh.Query, key: zenoh.KeyExpr, size: int, replies: Replies, clients: Clients
+    ) -> None:
+        #: The id of the client that sent the query; empty if it did not say, or is not connected.
+        self.client = ""
+        self._in_parts = False
+        attachment = query.attachment
+        if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
+            client, _, word = attachment.to_bytes().decode("ascii", "replace").partition(" ")
+            self.client = clients.known(client)
+            self._in_parts = word == keys.TAKES_PARTS
         self._query = query
         self._key = key
-
-    @property
-    def client(self) -> str:
-        """The id of the client that sent the query; empty if it did not say."""
-        attachment = self._query.attachment
-        if attachment is None or len(attachment) > _MAX_CLIENT_ID_BYTES:
-            return ""
-        return attachment.to_bytes().decode("ascii", "replace")
+        self._size = size
+        self._replies = replies
 
     def __call__(self, reply: bytes, failed: bool) -> None:
-        query = self._query
-        try:
-            if failed:
-                query.reply_err(reply)
-            else:
-                query.reply(self._key, reply)
-        except zenoh.ZError as error:  # the client has gone, or given up
-            log.debug("cannot reply to %s: %s", query.key_expr, error)
-        finally:
-            query.drop()
+        self._replies.send(
+            self.client,
+            Reply(self._query, self._key, reply, failed, self._in_parts, self._size),
+        )
 
 
 class Workers:
-    """The pools of all query families."""
+    """The threads of all families and lanes."""
 
-    def __init__(self, service: Service, count: int) -> None:
-        self._pools = [
-            _Pool(service, operation, 1 if operation in _SMALL else count)
+    def __init__(self, service: Service, clients: Clients, replies: Replies, count: int) -> None:
+        budget = Budget(service.limits)
+        shared = _Shared(service, clients, replies, budget)
+        self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
+        self._families = [
+            _Family(
+                shared,
+                operation,
+                1 if operation in _SMALL else count,
+                self._lanes["info" if operation == "info" else "long"].lane,
+            )
             for operation in keys.OPERATIONS
         ]
 
     def start(self, session: zenoh.Session, tree: str) -> None:
-        for pool in self._pools:
-            pool.start(session, tree)
+        """Receive the queries of a tree."""
+        for threads in self._lanes.values():
+            threads.start()
+        for family in self._families:
+            family.start(session, tree)
 
     def close(self) -> None:
         """Receive no more queries, serve those received, and end the threads."""
-        for pool in self._pools:
-            pool.undeclare()
-        for pool in self._pools:
-            pool.join()
+        for family in self._families:
+            family.undeclare()
+        for threads in self._lanes.values():
+            threads.lane.close()
+        for family in self._families:
+            family.join()
+        for threads in self._lanes.values():
+            threads.join()
 
 
-class _Pool:
-    def __init__(self, service: Service, operation: str, count: int) -> None:
-        self._service = service
+class _Shared:
+    """What all threads share: how a request is served or refused."""
+
+    def __init__(
+        self, service: Service, clients: Clients, replies: Replies, budget: Budget
+    ) -> None:
+        self.service = service
+        self.clients = clients
+        self.replies = replies
+        self.budget = budget
+        self.keys: dict[str, zenoh.KeyExpr] = {}
+
+    def serve(self, query: zenoh.Query, operation: str, data: bytes) -> None:
+        reply_to = QueryReply(query, self.keys[operation], len(data), self.replies, self.clients)
+        try:
+            refusal = self.replies.refusal(reply_to.client)
+            if refusal is None:
+                self.service.handle(operation, data, reply_to)
+            else:
+                reply_to(self.service.error(refusal), True)
+        except Exception:  # no query may end a worker
+            log.exception("internal error while serving %s", operation)
+            query.drop()
+
+    def put(self, lane: Lane, query: zenoh.Query, operation: str, size: int) -> None:
+        """Let a query wait in a lane, or refuse it."""
+        reply_to = QueryReply(query, self.keys[operation], size, self.replies, self.clients)
+        refusal: Exception | None = None
+        if size > self.service.limits.message_bytes:
+            refusal = self.service.limits.exceeded("message_bytes", size)
+        else:
+            refusal = lane.put(Request(query, operation, reply_to.client, size))
+        if refusal is not None:
+            reply_to(self.service.error(refusal), True)
+
+
+class _LaneThreads:
+    """Threads that serve one lane."""
+
+    def __init__(self, shared: _Shared, count: int) -> None:
+        self.lane = Lane(shared.budget)
+        self._shared = shared
+        self._threads = [
+            threading.Thread(target=self._work, name=f"lane-{index}", daemon=True)
+            for index in range(count)
+        ]
+
+    def start(self) -> None:
+        for thread in self._threads:
+            thread.start()
+
+    def join(self) -> None:
+        for thread in self._threads:
+            thread.join(timeout=_JOIN_TIMEOUT_S)
+
+    def _work(self) -> None:
+        while (request := self.lane.wait()) is not None:
+            payload = request.query.payload
+            data = payload.to_bytes() if payload is not None else b""
+            self._shared.serve(request.query, request.operation, data)
+
+
+class _Family:
+    """The channel and the threads of one family of queries."""
+
+    def __init__(self, shared: _Shared, operation: str, count: int, long_lane: Lane) -> None:
+        self._shared = shared
         self._operation = operation
         self._count = count
+        self._long_lane = long_lane
+        self._lane = Lane(shared.budget)
         self._lock = threading.Lock()
-        # Guarded by the lock. Invariant: the backlog holds queries only while `count` threads
-        # are busy, and each of them looks there before it stops being busy.
+        # Guarded by the lock. Invariant: the family's lane holds requests only while `count`
+        # threads are busy, and each of them looks there before it stops being busy.
         self._busy = 0
-        self._backlog: deque[zenoh.Query] = deque()
         self._queryable: zenoh.Queryable[Any] | None = None
         self._threads: list[threading.Thread] = []
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         key = keys.operation(tree, self._operation)
+        self._shared.keys[self._operation] = zenoh.KeyExpr(key)
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
-        self._key = zenoh.KeyExpr(key)
         self._queryable = session.declare_queryable(key, channel, complete=True)
         # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
         # the queryable itself.
@@ -120,7 +214,7 @@ class _Pool:
 
     def join(self) -> None:
         for thread in self._threads:
-            thread.join(timeout=0.5)
+            thread.join(timeout=_JOIN_TIMEOUT_S)
 
     def _work(self, receive: Any) -> None:
         while True:
@@ -128,41 +222,46 @@ class _Pool:
                 query: zenoh.Query = receive()
             except zenoh.ZError:  # undeclared
                 return
-            if self._admit(query):
-                self._serve(query)
-                while (waiting := self._next()) is not None:
-                    self._serve(waiting)
+            try:
+                self._receive(query)
+            except Exception:  # no query may end a thread
+                log.exception("internal error while receiving on %s", self._operation)
 
-    def _admit(self, query: zenoh.Query) -> bool:
-        """True: this thread is now busy and must serve the query. False: the query was put into
-        the backlog, or refused."""
-        limits = self._service.limits
+    def _receive(self, query: zenoh.Query) -> None:
+        payload = query.payload
+        size = len(payload) if payload is not None else 0
+        data = b""
+        if size <= SHORT_BYTES:
+            data = payload.to_bytes() if payload is not None else b""
+            if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
+                if self._admit(query, size):
+                    self._serve(query, data)
+                return
+        self._shared.put(self._long_lane, query, self._operation, size)
+
+    def _admit(self, query: zenoh.Query, size: int) -> bool:
+        """True: this thread is now busy and must serve the query. False: the query waits in the
+        lane, or is refused."""
         with self._lock:
             if self._busy < self._count:
                 self._busy += 1
                 return True
-            pending = len(self._backlog) + 1
-            if pending <= limits.pending_queries:
-                self._backlog.append(query)
-                return False
-        refusal = self._service.error(limits.exceeded("pending_queries", pending))
-        QueryReply(query, self._key)(refusal, True)
-        return False
+            # Within the lock, so that a thread that stops being busy finds the query.
+            self._shared.put(self._lane, query, self._operation, size)
+            return False
 
-    def _next(self) -> zenoh.Query | None:
-        """The next query of the backlog. None: there is none, and this thread is not busy now."""
-        with self._lock:
-            if self._backlog:
-                return self._backlog.popleft()
-            self._busy -= 1
-            return None
-
-    def _serve(self, query: zenoh.Query) -> None:
-        reply_to: ReplyCallback = QueryReply(query, self._key)
-        try:
-            payload = query.payload
+    def _serve(self, query: zenoh.Query, data: bytes) -> None:
+        """Serve a query, and then what waits in the lane."""
+        self._shared.serve(query, self._operation, data)
+        while (request := self._next()) is not None:
+            payload = request.query.payload
             data = payload.to_bytes() if payload is not None else b""
-            self._service.handle(self._operation, data, reply_to)
-        except Exception:  # no query may end a worker
-            log.exception("internal error while serving %s", self._key)
-            query.drop()
+            self._shared.serve(request.query, self._operation, data)
+
+    def _next(self) -> Request | None:
+        """The lane's next request. None: there is none, and this thread is not busy now."""
+        with self._lock:
+            request = self._lane.take()
+            if request is None:
+                self._busy -= 1
+            return request

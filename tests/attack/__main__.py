@@ -35,7 +35,7 @@ def cases() -> dict[str, Case]:
             number = (getattr(case, "__doc__", None) or "").partition(":")[0]
             if number[:1].isdigit():
                 found[number] = case
-    return dict(sorted(found.items(), key=lambda item: (int(item[0].rstrip("abcdefg")), item[0])))
+    return dict(sorted(found.items(), key=lambda item: (int(item[0].rstrip("abcdefgh")), item[0])))
 
 
 def play(number: str, case: Case, arena: Arena) -> list[Finding]:
@@ -66,7 +66,7 @@ def main() -> int:
     chosen = {
         number: case
         for number, case in known.items()
-        if not options.case or number in options.case or number.rstrip("abcdefg") in options.case
+        if not options.case or number in options.case or number.rstrip("abcdefgh") in options.case
     }
     if not chosen:
         parser.error(f"no such case; there are {', '.join(known)}")

@@ -26,7 +26,8 @@ _HOUR_NS = 3600 * 10**9
 def _script(server: Server, name: str, *arguments: str) -> Process:
     """A function of sdk.py in a process of the SDK that is attacked."""
     script = str(HERE / "sdk.py")
-    return Process([server.python, script, name, server.endpoint, *arguments])
+    command = [server.python, script, name, server.endpoint, *arguments]
+    return Process(command, subprocess.DEVNULL)
 
 
 def _info(opened: zenoh.Session, what: str, **arguments: object) -> object:

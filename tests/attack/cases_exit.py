@@ -19,7 +19,7 @@ _STOP_S = 2.0
 
 def server_with_puts_in_flight(arena: Arena) -> list[Finding]:
     """8: SIGTERM to a server with large puts in flight"""
-    return _stop_server(arena, [("puts", "20000", f"p{index}") for index in range(2)])
+    return _stop_server(arena, [("puts", "100000", f"p{index}") for index in range(2)])
 
 
 def server_with_lookups_in_flight(arena: Arena) -> list[Finding]:
@@ -63,16 +63,29 @@ def publishing_thread(arena: Arena) -> list[Finding]:
     return _end_program(arena, "publishing_thread")
 
 
-def _end_program(arena: Arena, name: str) -> list[Finding]:
+def daemon_batches(arena: Arena) -> list[Finding]:
+    """8g: the same in large lookups"""
+    return _end_program(arena, "daemon_batches")
+
+
+def frozen_server(arena: Arena) -> list[Finding]:
+    """8h: the same in lookups of a server that is stopped"""
+    return _end_program(arena, "daemon_threads", freeze=True)
+
+
+def _end_program(arena: Arena, name: str, *, freeze: bool = False) -> list[Finding]:
     abnormal, statuses = 0, set()
     with arena.server() as server, messages.session(server.endpoint):
         for _ in range(_RUNS):
             command = [server.python, str(HERE / "sdk.py"), name, server.endpoint]
             with Process(command, subprocess.DEVNULL) as program:
+                if freeze:
+                    server.signal(signal.SIGSTOP)
                 try:
                     status = program.process.wait(30.0)
                 except subprocess.TimeoutExpired:
                     status = -signal.SIGALRM
+            server.signal(signal.SIGCONT)
             statuses.add(status)
             abnormal += status != _STATUS
     note = f"statuses {sorted(statuses)}"

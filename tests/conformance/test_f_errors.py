@@ -11,6 +11,7 @@ from zenoh_tf import (
     ConnectivityException,
     ForwardExtrapolationException,
     InvalidArgumentException,
+    LimitExceeded,
     LookupException,
     NoDataForExtrapolationException,
     TimeoutException,
@@ -152,23 +153,28 @@ def check_that_a_past_cycle_is_found(tf: Tree) -> None:
 
 
 def check_depth(tf: Tree, limit: int) -> None:
-    """0 -> 1 -> ..., one link more than the limit, one metre each."""
+    """0 -> 1 -> ..., one metre each, as many links as the limit allows."""
     links = [stamped(str(i), str(i + 1), 1, (1, 0, 0)) for i in range(limit + 1)]
-    tf.set_transforms_xact(links)
+    with pytest.raises(LimitExceeded) as refused:
+        tf.set_transforms_xact(links)
+    assert (refused.value.field, refused.value.limit) == ("max_depth", limit)
+    tf.set_transforms_xact(links[:-1])
     assert x_of(look(tf, "0", str(limit), 1)) == pytest.approx(limit)
     assert x_of(look(tf, str(limit), "0", 1)) == pytest.approx(-limit)
-    for pair in (("0", str(limit + 1)), (str(limit + 1), "0")):
-        for seconds in (None, 1):
-            with pytest.raises(LookupException) as caught:
-                look(tf, *pair, seconds)
-            assert caught.value.limit == limit
-            assert not can(tf, *pair, seconds)
+    # A past link may be deeper: from 2 s on, this frame is a root's child.
+    for parent, seconds in (("top", 2), ("top", 3), (str(limit), 1)):
+        tf.set_transform(stamped(parent, "deep", seconds, (1, 0, 0)))
+    for pair in (("0", "deep"), ("deep", "0")):
+        with pytest.raises(LookupException) as caught:
+            look(tf, *pair, 1)
+        assert caught.value.limit == limit
+        assert not can(tf, *pair, 1)
 
 
 def test_F07_loops_and_depth(mode: str, make_tf: MakeTree) -> None:
     """[Q] Decision: a set that would close a cycle in the newest topology is rejected. A cycle
-    at a past time only is a LookupException at that time. A path of max_depth links is followed,
-    one more is a LookupException."""
+    at a past time only is a LookupException at that time. So is one that would put a frame more
+    than max_depth links below its root; a longer path at a past time is a LookupException."""
     check_that_a_cycle_is_refused(make_tf())
     check_that_a_past_cycle_is_found(make_tf())
     check_depth(make_tf(), MAX_DEPTH)

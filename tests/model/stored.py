@@ -84,6 +84,9 @@ class Stored:
             self._refuse("too old in a transaction")
         if self.has_cycle(links):
             self._refuse("cycle")
+        if self.too_deep(links):
+            self.events["refused: too deep"] += 1
+            raise errors.LimitExceeded("too deep")
         for child in {row.child for row in rows} & before.keys():
             old, new = before[child], links[child]
             if old.static != new.static:
@@ -110,6 +113,16 @@ class Stored:
                 frame = links[frame].samples[-1].parent
                 if frame in seen:
                     return True
+        return False
+
+    def too_deep(self, links: dict[str, Link]) -> bool:
+        """True if a frame has more links above it than allowed. Requires that there is no cycle."""
+        for child in links:
+            frame, depth = child, 0
+            while frame in links:
+                frame, depth = links[frame].samples[-1].parent, depth + 1
+            if depth > self.max_depth:
+                return True
         return False
 
     def with_rows(

@@ -32,6 +32,7 @@ EVENTS = {
     "too deep",
     "refused: too old in a transaction",
     "refused: cycle",
+    "refused: too deep",
     "refused: empty name",
     "refused: own parent",
     "refused: not finite",

@@ -22,6 +22,7 @@ void CommitExecution::apply(const WriteLocks& locks) noexcept {
   if (plan_.clears_samples()) clear_samples(locks.frames());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
+  update_heights();
   if (plan_.clears_samples()) {  // clear_samples() and apply_group() may list the same frame
     std::sort(changed_.begin(), changed_.end());
     changed_.set_size(
@@ -57,8 +58,10 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   const std::uint32_t stored_before = tally_.stored;
   store_rows(group);
   if (tally_.stored == stored_before) return false;
-  if (group.new_parent != 0)
-    tree_.frames_[group.new_parent].has_had_children.store(true, std::memory_order_relaxed);
+  if (group.new_parent != 0) {
+    if (parent_before != 0) tree_.topology_index_.unlink(group.child, parent_before);
+    tree_.topology_index_.link(group.child, group.new_parent);
+  }
   record_link_change(group, parent_before, static_before);
   return true;
 }

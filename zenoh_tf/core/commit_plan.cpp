@@ -126,6 +126,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   clears_samples_ = found_time_jump_ && scope == CommitScope::all_frames && is_time_set_back();
 
   bool topology_changes = names_.any_new();
+  changed_links_.clear();
   for (FrameWrites& group : groups_) {
     group.is_append = is_append(group);
     if (group.is_append) [[likely]] {
@@ -137,7 +138,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   }
   if (topology_changes) {
     if (scope == CommitScope::children) return PlanOutcome::needs_topology;
-    check_cycles();
+    check_topology();
   }
   // While no frame was ever reparented, readers use one path for all times. The first reparenting
   // therefore gives every frame a new version, so that readers which relied on it must retry.
@@ -248,36 +249,6 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
          stamp + "all samples of the frame, which is full: it has " +
              with_separators(limits_.max_samples) + " (max_samples_per_frame), from " +
              std::to_string(oldest) + " ns on");
-}
-
-// Throws Rejected if the newest parents would form a cycle once all rows are applied. Requires the
-// topology mutex.
-void CommitPlan::check_cycles() const {
-  const std::uint64_t frames = names_.frame_count_after();
-  FrameList new_parents;
-  for (const FrameWrites& group : groups_)
-    if (group.new_parent != 0) new_parents.push_back(group.new_parent);
-  std::sort(new_parents.begin(), new_parents.end());
-  for (const FrameWrites& group : groups_) {
-    if (group.new_parent == 0) continue;
-    // Only a frame that has children can be reached by following parents.
-    if (!group.frame->has_had_children.load(std::memory_order_relaxed) &&
-        !std::binary_search(new_parents.begin(), new_parents.end(), group.child))
-      continue;
-    FrameId frame = group.new_parent;
-    for (std::uint64_t steps = 0; frame != 0 && frame != group.child && steps <= frames; ++steps)
-      frame = parent_after(frame);
-    if (frame != 0)
-      reject(request_, request_.rows[writes_[group.begin].row], "parent_frame",
-             "the link would close a cycle");
-  }
-}
-
-FrameId CommitPlan::parent_after(FrameId id) const noexcept {
-  if (const FrameWrites* const group = group_of(id); group && group->new_parent != 0)
-    return group->new_parent;
-  const Frame& frame = tree_.frames_[id];
-  return will_be_cleared(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
 }
 
 void CommitPlan::reserve_memory() {

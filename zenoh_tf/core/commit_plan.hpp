@@ -50,6 +50,12 @@ struct FrameWrites {
   bool wakes_all = false;  // not only newer samples of the same parent: all waiters are woken
 };
 
+// A frame that gets another parent.
+struct ChangedLink {
+  std::uint32_t depth;  // links below its root, after this commit
+  std::uint32_t group;  // index in CommitPlan::groups()
+};
+
 class CommitPlan {
  public:
   // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
@@ -90,6 +96,10 @@ class CommitPlan {
   [[nodiscard]] std::span<const FrameWrites> groups() const noexcept {
     return {groups_.begin(), groups_.size()};
   }
+  // The frames that get another parent, the lowest first.
+  [[nodiscard]] std::span<const ChangedLink> changed_links() const noexcept {
+    return {changed_links_.begin(), changed_links_.size()};
+  }
   [[nodiscard]] const RowWrite& write(std::uint32_t i) const noexcept { return writes_[i]; }
   [[nodiscard]] const Pose& pose(std::uint32_t row) const noexcept { return poses_[row]; }
   [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept {
@@ -122,8 +132,14 @@ class CommitPlan {
   void check_authority_of(const FrameWrites& group) const;
   [[noreturn]] void reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
                                  Stamp oldest) const;
-  void check_cycles() const;
+  // Throws Rejected if the newest parents would form a cycle once all rows are applied, or a frame
+  // would be too deep; and bad_alloc. Lists the changed links. Requires the topology mutex.
+  void check_topology();
+  [[nodiscard]] std::uint32_t depth_after(FrameId frame) const;
+  [[nodiscard]] std::uint32_t height_of_unchanged(FrameId top) const;
   [[nodiscard]] FrameId parent_after(FrameId frame) const noexcept;
+  [[noreturn]] void reject_cycle(FrameId on_cycle) const;
+  [[noreturn]] void reject_depth(const FrameWrites& group, std::uint32_t depth) const;
   void reserve_memory();
 
   Tree& tree_;
@@ -138,6 +154,7 @@ class CommitPlan {
   SmallVector<RowWrite, 16> writes_;  // without the rows that are from the future
   SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
+  SmallVector<ChangedLink, 4> changed_links_;
   FrameList children_;  // of groups_, ascending
 };
 

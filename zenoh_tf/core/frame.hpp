@@ -171,7 +171,6 @@ struct alignas(128) Frame {
   std::atomic<std::uint32_t> parent_changes;  // how often a ring's sample has another parent than
                                               // the sample before it
   std::atomic<bool> is_static;
-  std::atomic<bool> has_had_children;  // written under the topology mutex
   std::atomic<std::uint32_t> authority;
   std::atomic<std::uint32_t> evicted;  // samples dropped because the frame was full
 

@@ -15,6 +15,7 @@ Tree::Tree(const Options& options)
       frames_(frame_array_.begin()),
       events_(std::size_t{options.max_frames} + 1),
       waiters_(std::size_t{options.max_frames} + 1),
+      topology_index_(std::size_t{options.max_frames} + 1),
       authority_counters_(options.max_authorities),
       names_(options.max_frames),
       authorities_(options.max_authorities) {}
@@ -28,12 +29,18 @@ void Tree::list_frames(FrameList& all) const {
   for (FrameId id = 1; id <= names_.size(); ++id) all.push_back(id);
 }
 
+void Tree::clear_frame(FrameId id) noexcept {
+  const FrameId parent = frames_[id].parent.load(std::memory_order_relaxed);
+  if (parent != 0) topology_index_.unlink(id, parent);
+  clear_history(frames_[id]);
+}
+
 void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept {
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
     if (!has_data || (keep_static && frame.is_static.load(std::memory_order_relaxed))) continue;
-    clear_history(frame);
+    clear_frame(id);
     dropped.push_back(id);
   }
 }
@@ -77,7 +84,8 @@ void Tree::reset() {
 
 void Tree::drop_frames(const FrameList& frames) noexcept {
   for (const FrameId frame : frames) {
-    clear_history(frames_[frame]);
+    clear_frame(frame);
+    topology_index_.set_height(frame, 0);  // its children are gone, too
     frames_[frame].authority.store(0, std::memory_order_release);
     names_.hide(frame);
   }
@@ -92,26 +100,20 @@ void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) 
                    .message = "frame " + quoted(name) + " does not exist",
                    .frame = std::string(name)};
   frames.push_back(id);
-  if (!frames_[id].has_had_children.load(std::memory_order_relaxed)) return;
-  std::vector<std::pair<FrameId, FrameId>> links;  // parent, child
-  for (FrameId child = 1; child <= names_.size(); ++child)
-    if (const FrameId parent = frames_[child].parent.load(std::memory_order_relaxed); parent != 0)
-      links.emplace_back(parent, child);
-  std::sort(links.begin(), links.end());
-  for (std::size_t i = 0; i < frames.size(); ++i) {  // the loop appends to `frames`
-    auto link = std::lower_bound(links.begin(), links.end(), std::pair(frames[i], FrameId{0}));
-    for (; link != links.end() && link->first == frames[i]; ++link) {
-      const std::string_view child = names_.name(link->second);
-      if (!subtree)
+  for (std::size_t i = 0; i < frames.size(); ++i)  // the loop appends to `frames`
+    for (FrameId child = topology_index_.first_child(frames[i]); child != 0;
+         child = topology_index_.next_sibling(child)) {
+      if (!subtree) {
+        const std::string child_name(names_.name(child));
         throw Rejected{.code = Code::invalid_argument,
                        .message = "cannot remove frame " + quoted(name) + ": it is the parent of " +
-                                  quoted(child) + "; remove that first, or the whole subtree",
-                       .frame = std::string(child),
+                                  quoted(child_name) + "; remove that first, or the whole subtree",
+                       .frame = child_name,
                        .parent = std::string(name),
                        .field = "name"};
-      frames.push_back(link->second);
+      }
+      frames.push_back(child);
     }
-  }
   std::sort(frames.begin(), frames.end());
 }
 

@@ -26,6 +26,7 @@
 #include "history.hpp"
 #include "name_table.hpp"
 #include "query.hpp"
+#include "topology_index.hpp"
 #include "velocity.hpp"
 #include "wait_list.hpp"
 #include "zeroed_array.hpp"
@@ -38,6 +39,7 @@ struct Options {
   std::uint32_t max_frames = 1u << 20;
   std::uint32_t max_samples_per_frame = 1u << 16;
   std::uint32_t max_name_bytes = 255;
+  // The most links between a frame and its root: a commit that puts a frame deeper is rejected.
   std::uint32_t max_depth = 1000;
   std::uint32_t max_authorities = 4096;
   bool one_authority_per_frame = false;
@@ -201,8 +203,11 @@ class Tree {
   // Locks the giant mutex, if the concurrency control has one.
   [[nodiscard]] std::unique_lock<std::mutex> lock_giant() const;
   void list_frames(FrameList& all) const;
+  // Leaves the frame without samples and without a parent. Requires the topology mutex, and what
+  // clear_history() requires.
+  void clear_frame(FrameId id) noexcept;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
-  // frames' write locks.
+  // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
   // Drops the frames with their names. Requires the topology mutex, the frames' write locks, and
   // WriteLocks::begin_write.
@@ -220,6 +225,7 @@ class Tree {
   RingArena ring_arena_;
   const ZeroedArray<FrameEvents> events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
+  TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
   std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
   NameTable names_;

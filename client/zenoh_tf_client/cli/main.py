@@ -24,7 +24,7 @@ from zenoh_tf import (
 )
 from zenoh_tf.text import printable
 from zenoh_tf_client import environment
-from zenoh_tf_client.cli import output, query, replay, stamps, view, write
+from zenoh_tf_client.cli import calibration, output, query, replay, stamps, view, write
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
@@ -132,7 +132,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, write, replay):
+    for family in (query, view, write, calibration, replay):
         family.add(commands, common)
     return parser
 

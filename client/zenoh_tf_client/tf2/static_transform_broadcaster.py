@@ -11,8 +11,8 @@ from .transform_broadcaster import authority_of, stampeds_of
 class StaticTransformBroadcaster:
     """As `TransformBroadcaster`, for static transforms.
 
-    It keeps the last transform of each child frame and sends them all to every server that
-    appears later. Thread safety: all methods.
+    It keeps the last transform of each child frame and announces them all to every new server.
+    Thread safety: all methods.
 
     Args:
         node: Named as the authority; see `TransformBroadcaster`.

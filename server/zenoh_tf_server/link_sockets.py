@@ -1,0 +1,183 @@
+"""The sockets of the Zenoh links, to ask whether a send would block.
+
+Zenoh has no call that sends without blocking. A reply to a client that does not read blocks the
+sending thread, and Zenoh's routing tables with it: the next client that comes or goes then stops
+everyone (docs/decisions/0007-replies-never-block.md). So the server asks the kernel about the
+link's socket before it hands a reply to Zenoh.
+
+Only links over TCP (tcp, tls, ws) have such a socket, where the system lists a process's open
+files. All others are unknown to this module.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import ipaddress
+import logging
+import os
+import select
+import socket
+import stat
+import struct
+import termios
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+import zenoh
+
+log = logging.getLogger("zenoh_tf.server")
+
+_OPEN_FILES: Final = "/proc/self/fd"
+#: Off: closing a socket returns at once, and the kernel sends what is left. Zenoh's default waits
+#: up to 10 s, on a thread that receives messages.
+_NO_LINGER: Final = struct.pack("ii", 0, 0)
+
+_Address = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSocket:
+    """A socket of Zenoh's: only asked and shut down here, never read, written or closed."""
+
+    fd: int
+    inode: int  # tells a socket from a later one with the same number
+
+    def is_open(self) -> bool:
+        """True if the link still has its socket."""
+        try:
+            return os.fstat(self.fd).st_ino == self.inode
+        except OSError:
+            return False
+
+    def is_writable(self) -> bool:
+        """True if the kernel takes more: Zenoh's sending task makes progress then."""
+        poll = select.poll()
+        poll.register(self.fd, select.POLLOUT)
+        return bool(poll.poll(0)) or not self.is_open()
+
+    def unsent_bytes(self) -> int:
+        """The bytes that were written, and that the other end has not acknowledged."""
+        try:
+            unsent = fcntl.ioctl(self.fd, termios.TIOCOUTQ, b"\0\0\0\0")
+        except OSError:  # closed
+            return 0
+        return int(struct.unpack("i", unsent)[0])
+
+    def free_bytes(self) -> int:
+        """How many bytes the kernel takes at least. It counts what it spends beside the bytes,
+        too, hence only a quarter of the buffer."""
+        try:
+            with _borrowed(self.fd) as connection:
+                size = connection.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+        except OSError:  # closed
+            return 0
+        return max(0, size // 4 - self.unsent_bytes())
+
+
+class LinkSockets:
+    """The sockets of a session's links, by the Zenoh id at the other end."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._by_peer: dict[str, dict[str, LinkSocket | None]] = {}  # peer: link: socket
+        self._listener: zenoh.LinkEventsListener[Any] | None = None
+
+    def start(self, session: zenoh.Session) -> None:
+        """Follow the session's links."""
+        self._listener = session.info.declare_link_events_listener(self._changed, history=True)
+
+    def close(self) -> None:
+        """Follow no more links."""
+        if self._listener is not None:
+            self._listener.undeclare()
+
+    def of_peer(self, peer: str) -> list[LinkSocket | None]:
+        """The sockets of the links to a peer; None for a link whose socket is not known."""
+        with self._lock:
+            return list(self._by_peer.get(peer, {}).values())
+
+    def peers(self) -> list[str]:
+        """The Zenoh ids at the other ends of all links."""
+        with self._lock:
+            return list(self._by_peer)
+
+    def cut(self, peer: str) -> bool:
+        """End the links to a peer: Zenoh finds them broken. False: no socket of it is known."""
+        found = False
+        for link in self.of_peer(peer):
+            if link is not None and link.is_open():
+                with _borrowed(link.fd) as connection, contextlib.suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
+                    found = True
+        return found
+
+    def _changed(self, event: zenoh.LinkEvent) -> None:
+        try:
+            peer = str(event.link.zid)
+            key = f"{event.link.src} {event.link.dst}"
+            if event.kind == zenoh.SampleKind.PUT:
+                found = _find(event.link.src, event.link.dst)
+                with self._lock:
+                    self._by_peer.setdefault(peer, {})[key] = found
+            else:
+                with self._lock:
+                    links = self._by_peer.get(peer, {})
+                    links.pop(key, None)
+                    if not links:
+                        self._by_peer.pop(peer, None)
+        except Exception:  # on a thread of Zenoh's
+            log.exception("internal error after a link has changed")
+
+
+def _find(src: str, dst: str) -> LinkSocket | None:
+    """The socket between two endpoints such as ``tcp/127.0.0.1:7447``."""
+    ends = _address(src), _address(dst)
+    if None in ends or not os.path.isdir(_OPEN_FILES):
+        return None
+    for name in os.listdir(_OPEN_FILES):
+        fd = int(name)
+        with contextlib.suppress(OSError, ValueError):
+            status = os.fstat(fd)
+            if not stat.S_ISSOCK(status.st_mode):
+                continue
+            with _borrowed(fd) as connection:
+                if (
+                    connection.family in (socket.AF_INET, socket.AF_INET6)
+                    and connection.type == socket.SOCK_STREAM
+                    and _plain(*connection.getpeername()[:2]) == ends[1]
+                    and _plain(*connection.getsockname()[:2]) == ends[0]
+                ):
+                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+                    return LinkSocket(fd, status.st_ino)
+    return None
+
+
+def _address(endpoint: str) -> _Address | None:
+    host, _, port = endpoint.partition("/")[2].partition("?")[0].rpartition(":")
+    try:
+        return _plain(host.strip("[]"), int(port))
+    except ValueError:  # a path, or a name
+        return None
+
+
+def _plain(host: str, port: int) -> _Address:
+    """One spelling of an address, also of an IPv4 address in an IPv6 one."""
+    address = ipaddress.ip_address(host.partition("%")[0])
+    mapped = getattr(address, "ipv4_mapped", None)
+    return str(mapped or address), port
+
+
+@contextmanager
+def _borrowed(fd: int) -> Iterator[socket.socket]:
+    """A socket object on a descriptor that another owner closes."""
+    connection = socket.socket(fileno=fd)
+    try:
+        yield connection
+    finally:
+        connection.detach()

@@ -1,0 +1,79 @@
+"""How much a client's link takes without blocking, and which links a reply may go to.
+
+A client that has said who it is, and is connected, has links of its own. The reply to any other
+query may go to each link that is no known client's, for example to a router with clients behind
+it: it is sent when all of those take more.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from .clients import Clients
+from .link_sockets import LinkSocket, LinkSockets
+
+#: This much may be sent to a link that takes more: Zenoh's own queue has room for two batches of
+#: 64 KiB.
+UNCHECKED_ROOM: Final = 60_000
+#: No more at once, so that clients take turns.
+_MAX_ROOM: Final = 1 << 20
+#: A reply that cannot be sent in parts needs a link that has sent all before. Up to this size it
+#: then fits into the kernel's buffers of a usual system.
+WHOLE_ROOM: Final = 8 << 20
+
+
+class OutboxLinks:
+    """The links of clients, and whether they take more."""
+
+    def __init__(self, sockets: LinkSockets, clients: Clients) -> None:
+        self._sockets = sockets
+        self._clients = clients
+
+    def room(self, client: str) -> int | None:
+        """How many bytes can be sent to the client without blocking; None if that cannot be told
+        of one of its links."""
+        room = _MAX_ROOM
+        for link in self._links(client):
+            if link is None:
+                return None
+            if not link.is_writable():
+                return 0
+            room = min(room, UNCHECKED_ROOM + link.free_bytes())
+        return room
+
+    def is_empty(self, client: str) -> bool:
+        """True if all that was sent has arrived at the client's machine."""
+        return all(link is not None and link.unsent_bytes() == 0 for link in self._links(client))
+
+    def is_blind(self, client: str) -> bool:
+        """True if the room of one of the client's links cannot be told."""
+        return any(link is None for link in self._links(client))
+
+    def full_link(self, client: str) -> int | None:
+        """The file descriptor of a link that takes no more now, to wait for."""
+        for link in self._links(client):
+            if link is not None and not link.is_writable():
+                return link.fd
+        return None
+
+    def cut_full(self, client: str) -> bool:
+        """Cut the links that a reply to the client may go to and that take no more."""
+        cut = False
+        for peer in self._peers(client):
+            links = self._sockets.of_peer(peer)
+            if any(link is not None and not link.is_writable() for link in links):
+                cut = self._sockets.cut(peer) or cut
+        return cut
+
+    def _links(self, client: str) -> Iterator[LinkSocket | None]:
+        for peer in self._peers(client):
+            yield from self._sockets.of_peer(peer)
+
+    def _peers(self, client: str) -> list[str]:
+        if client and self._sockets.of_peer(client):
+            return [client]
+        peers = self._sockets.peers()
+        return [peer for peer in peers if not self._clients.known(peer)] or peers

@@ -1,0 +1,46 @@
+"""The kept inputs: real messages, and files of those that once reached new code or broke it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgpack
+
+from zenoh_tf import keys
+
+from .seeds import Mutator, seeds
+
+CORPUS = Path(__file__).parent / "corpus"
+_KEYS = ("main", "%", "%2F", "a%20b", "%25%0A", "\u2028", "é", "x" * 255, "%2f", "%ZZ")
+
+
+def as_input(target: str, operation: str, payload: bytes) -> bytes:
+    """A message as an input of a target; the handler's begins with its family."""
+    if target != "handler":
+        return payload
+    known = operation if operation in keys.OPERATIONS else "commit"
+    return bytes([keys.OPERATIONS.index(known)]) + payload
+
+
+def first_inputs(target: str) -> Iterator[bytes]:
+    """The inputs that a target is fuzzed from."""
+    if target == "key":
+        yield from (text.encode() for text in _KEYS)
+        return
+    for operation, body in seeds():
+        yield as_input(target, operation, msgpack.packb(body))
+
+
+def kept(target: str) -> Iterator[bytes]:
+    """The files of the corpus."""
+    for path in sorted((CORPUS / target).glob("*")):
+        yield path.read_bytes()
+
+
+def mutated(target: str, count: int, seed: object) -> Iterator[bytes]:
+    """Damaged messages, or for keys damaged texts."""
+    mutator = Mutator(seed)
+    for _ in range(count):
+        operation, payload = mutator.next()
+        yield payload[:300] if target == "key" else as_input(target, operation, payload)

@@ -1,0 +1,155 @@
+"""The state file follows the tree while many threads change the same frames."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import TransformException
+from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.service import Service
+from zenoh_tf_server.state import State, StateSettings
+from zenoh_tf_server.state_file import Link, StateFile, Table
+
+FRAMES = [f"frame {number}" for number in range(6)]
+THREADS = 4
+WRITES = 400
+ROUNDS = 5
+
+
+def commit(names: list[str], x: int, *, static: bool) -> wire.Commit:
+    count = len(names)
+    poses = np.tile([x, 0, 0, 0, 0, 0, 1.0], (count, 1))
+    children = np.arange(1, count + 1, dtype=np.uint32)
+    stamps = np.full(count, x, np.int64)
+    parents = np.zeros(count, np.uint32)
+    return wire.Commit(["map", *names], parents, children, stamps, poses, f"x{x % 3}", static)
+
+
+def write_at_random(service: Service, state: State, seed: int) -> None:
+    chance = random.Random(seed)
+    for number in range(WRITES):
+        names = chance.sample(FRAMES, chance.randint(1, 3))
+        kind = chance.random()
+        try:
+            if kind < 0.45:
+                service.commit(commit(names, seed * WRITES + number, static=True))
+            elif kind < 0.9:
+                service.commit(commit(names, seed * WRITES + number, static=False))
+            else:
+                state.links.remove_frame(names[0], subtree=False)
+        except TransformException:  # the frame was removed already, or the stamp is too old
+            continue
+
+
+def statics(tree: TransformTree) -> dict[str, tuple[str, int, float]]:
+    found = {}
+    for name in tree.frames():
+        record = tree._frame_record(name)
+        if record["static"]:
+            x = float(tree.lookup_transform("map", name).transform.translation[0])
+            found[name] = (record["authority"], record["newest_stamp_ns"], x)
+    return found
+
+
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_the_file_has_what_the_tree_has(tmp_path: Path, concurrency: str) -> None:
+    chance = random.SystemRandom().randrange(1 << 20)
+    print(f"seed {chance}")
+    loop = asyncio.new_event_loop()
+    limits = Limits()
+    for round_ in range(ROUNDS):
+        tree = TransformTree(1e6, concurrency)  # type: ignore[arg-type]
+        state = State(StateSettings(tmp_path), tree, "main", limits)
+        service = Service(tree, "main", "instance", limits, loop, state.links)
+        state.links.reset()
+        seeds = range(chance + THREADS * round_, chance + THREADS * (round_ + 1))
+        together([partial(write_at_random, service, state, seed) for seed in seeds])
+        expected = statics(tree)
+        service.close()
+        state.close()
+        file = StateFile(tmp_path, "main")
+        stored = file.read().static_links
+        file.close()
+        assert {
+            name: (link.authority, link.stamp_ns, link.pose[0]) for name, link in stored.items()
+        } == expected
+    loop.close()
+
+
+def together(calls: Sequence[Callable[[], None]]) -> None:
+    threads = [threading.Thread(target=call) for call in calls]
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # so that threads meet between any two steps
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(before_s)
+
+
+class OvertakenTree:
+    """A tree whose next static commit is followed by another call, before the commit returns."""
+
+    def __init__(self, tree: TransformTree) -> None:
+        self.tree = tree
+        self.then: Callable[[], None] | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.tree, name)
+
+    def _commit_rows(self, *arguments: Any, **options: Any) -> Any:
+        stored = self.tree._commit_rows(*arguments, **options)
+        if options["static"] and self.then is not None:
+            then, self.then = self.then, None
+            then()
+        return stored
+
+
+def test_a_dynamic_commit_right_after_a_static_one(tmp_path: Path) -> None:
+    tree: Any = OvertakenTree(TransformTree())
+    loop, limits = asyncio.new_event_loop(), Limits()
+    state = State(StateSettings(tmp_path), tree, "main", limits)
+    service = Service(tree, "main", "instance", limits, loop, state.links)
+    dynamic = threading.Thread(target=lambda: service.commit(commit(["a"], 2, static=False)))
+
+    def overtake() -> None:
+        dynamic.start()
+        while tree._frame_record("a")["static"]:
+            time.sleep(0.001)
+        dynamic.join(0.1)  # it may have to wait for the static commit
+
+    tree.then = overtake
+    service.commit(commit(["a", "b"], 1, static=True))
+    dynamic.join()
+    service.close()
+    state.close()
+    file = StateFile(tmp_path, "main")
+    assert list(file.read().static_links) == ["b"]
+    file.close()
+    loop.close()
+
+
+def test_a_transaction_is_stored_whole_or_not(tmp_path: Path) -> None:
+    file = StateFile(tmp_path, "main")
+    good = Link("map", 1, (0.0,) * 6 + (1.0,), "a")
+    file.write({(Table.STATIC_LINKS, "before"): good})
+    bad = good._replace(parent=None)  # type: ignore[arg-type]
+    with pytest.raises(Exception, match="NoneType"):
+        file.write({(Table.STATIC_LINKS, "first"): good, (Table.STATIC_LINKS, "second"): bad})
+    file.write({(Table.STATIC_LINKS, "after"): good})
+    assert file.read().static_links == {"before": good, "after": good}
+    file.close()
