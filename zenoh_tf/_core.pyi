@@ -32,8 +32,7 @@ Rows = tuple[
     NDArray[np.int64],
     NDArray[np.int64],  # newest_stamp_ns (latest forms only)
     NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
-    # (row, TransformException), for the rows with a status that the budget has room for
-    list[tuple[int, Any]],
+    list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
     tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
 ]
 
@@ -48,8 +47,7 @@ def columns_of(
     NDArray[np.float64],
 ]: ...
 
-# The bytes that a MessagePack message takes when it is decoded, -1 if it is cut short or not
-# MessagePack, -2 if it is nested too deeply. Allocates nothing.
+# What a message takes when it is decoded; -1: cut short or malformed, -2: nested too deeply.
 def decoded_size(message: bytes) -> int: ...
 
 class Budget:
@@ -57,13 +55,7 @@ class Budget:
     `LimitExceeded`, which names the limit."""
 
     def __init__(
-        self,
-        *,
-        links: int,  # climbed by its lookups
-        read_set: int,  # frames of one read set
-        listed: int,  # names listed and frames counted by info requests
-        reply_bytes: int,
-        error_bytes: int,  # of rows that fail; beyond it they have only their status
+        self, *, links: int, read_set: int, listed: int, reply_bytes: int, error_bytes: int
     ) -> None: ...
     def take_links(self, n: int) -> None: ...
     def take_listed(self, n: int) -> None: ...
@@ -369,9 +361,7 @@ class Tree:
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
-    def _frames_page(
-        self, after: int, most: int, budget: Budget
-    ) -> tuple[list[str], int | None]: ...  # names, `after` of the next page
+    def _frames_page(self, after: int, most: int, budget: Budget) -> tuple[list[str], Any]: ...
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
@@ -406,6 +396,5 @@ def park_lookups(
     stamp_ns: NDArray[np.int64],
     fixed: NDArray[np.uint32] | None = None,
     source_stamp_ns: NDArray[np.int64] | None = None,
-    # Frames that all waiting lookups of the tree may watch: beyond it, a row fails instead.
-    max_links: int = ...,
+    max_links: int = ...,  # frames that all waiting lookups may watch; beyond it, a row fails
 ) -> ParkedLookups: ...
