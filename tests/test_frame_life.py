@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -9,7 +10,6 @@ import pytest
 from zenoh_tf import (
     AuthorityInfo,
     BackwardExtrapolationException,
-    ConnectivityException,
     FrameChange,
     InvalidArgumentException,
     LookupException,
@@ -171,31 +171,76 @@ def test_a_late_transform_is_dropped(make_tf: MakeTf) -> None:
     assert tf.stats()["time_jumps"] == 0
 
 
-def test_a_time_jump_clears_all_samples(make_tf: MakeTf) -> None:
+def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="clear")
     put(tf, "map", "base", 100)
     put(tf, "base", "arm", 100)
     put(tf, "base", "camera", 0, static=True)
     assert put(tf, "map", "base", 95)  # late, but not too late
-    assert put(tf, "map", "base", 1, x=7.0)
-    assert tf.stats()["time_jumps"] == 1
-    assert tf.lookup_transform("map", "camera").stamp_ns == SECOND
-    with pytest.raises(ConnectivityException) as caught:
-        tf.lookup_transform("map", "arm")
-    assert (caught.value.target_root, caught.value.source_root) == ("map", "arm")
-    put(tf, "base", "arm", 1)
-    tf.set_transforms_xact([StampedTransform("map", "base", -50 * SECOND, Transform())])
+    assert not put(tf, "map", "base", 1)
+    assert tf.stats()["time_jumps"] == 0
+    assert put(tf, "map", "base", 1.1, x=7.0)
+    assert (tf.stats()["time_jumps"], tf.frame("base").time_jumps) == (1, 1)
+    assert tf.lookup_transform("map", "camera").stamp_ns == 1_100_000_000
+    # No other frame is touched.
+    assert (tf.frame("arm").newest_stamp_ns, tf.frame("arm").time_jumps) == (100 * SECOND, 0)
+    back = StampedTransform("base", "arm", SECOND, Transform())
+    with pytest.raises(InvalidArgumentException, match="begins the frame's history again"):
+        tf.set_transforms_xact([back])
+    assert not put(tf, "base", "arm", 1)  # the same stamp is no second witness
+    tf.set_transforms_xact([StampedTransform("base", "arm", 1_100_000_000, Transform())])
     assert tf.stats()["time_jumps"] == 2
-    assert tf.frame("base").oldest_stamp_ns == -50 * SECOND
+    assert tf.can_transform("map", "arm")
+
+
+@pytest.mark.parametrize("between", [100.1, 95.0])
+def test_good_transforms_between_late_ones_keep_the_history(
+    make_tf: MakeTf, between: float
+) -> None:
+    tf = make_tf(time_jump="clear")
+    for stamp in (99, 100):
+        put(tf, "map", "base", stamp)
+    for late in range(1, 20):
+        assert not put(tf, "map", "base", late)
+        assert put(tf, "map", "base", between + late / 100)
+    assert tf.stats()["time_jumps"] == 0
+    assert tf.can_transform("map", "base", 99 * SECOND)
+
+
+def test_late_transforms_far_apart_keep_the_history(make_tf: MakeTf) -> None:
+    tf = make_tf(time_jump="clear")
+    put(tf, "map", "base", 100)
+    for late in (60, 1, 20, 40, 39, 38, 15):  # older than the last one, or by more than 10 s newer
+        assert not put(tf, "map", "base", late)
+    assert tf.frame("base").newest_stamp_ns == 100 * SECOND
+
+
+@pytest.mark.parametrize("time_jump", ["reject", "clear"])
+def test_a_frame_recovers_from_a_stamp_far_ahead(make_tf: MakeTf, time_jump: str) -> None:
+    tf = make_tf(time_jump)
+    now = time.time()
+    put(tf, "map", "base", now)
+    put(tf, "map", "arm", now)
+    put(tf, "map", "base", now + 1800)
+    assert not put(tf, "map", "base", now + 0.1)
+    assert put(tf, "map", "base", now + 0.2)
+    assert put(tf, "map", "base", now + 0.3)
+    assert tf.frame("base").time_jumps == 1
+    assert tf.lookup_transform("map", "base").stamp_ns == int((now + 0.3) * SECOND)
+    assert tf.frame("arm").samples == 1
 
 
 def test_a_rejected_write_that_jumps_back_clears_nothing(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="clear")
     put(tf, "map", "base", 100)
-    back = [StampedTransform(*pair, 1, Transform()) for pair in [("map", "base"), ("base", "map")]]
-    with pytest.raises(InvalidArgumentException, match="cycle"):
-        tf.set_transforms_xact(back)
-    assert tf.can_transform("map", "base")
+    for stamp in (1, 2):
+        back = [
+            StampedTransform(*pair, stamp, Transform())
+            for pair in [("map", "base"), ("base", "map")]
+        ]
+        with pytest.raises(InvalidArgumentException):
+            tf.set_transforms_xact(back)
+    assert tf.frame("base").newest_stamp_ns == 100 * SECOND
 
 
 def test_backward_extrapolation_names_the_link_at_that_time(tf: Tf) -> None:

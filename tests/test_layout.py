@@ -19,7 +19,12 @@ PACKAGES = {
 }
 RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
-EXTRAS = {"rosbags": "zenoh_tf_client", "scipy": "zenoh_tf", "prometheus_client": "zenoh_tf_server"}
+EXTRAS = {
+    "cryptography": "zenoh_tf_client",
+    "prometheus_client": "zenoh_tf_server",
+    "rosbags": "zenoh_tf_client",
+    "scipy": "zenoh_tf",
+}
 
 
 def _imports(package: str) -> Iterator[tuple[Path, str]]:

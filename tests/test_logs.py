@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-import io
+import fcntl
 import json
 import logging
+import os
 import re
+import select
 import signal
 import struct
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
 from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf_client import TransformClient
 from zenoh_tf_server import logs
+from zenoh_tf_server.log_handler import DescriptorHandler
 
-from .conftest import ServerProcess, StartServer
+from .conftest import ServerProcess, StartServer, free_endpoint
 from .raw import raw
 
 HOSTILE = "\n2026-01-01 INFO root: forged\r\x1b[31m\x00\x7f\x85\x9b\u2028\u2029\u202e\u2066"
@@ -146,33 +151,74 @@ def test_hostile_messages_never_reach_the_log_raw(start_server: StartServer, for
 
 
 def test_each_place_that_logs_has_a_bounded_rate(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     now_s = 100.0
     monkeypatch.setattr(time, "monotonic", lambda: now_s)
-    written = io.StringIO()
-    handler = logs._Handler(written)
-    handler.setFormatter(logs.TextFormatter())
     error = raised(ValueError("defect"))
-    for number in range(10_000):
-        handler.handle(record(f"cleared {number}"))
-    other = record("another place")
-    other.lineno = 2
-    handler.handle(other)
-    for _ in range(10_000):
-        failed = record("failed", error=error)
-        failed.lineno = 3
-        handler.handle(failed)
-    lines = written.getvalue().splitlines()
-    assert sum("cleared" in line for line in lines) == 100
-    assert sum("another place" in line for line in lines) == 1
-    assert sum("ValueError: defect" in line for line in lines) == 5
-    now_s += 6.0
-    handler.handle(record("cleared again"))
-    assert written.getvalue().endswith("cleared again (9900 more were suppressed)\n")
+    path = tmp_path / "log"
+    with path.open("wb") as file:
+        handler = DescriptorHandler(file.fileno())
+        handler.setFormatter(logs.TextFormatter())
+        for number in range(10_000):
+            handler.handle(record(f"cleared {number}"))
+        handler.handle(record("another place", lineno=2))
+        for _ in range(10_000):
+            handler.handle(record("failed", error=error, lineno=3))
+        lines = path.read_text().splitlines()
+        assert sum("cleared" in line for line in lines) == 100
+        assert sum("another place" in line for line in lines) == 1
+        assert sum("ValueError: defect" in line for line in lines) == 5
+        now_s += 6.0
+        handler.handle(record("cleared again"))
+        assert path.read_text().endswith("cleared again (9900 more were suppressed)\n")
 
 
-def test_uncaught_exceptions_and_warnings_are_records(tmp_path: Any) -> None:
+def test_a_reader_that_does_not_read_loses_records_and_holds_nobody_up() -> None:
+    read, write = os.pipe()
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
+    handler = DescriptorHandler(write)
+    handler.setFormatter(logs.TextFormatter())
+    for number in range(200):  # each on a line of its own, so that no rate is reached
+        handler.handle(record("x" * 1000, lineno=number))
+    lines = os.read(read, 1 << 20).decode().splitlines()
+    assert 0 < len(lines) < 100
+    deadline = time.monotonic() + 20
+    while True:  # records come again once there is a reader, after a pause
+        handler.handle(record("again", lineno=150))
+        if select.select([read], [], [], 0.05)[0]:
+            break
+        assert time.monotonic() < deadline
+    assert "again (" in os.read(read, 1 << 20).decode()
+    os.close(read)
+    handler.handle(record("to nobody", lineno=300))
+    os.close(write)
+
+
+def test_a_log_that_nobody_reads_stops_no_server() -> None:
+    """As a terminal after Ctrl-S."""
+    read, write = os.pipe()
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
+    endpoint = free_endpoint()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "zenoh_tf_server", "--listen", endpoint],
+        stdout=subprocess.DEVNULL,
+        stderr=write,
+    )
+    try:
+        os.close(write)
+        with TransformClient.connect(endpoint, timeout_s=20.0) as tf:
+            for _ in range(500):
+                tf.clear()
+        process.terminate()
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.wait()
+        os.close(read)
+
+
+def test_uncaught_exceptions_and_warnings_are_records() -> None:
     code = (
         "import threading, warnings\n"
         "from zenoh_tf_server import logs\n"

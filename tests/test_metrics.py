@@ -151,7 +151,7 @@ def test_every_value_of_the_server_is_declared(server: ServerProcess) -> None:
 
 def test_every_declared_metric_is_exported_and_no_other(server: ServerProcess) -> None:
     with server.connect() as tf:
-        tf.set_transform(link("base"), authority="a")
+        tf.broadcaster("a").send(link("base"))
         names = {name for name, _ in until(server, lambda found: value(found, "frames") == 2)}
     plain = {re.sub(r"_(bucket|sum|count)$", "", name) for name in names}
     assert {name for name in plain if name.startswith("zenoh_tf_")} == {

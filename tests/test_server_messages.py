@@ -180,25 +180,6 @@ def _wait(tf: TransformClient, counter: str, value: int) -> None:
         time.sleep(0.01)
 
 
-def test_more_pending_queries_than_allowed(start_server: StartServer) -> None:
-    server = start_server("--max-pending-queries", "1", "--workers", "1")
-    stamps = np.arange(20_000)
-    with server.connect() as tf, ThreadPoolExecutor(16) as pool:
-        tf.set_transform(StampedTransform("map", "base", 1, Transform()))
-
-        def ask(_: int) -> str:
-            try:
-                tf.sample("map", "base", stamps)
-            except LimitExceeded as error:
-                assert (error.field, error.limit) == ("pending_queries", 1)
-                return "refused"
-            return "answered"
-
-        outcomes = list(pool.map(ask, range(64)))
-        assert {"refused", "answered"} == set(outcomes)
-        assert tf.can_transform("map", "base")
-
-
 def garbage(seed: int) -> Iterator[bytes]:
     """Random bytes, truncated and damaged messages, and headers that claim gigabytes."""
     rng = random.Random(seed)
@@ -298,9 +279,9 @@ def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartSe
     with raw(server.endpoint) as wires, server.connect() as tf:
         wires.put("good", wire.pack(commit()))
         wires.put("good", b"garbage")
-        for name in ("a", "b", "a", "c"):
+        for count, name in enumerate(("a", "b", "a", "c"), 2):
             wires.put(name, b"garbage")
-        _wait(tf, "bad_puts", 5)
+            _wait(tf, "bad_puts", count)  # puts of two authorities may overtake each other
         refused = {record.name: record.refused for record in tf.authorities()}
         assert refused == {"good": 1, "a": 2, "c": 1}  # b was refused longest ago
 

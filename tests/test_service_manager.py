@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import configparser
+import contextlib
+import os
 import shutil
 import socket
 import subprocess
@@ -19,6 +21,9 @@ import zenoh
 
 from zenoh_tf import keys, wire, zenoh_config
 from zenoh_tf_server import flags, health, service_manager
+from zenoh_tf_server.clients import Clients
+from zenoh_tf_server.link_sockets import LinkSocket, LinkSockets
+from zenoh_tf_server.outbox_links import OutboxLinks
 
 from .conftest import StartServer, free_endpoint
 
@@ -128,7 +133,8 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
         probing = health.Health(0.01, 0.05)
         probing.when_answered(answered.release)
         service: Any = SimpleNamespace(name="main")
-        server: Any = SimpleNamespace(session=session, service=service, instance="i")
+        own = SimpleNamespace(own="self")
+        server: Any = SimpleNamespace(session=session, service=service, clients=own, instance="i")
         probing.serving(server)
         for _ in range(3):
             assert answered.acquire(timeout=20)
@@ -150,12 +156,31 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_reply_of_another_server_does_not_count() -> None:
     with zenoh.open(zenoh_config.router([free_endpoint()])) as session:
-        assert health.probe(session, "main", "i", 1.0) is not None  # no queryable
+        assert health.probe(session, "main", "i", "self", 1.0) is not None  # no queryable
         replies = Replies(session)
         replies.answering.set()
-        assert health.probe(session, "main", "i", 1.0) is None
-        assert health.probe(session, "main", "j", 1.0) == "the reply is not of this server"
+        assert health.probe(session, "main", "i", "self", 1.0) is None
+        assert health.probe(session, "main", "j", "self", 1.0) == "the reply is not of this server"
         replies.close()
+
+
+def test_the_reply_to_a_probe_waits_for_no_client() -> None:
+    """The reply to any other unknown sender may go to every link, and waits for a full one."""
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                ours.send(b"x" * 65536)
+        sockets, clients = LinkSockets(), Clients(10)
+        full = LinkSocket(ours.fileno(), os.fstat(ours.fileno()).st_ino)
+        sockets._by_peer["frozen"] = {"link": full}
+        links = OutboxLinks(sockets, clients)
+        assert links.room("") == 0
+        assert clients.known("self") == ""
+        own = clients.known(clients.own)
+        assert own and (links.room(own) or 0) > 1000
+        assert links.full_link(own) is None and not links.is_blind(own)
 
 
 def unit() -> configparser.RawConfigParser:

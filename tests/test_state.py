@@ -291,6 +291,21 @@ def test_a_file_of_another_version_or_tree(
     assert "has version 7, and this server knows version 1" in refusal(folder)
 
 
+def test_a_file_that_another_program_uses(
+    start: Callable[..., ServerProcess], folder: Path
+) -> None:
+    written(start)
+    path = folder / "state.sqlite3"
+    other = sqlite3.connect(path, isolation_level=None)
+    try:
+        other.execute("PRAGMA locking_mode = EXCLUSIVE")
+        other.execute("BEGIN IMMEDIATE")
+        assert f"cannot open the state {path}: database is locked" in refusal(folder)
+    finally:
+        other.close()
+    start()
+
+
 def test_links_that_do_not_fit(start: Callable[..., ServerProcess], folder: Path) -> None:
     written(start)
     line = refusal(folder, "--max-frames", "10")

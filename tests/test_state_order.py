@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf.errors import TransformException
+from zenoh_tf.errors import NotDurable, TransformException
+from zenoh_tf_server import state_writer
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.service import Service
 from zenoh_tf_server.state import State, StateSettings
-from zenoh_tf_server.state_file import Link, StateFile, Table
+from zenoh_tf_server.state_file import Changes, Link, StateFile, Table
 
 FRAMES = [f"frame {number}" for number in range(6)]
 THREADS = 4
@@ -153,3 +154,40 @@ def test_a_transaction_is_stored_whole_or_not(tmp_path: Path) -> None:
     file.write({(Table.STATIC_LINKS, "after"): good})
     assert file.read().static_links == {"before": good, "after": good}
     file.close()
+
+
+class HangingFile:
+    """A state file on a disk that does not answer until it is released."""
+
+    path = Path("disk")
+
+    def __init__(self) -> None:
+        self.released = threading.Event()
+        self.written: list[Changes] = []
+
+    def write(self, changes: Changes) -> None:
+        assert self.released.wait(30)
+        self.written.append(changes)
+
+
+def test_a_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(state_writer, "WAIT_S", 0.2)
+    file: Any = HangingFile()
+    writer = state_writer.StateWriter(file)
+    link = Link("map", 1, (0.0,) * 6 + (1.0,), "a")
+    tickets = [writer.put({(Table.STATIC_LINKS, name): link}) for name in ("a", "b")]
+    with pytest.raises(NotDurable, match=r"the disk did not answer within 0\.2 s"):
+        writer.wait(tickets[0])
+    monkeypatch.setattr(state_writer, "WAIT_S", 0.1)  # less than the first has waited
+    with pytest.raises(NotDurable):
+        writer.wait(tickets[1])
+    file.released.set()
+    while writer.pending:
+        time.sleep(0.01)
+    for ticket in tickets:
+        writer.wait(ticket)
+    assert {key for changes in file.written for key in changes} == {
+        (Table.STATIC_LINKS, "a"),
+        (Table.STATIC_LINKS, "b"),
+    }
+    assert writer.close()

@@ -46,17 +46,13 @@ def columns_of(
     NDArray[np.int64],
     NDArray[np.float64],
 ]: ...
-
-# What a message takes when it is decoded; -1: cut short or malformed, -2: nested too deeply.
-def decoded_size(message: bytes) -> int: ...
+def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 
 class Budget:
     """What one message to the server may still cost. To take more than is left raises
     `LimitExceeded`, which names the limit."""
 
-    def __init__(
-        self, *, links: int, read_set: int, listed: int, reply_bytes: int, error_bytes: int
-    ) -> None: ...
+    def __init__(self, **limits: int) -> None: ...  # see `Limits.budget` of the server
     def take_links(self, n: int) -> None: ...
     def take_listed(self, n: int) -> None: ...
     def take_reply(self, n: int) -> None: ...
@@ -77,6 +73,7 @@ class Tree:
         max_depth: int = 1000,
         one_authority_per_frame: bool = False,
         time_jump: Literal["reject", "clear"] = "reject",
+        max_memory_bytes: int = 0,
     ) -> None: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
@@ -304,8 +301,9 @@ class Tree:
     def stats(self) -> dict[str, int]:
         """Return counters of the whole tree, by name.
 
-        `frames`, `static_links`, `samples` and `waiters` (lookups that wait now) count what there
-        is; `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
+        `frames`, `static_links`, `samples`, `memory_bytes` (of all samples, with the memory
+        that waits to be used again) and `waiters` (lookups that wait now) count what there is;
+        `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
         than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...
@@ -365,6 +363,7 @@ class Tree:
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
+    def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
 class WakeQueue:

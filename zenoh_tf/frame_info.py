@@ -46,6 +46,7 @@ class FrameInfo:
         reparented: Changes of the newest parent.
         switched: Changes between static and dynamic.
         authority_changes: Changes of the authority.
+        time_jumps: Times that the history was cleared because time was set back.
         last_change: The latest of these three kinds of change; ``None`` if there was none.
     """
 
@@ -64,6 +65,7 @@ class FrameInfo:
     switched: int
     authority_changes: int
     last_change: FrameChange | None
+    time_jumps: int = 0
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:
@@ -113,6 +115,13 @@ class AuthorityInfo:
             could not parse counts as one. A refused call raises an error and is not counted,
             so this is always 0 for an embedded tree.
         last_refusal: Why the server refused the last of these messages; ``None``: none was.
+        dropped_by_queue: Published messages that the server dropped because too many of this
+            authority were waiting.
+        clock_offset_min_s: Least of its stamps' lead over their arrival at the server, over the
+            last 10 to 20 s: negative for stamps that are older. ``None``: it published nothing.
+        clock_offset_max_s: Greatest lead. It has the least delay in it: the authority's clock is
+            ahead of the server's by this much or more.
+        stamp_age_s: How old the newest stamp of its last message was on arrival.
     """
 
     name: str
@@ -124,3 +133,7 @@ class AuthorityInfo:
     conflicts: int
     refused: int = 0
     last_refusal: str | None = None
+    dropped_by_queue: int = 0
+    clock_offset_min_s: float | None = None
+    clock_offset_max_s: float | None = None
+    stamp_age_s: float | None = None

@@ -5,6 +5,10 @@
     tf/v1/{tree}/batch             query   an ordered list of lookups, commits and infos
     tf/v1/{tree}/info              query   what the tree holds
     tf/v1/{tree}/admin             query   clear, reset, remove_frame
+    tf/v1/{tree}/hello             query   the server's id, limits and clock; the client's rights
+    tf/v1/{tree}/commit/{authority}   query   the same as above; writes of a server that has
+    tf/v1/{tree}/batch/{authority}    query   access rules, which work on keys
+    tf/v1/{tree}/admin/{what}         query
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
     tf/v1/{tree}/server/{instance}    liveliness token of the server
@@ -24,7 +28,7 @@ from .text import quoted
 
 PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
-OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin")
+OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin", "hello")
 
 #: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
 TAKES_PARTS: Final = "parts"
@@ -101,7 +105,24 @@ def operation(tree: str, name: str) -> str:
             f"unknown query family {quoted(name)}: use one of {', '.join(OPERATIONS)}",
             field="operation",
         )
-    return f"{PREFIX}/{escape(tree, 'tree')}/{name}"
+    return f"{prefix(tree)}/{name}"
+
+
+def keyed_operation(tree: str, name: str, subject: str) -> str:
+    """The key of a write for access rules: it names the authority, or the admin operation."""
+    return f"{operation(tree, name)}/{escape(subject, 'authority')}"
+
+
+def subject(key: str) -> str | None:
+    """What stands behind the query family in a query's key, as a chunk; None if nothing does, or
+    more than one chunk."""
+    chunks = key.removeprefix(f"{PREFIX}/").split("/")
+    return chunks[2] if len(chunks) == 3 else None
+
+
+def prefix(tree: str) -> str:
+    """What all keys of a tree begin with, without the slash after it."""
+    return f"{PREFIX}/{escape(tree, 'tree')}"
 
 
 def put(tree: str, authority: str, *, static: bool) -> str:
@@ -113,6 +134,17 @@ def put(tree: str, authority: str, *, static: bool) -> str:
 def puts(tree: str, *, static: bool) -> str:
     """The key expression of every authority's puts."""
     return f"{PREFIX}/{escape(tree, 'tree')}/{'static' if static else 'set'}/*"
+
+
+def all_puts(tree: str) -> str:
+    """A key expression of all puts of a tree, static and not, and of other keys (`put_kind`)."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/*/*"
+
+
+def put_kind(key: str) -> str | None:
+    """``set`` or ``static`` of a put's key; None for any other key of a tree."""
+    kind = key.rpartition("/")[0].rpartition("/")[2]
+    return kind if kind in ("set", "static") else None
 
 
 def server(tree: str, instance: str) -> str:

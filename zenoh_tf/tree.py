@@ -37,12 +37,18 @@ class TransformTree(_core.Tree):
         max_samples_per_frame: Most samples of one link; a full link evicts its oldest sample and
             counts it.
         max_name_bytes: Most bytes of a frame's name in UTF-8; longer ones raise `LimitExceeded`.
-        max_depth: Most links that a lookup follows upwards from either frame.
+        max_depth: Most links between a frame and its root; a write that puts a frame deeper raises
+            `LimitExceeded`. Also the most links that a lookup follows upwards from either frame.
         one_authority_per_frame: Reject a write to a link that another authority has written.
         time_jump: What a transform means that is older than its link's newest by more than the
-            cache time. `"reject"`: it is late, so it is dropped or rejected. `"clear"`: time was
-            set back, as simulators do, so all samples but static links are dropped and it is
-            stored. A jump back by less than the cache time looks like a late transform.
+            cache time. `"reject"`: it is late, so it is dropped or rejected. `"clear"`: so it is,
+            but if a second, newer one follows it within the cache time, with no other one in
+            between, time was set back, as simulators do: the link's history is cleared, and the
+            second one is stored. A jump back by less looks like a late transform. In both cases
+            a history that ends ahead of the real-time clock by more than the cache time is
+            cleared so, too.
+        max_memory_bytes: Most bytes of all samples together; a write that needs more raises
+            `LimitExceeded`. 0 means no limit.
 
     Raises:
         InvalidArgumentException: An option is out of its range.

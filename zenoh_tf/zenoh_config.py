@@ -12,10 +12,13 @@ from typing import Any, Final
 
 import zenoh
 
+from .credentials import NO_CREDENTIALS, Credentials, zenoh_settings
 from .errors import InvalidArgumentException
 
 #: The protocols that Zenoh's Python package can connect and listen with.
 PROTOCOLS: Final = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")
+#: The protocols that encrypt, and that know certificates.
+TLS_PROTOCOLS: Final = ("tls", "quic")
 #: Protocols whose address is a path, not HOST:PORT.
 _PATH_PROTOCOLS: Final = ("unixsock-stream",)
 _MAX_PORT: Final = 65535
@@ -39,6 +42,11 @@ def address(endpoint: str) -> str:
     return endpoint.partition("#")[0].partition("?")[0]
 
 
+def protocol(endpoint: str) -> str:
+    """The protocol of an endpoint, e.g. ``tcp``."""
+    return endpoint.partition("/")[0]
+
+
 def check_endpoint(endpoint: str) -> None:
     """Check that Zenoh can understand an endpoint.
 
@@ -48,20 +56,32 @@ def check_endpoint(endpoint: str) -> None:
         InvalidArgumentException: ``field`` is "endpoint".
     """
     shown = address(endpoint)
-    protocol, _, where = shown.partition("/")
+    scheme, _, where = shown.partition("/")
     if not where:
         _reject(endpoint, "has no protocol; write it as PROTOCOL/ADDRESS, e.g. tcp/HOST:PORT")
-    if protocol not in PROTOCOLS:
-        _reject(
-            endpoint, f"has the unknown protocol {protocol!r}; use one of {', '.join(PROTOCOLS)}"
-        )
-    if protocol in _PATH_PROTOCOLS:
+    if scheme not in PROTOCOLS:
+        _reject(endpoint, f"has the unknown protocol {scheme!r}; use one of {', '.join(PROTOCOLS)}")
+    if scheme in _PATH_PROTOCOLS:
         return
     host, _, port = where.rpartition(":")
     if not host or host.startswith("[") != host.endswith("]"):
-        _reject(endpoint, f"must be like {protocol}/HOST:PORT (IPv6: {protocol}/[ADDRESS]:PORT)")
+        _reject(endpoint, f"must be like {scheme}/HOST:PORT (IPv6: {scheme}/[ADDRESS]:PORT)")
     if not (port.isascii() and port.isdigit() and int(port) <= _MAX_PORT):
         _reject(endpoint, f"has the port {port!r}; use a number from 0 to {_MAX_PORT}")
+
+
+def check_encrypted(endpoint: str, credentials: Credentials) -> None:
+    """Check that credentials for TLS are not for an endpoint without it, which would ignore them.
+
+    Raises:
+        InvalidArgumentException: ``field`` is "endpoint".
+    """
+    if credentials.uses_tls and protocol(endpoint) not in TLS_PROTOCOLS:
+        _reject(
+            endpoint,
+            "is not encrypted, but the credentials have files for TLS: use tls/HOST:PORT, or "
+            "leave the files out",
+        )
 
 
 def _reject(endpoint: str, reason: str) -> None:
@@ -74,6 +94,7 @@ def client(
     *,
     retry: Retry | None = None,
     max_message_bytes: int | None = None,
+    credentials: Credentials = NO_CREDENTIALS,
 ) -> zenoh.Config:
     """A session that joins the network at one of `endpoints`, trying for `timeout_s` seconds.
 
@@ -85,6 +106,7 @@ def client(
         "connect/endpoints": list(endpoints),
         "connect/timeout_ms": int(timeout_s * 1000),
     }
+    settings |= zenoh_settings(credentials)
     if retry is not None:
         settings["connect/retry"] = dict(retry)
     return _config(settings, max_message_bytes)
@@ -95,8 +117,11 @@ def router(
     *,
     max_sessions: int | None = None,
     max_message_bytes: int | None = None,
+    security: Mapping[str, object] | None = None,
 ) -> zenoh.Config:
     """A router that listens on all of `endpoints`, or fails to open.
+
+    `security` are further settings: keys, users and access rules.
 
     Raises:
         zenoh.ZError: Zenoh does not accept an endpoint.
@@ -106,6 +131,7 @@ def router(
         "listen/endpoints": list(endpoints),
         "listen/exit_on_failure": True,
     }
+    settings |= security or {}
     if max_sessions is not None:
         settings["transport/unicast/max_sessions"] = max_sessions
     return _config(settings, max_message_bytes)

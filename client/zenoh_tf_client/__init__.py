@@ -1,6 +1,7 @@
 """The client library of zenoh-tf: `TransformClient.connect` and what it returns."""
 
 from zenoh_tf import __version__
+from zenoh_tf.credentials import Credentials
 
 from .batch import Batch
 from .broadcaster import Broadcaster
@@ -8,4 +9,12 @@ from .client import TransformClient
 from .handle import Handle
 from .transaction import Transaction
 
-__all__ = ["Batch", "Broadcaster", "Handle", "Transaction", "TransformClient", "__version__"]
+__all__ = [
+    "Batch",
+    "Broadcaster",
+    "Credentials",
+    "Handle",
+    "Transaction",
+    "TransformClient",
+    "__version__",
+]

@@ -43,7 +43,9 @@ class Broadcaster:
         Raises:
             InvalidArgumentException: `authority` is too long or not valid UTF-8.
             ServerUnavailable: The connection is closed.
+            AccessDenied: The server's access rules do not allow to publish as `authority`.
         """
+        connection.check_publish(authority)
         self._authority = authority
         self._connection = connection
         self._lock = threading.Lock()

@@ -7,6 +7,8 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from zenoh_tf import StampedTransform
+from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf.zenoh_config import address
 
 from . import requests
 from .batch import Batch
@@ -63,31 +65,37 @@ class TransformClient(ClientLookups, ClientIntrospection):
         endpoint: str = DEFAULT_ENDPOINT,
         tree: str = DEFAULT_TREE,
         timeout_s: float = DEFAULT_TIMEOUT_S,
+        *,
+        credentials: Credentials = NO_CREDENTIALS,
     ) -> Self:
         """Connect to the server of a tree.
 
         Args:
-            endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``.
+            endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
+                ``tls/HOST:PORT``.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
+            credentials: User, password and the files for TLS; see docs/security.md.
 
         Returns:
             An open client.
 
         Raises:
             ServerUnavailable: No server of the tree answered within `timeout_s`.
+            AccessDenied: The server does not let this client in, or the client does not trust the
+                server's certificate; the message says why.
             InvalidArgumentException: An argument makes no sense.
             ProtocolError: The server's reply is malformed.
 
         Example:
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
-        return cls(Connection(endpoint, tree, timeout_s))
+        return cls(Connection(endpoint, tree, timeout_s, credentials))
 
     def __repr__(self) -> str:
         connection = self._connection
         return (
-            f"<TransformClient {connection.endpoint}, tree {connection.tree!r}, "
+            f"<TransformClient {address(connection.endpoint)}, tree {connection.tree!r}, "
             f"server {connection.known_instance or 'unknown'}, "
             f"{'closed' if connection.closed else 'open'}>"
         )
@@ -292,6 +300,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Raises:
             InvalidArgumentException: `authority` is too long or not valid UTF-8.
             ServerUnavailable: The client is closed.
+            AccessDenied: The server's access rules do not allow to publish as `authority`.
 
         Example:
             ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``

@@ -5,6 +5,7 @@ Thread safety: all methods; calls of different threads run side by side.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import random
@@ -15,7 +16,8 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import connect_failure, keys, wire, zenoh_config
+from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
@@ -27,6 +29,7 @@ from zenoh_tf.errors import (
 )
 
 from . import requests
+from .access import Access
 from .opening import NOBODY_THERE, open_session
 from .served_trees import no_server_message, served_trees
 from .session_calls import SessionCalls
@@ -40,6 +43,8 @@ _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
 #: The limit of a server that does not tell.
 _DEFAULT_ROWS: Final = 100_000
+#: After this time, and at the end, the reason for a failing connection is looked into.
+_FIRST_ATTEMPT_S: Final = 1.0
 #: The error reply that Zenoh makes up when no server replies in time.
 _ZENOH_TIMEOUT: Final = b"Timeout"
 
@@ -49,6 +54,7 @@ class _NoReply:
     """No reply came to a request."""
 
     reason: str
+    at_once: bool  # the query ended without a reply: no server, or its rules deny the request
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +70,18 @@ class ServerInfo:
 class Connection:
     """A session with one server; see the module. Close it with `close`."""
 
-    def __init__(self, endpoint: str, tree: str, timeout_s: float) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        tree: str,
+        timeout_s: float,
+        credentials: Credentials = NO_CREDENTIALS,
+    ) -> None:
         """Connect to the server of `tree` at `endpoint`.
 
         Raises:
             ServerUnavailable: No server answered within `timeout_s`.
+            AccessDenied: The server does not let this client in, or cannot be trusted.
             InvalidArgumentException: `endpoint` or `timeout_s` makes no sense.
         """
         if not 0 < timeout_s < 1e6:
@@ -76,13 +89,18 @@ class Connection:
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
             )
         zenoh_config.check_endpoint(endpoint)
+        zenoh_config.check_encrypted(endpoint, credentials)
         self.endpoint = endpoint
+        self._credentials = credentials
         self._address = zenoh_config.address(endpoint)  # for messages: without secrets
         self.tree = tree
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         self._lock = threading.Lock()
         self._server: ServerInfo | None = None
+        self._round_trip_ns: int | None = None  # of the last hello
+        #: What this client may do; None if the server has no access rules.
+        self._access: Access | None = None
         # A request id: random per connection, then counted.
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
@@ -91,11 +109,13 @@ class Connection:
         self.calls = SessionCalls(self.session.close)
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
-        client_id = str(self.session.zid())
+        self._client_id = client_id = str(self.session.zid())
         self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
+            if self._access is not None:
+                self._access.check_any()
         except BaseException:
             self.close()
             raise
@@ -120,6 +140,11 @@ class Connection:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
 
+    def check_publish(self, authority: str) -> None:
+        """Raise AccessDenied if this client may not publish as `authority`."""
+        if self._access is not None:
+            self._access.check_publish(authority)
+
     def hello(self) -> ServerInfo:
         """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
         return self._hello(self.timeout_s)
@@ -130,10 +155,12 @@ class Connection:
         `wait_s` is how long the server itself may wait before it replies. Raises the error in
         the reply, or ServerUnavailable if none comes.
         """
+        key = self._key(operation, body)
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
-        reply = self._query_until_served(operation, payload, timeout_s)
+        reply = self._query_until_served(key, payload, timeout_s)
         if isinstance(reply, _NoReply):
+            self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
         return reply
@@ -158,6 +185,7 @@ class Connection:
 
     def _write_once(self, operation: str, body: wire.Message, instance: str) -> wire.Message:
         server = self._known_server()
+        key = self._key(operation, body)
         timeout_ns = int(self.timeout_s * 1e9)
         write = wire.Write(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
@@ -166,19 +194,36 @@ class Connection:
         )
         payload = self._pack(body | write.fields())
         # A refused write did not run, so it may be sent again; its expiry stays the same.
-        reply = self._query_until_served(operation, payload, self.timeout_s)
+        reply = self._query_until_served(key, payload, self.timeout_s)
         if isinstance(reply, _NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
 
+    def _key(self, operation: str, body: wire.Message) -> zenoh.KeyExpr:
+        """The key of a request. Raises AccessDenied if the server's rules do not allow it."""
+        access = self._access
+        if access is None:
+            return self._keys[operation]
+        return zenoh.KeyExpr(access.key(operation, body))
+
+    def _check_new_rules(self, operation: str, body: wire.Message) -> None:
+        """Raise AccessDenied if the server was restarted with rules that do not allow a request.
+
+        Zenoh gives no reply to a request that is denied, as if no server were there.
+        """
+        if self._server is None:
+            with contextlib.suppress(ServerUnavailable):
+                self._hello(self.timeout_s)
+                self._key(operation, body)
+
     def _query_until_served(
-        self, operation: str, payload: bytes, timeout_s: float
+        self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
     ) -> wire.Message | _NoReply:
         """As `_query`, and again as long as the server is busy and the time is not over."""
         deadline_s = time.monotonic() + timeout_s
         while True:
-            reply = self._query(operation, payload, timeout_s)
+            reply = self._query(key, payload, timeout_s)
             if isinstance(reply, _NoReply) or "error" not in reply:
                 return reply
             error = wire.decode_error(reply["error"])
@@ -192,27 +237,31 @@ class Connection:
                 return reply
             time.sleep(pause_s)
 
-    def _query(self, operation: str, payload: bytes, timeout_s: float) -> wire.Message | _NoReply:
+    def _query(
+        self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
+    ) -> wire.Message | _NoReply:
         """Return the first reply, or why there is none."""
         try:
             with self.calls:
-                data = self._first_reply(operation, payload, timeout_s)
+                data = self._first_reply(key, payload, timeout_s)
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._where()}: {error}") from error
         if data is None:
             self._forget_server()
             # Zenoh ends a query at once if no server is there, or when the server goes away.
-            return _NoReply(f"{self._where()} is not there, or went away before it answered")
+            return _NoReply(
+                f"{self._where()} is not there, or went away before it answered", at_once=True
+            )
         if data == _ZENOH_TIMEOUT:
             self._forget_server()
-            return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s")
+            return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s", at_once=False)
         reply = wire.unpack(data, wire.MAX_REPLY_BYTES)
         server = self._server
         if server is not None and reply.get("instance") != server.instance:
             self._forget_server()  # A new server: its clock and limits are not known yet.
         return reply
 
-    def _first_reply(self, operation: str, payload: bytes, timeout_s: float) -> bytes | None:
+    def _first_reply(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | None:
         """Return the reply's payload; None if the query ended without one, or within one.
 
         A long reply comes in parts; the attachment of each is the length of the whole.
@@ -220,7 +269,7 @@ class Connection:
         parts: list[bytes] = []
         length = 0
         replies = self.session.get(
-            self._keys[operation],
+            key,
             payload=payload,
             attachment=self._attachment,
             timeout=timeout_s,
@@ -278,12 +327,23 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> ServerInfo:
-        request = requests.hello()
-        reply = self._query(request.kind, wire.pack(request.body()), timeout_s)
+        request = requests.hello(
+            self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
+        )
+        begin_ns = time.monotonic_ns()
+        payload = wire.pack(request.body())
+        reply = self._query(self._keys["hello"], payload, timeout_s)
+        if isinstance(reply, _NoReply) and reply.at_once:
+            # Servers before access rules answer `hello` among the infos only.
+            reply = self._query(self._keys["info"], payload, timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, _NoReply):
             raise ServerUnavailable(reply.reason)
+        self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
+        access = value.get("access")
+        user = self._credentials.user
+        self._access = None if access is None else Access(self.tree, self._address, user, access)
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this
         # side's own time-out.
@@ -300,24 +360,31 @@ class Connection:
         return f"the server of tree {self.tree!r} at {self._address}"
 
     def _open(self) -> zenoh.Session:
-        try:
-            return open_session(
-                lambda attempt_s: zenoh_config.client(
-                    [self.endpoint],
-                    attempt_s,
-                    retry=_RETRY,
-                    max_message_bytes=wire.MAX_REPLY_BYTES,
-                ),
-                self.timeout_s,
-            )
-        except zenoh.ZError as error:
-            raise self._cannot_open(str(error)) from error
+        """Open a session. A server that does not let this client in is not asked a second time."""
+        deadline_s = time.monotonic() + self.timeout_s
+        left_s = min(self.timeout_s, _FIRST_ATTEMPT_S)
+        while True:
+            try:
+                return open_session(self._config, left_s)
+            except zenoh.ZError as error:
+                left_s = deadline_s - time.monotonic()
+                failure = self._cannot_open(str(error))
+                if left_s <= 0 or not isinstance(failure, ServerUnavailable):
+                    raise failure from error
+
+    def _config(self, attempt_s: float) -> zenoh.Config:
+        return zenoh_config.client(
+            [self.endpoint],
+            attempt_s,
+            retry=_RETRY,
+            max_message_bytes=wire.MAX_REPLY_BYTES,
+            credentials=self._credentials,
+        )
 
     def _cannot_open(self, reason: str) -> TransformException:
         if NOBODY_THERE in reason:
-            return ServerUnavailable(
-                f"nothing listens at {self._address} (tree {self.tree!r}, "
-                f"tried for {self.timeout_s:g} s)"
+            return connect_failure.explain(
+                self.endpoint, self.tree, self.timeout_s, self._credentials
             )
         return InvalidArgumentException(
             f"endpoint {self._address!r}: {reason.split(' at /', maxsplit=1)[0]}",

@@ -1,9 +1,13 @@
-"""The environment's choice of server, for the commands and the tf2 shim; the SDK ignores it."""
+"""The environment's choice of server and credentials, for the commands and the tf2 shim; the SDK
+ignores it."""
 
 from __future__ import annotations
 
 import os
 from typing import Final
+
+from zenoh_tf import credentials
+from zenoh_tf.credentials import Credentials
 
 from .client import DEFAULT_ENDPOINT, DEFAULT_TREE
 
@@ -11,6 +15,15 @@ from .client import DEFAULT_ENDPOINT, DEFAULT_TREE
 ENDPOINT_VARIABLE: Final = "ZENOH_TF_CONNECT"
 #: The tree's name.
 TREE_VARIABLE: Final = "ZENOH_TF_TREE"
+#: The file with the certificates of the authorities that sign servers' certificates.
+CA_VARIABLE: Final = "ZENOH_TF_CA"
+#: The files with this client's certificate and its private key.
+CERTIFICATE_VARIABLE: Final = "ZENOH_TF_CERTIFICATE"
+KEY_VARIABLE: Final = "ZENOH_TF_KEY"
+#: The user, and the password or a file that has it.
+USER_VARIABLE: Final = "ZENOH_TF_USER"
+PASSWORD_VARIABLE: Final = "ZENOH_TF_PASSWORD"
+PASSWORD_FILE_VARIABLE: Final = "ZENOH_TF_PASSWORD_FILE"
 
 
 def endpoint() -> str:
@@ -21,3 +34,26 @@ def endpoint() -> str:
 def tree() -> str:
     """The tree to ask for if the user names none; an empty variable counts as unset."""
     return os.environ.get(TREE_VARIABLE) or DEFAULT_TREE
+
+
+def client_credentials(
+    *,
+    ca: str | None = None,
+    certificate: str | None = None,
+    key: str | None = None,
+    user: str | None = None,
+    password_file: str | None = None,
+) -> Credentials:
+    """The credentials to connect with; an argument counts more than its variable.
+
+    Raises:
+        InvalidArgumentException: A part is missing or wrong; `field` names it.
+    """
+    return credentials.from_parts(
+        ca or os.environ.get(CA_VARIABLE),
+        certificate or os.environ.get(CERTIFICATE_VARIABLE),
+        key or os.environ.get(KEY_VARIABLE),
+        user or os.environ.get(USER_VARIABLE),
+        os.environ.get(PASSWORD_VARIABLE),
+        password_file or os.environ.get(PASSWORD_FILE_VARIABLE),
+    )

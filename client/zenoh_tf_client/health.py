@@ -1,8 +1,8 @@
 """A health check for containers: ``python -m zenoh_tf_client.health``.
 
 The exit code is 0 if the tree's server answered a lookup, else 1 with one line on stderr that says
-why. So it also finds a server whose process lives but no longer answers. ``ZENOH_TF_CONNECT`` and
-``ZENOH_TF_TREE`` are the defaults of its options.
+why. So it also finds a server whose process lives but no longer answers. ``ZENOH_TF_CONNECT``,
+``ZENOH_TF_TREE`` and the variables of the credentials are the defaults of its options.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import argparse
 import sys
 
 from zenoh_tf import TransformException
-from zenoh_tf_client import TransformClient, environment
+from zenoh_tf_client import environment
+from zenoh_tf_client.cli.connection import add_credentials, connect
 
 # Any name will do; the tree need not have such a frame.
 _FRAME = "zenoh-tf-health"
@@ -26,9 +27,10 @@ def main() -> int:
     parser.add_argument("--connect", default=environment.endpoint())
     parser.add_argument("--tree", default=environment.tree())
     parser.add_argument("--timeout", type=float, default=2.0, metavar="SECONDS")
+    add_credentials(parser)
     args = parser.parse_args()
     try:
-        with TransformClient.connect(args.connect, tree=args.tree, timeout_s=args.timeout) as tf:
+        with connect(args) as tf:
             tf.can_transform(_FRAME, _FRAME)
     except TransformException as error:
         print(f"unhealthy: {type(error).__name__}: {error}", file=sys.stderr)

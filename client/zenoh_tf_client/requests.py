@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -316,8 +316,15 @@ def _optional_stamp(stamp_ns: int | None) -> int | None:
     return None if stamp_ns is None else columns.stamp(stamp_ns)
 
 
-def hello() -> Request[dict[str, Any]]:
-    return _info(dict, "hello")
+def hello(
+    user: str | None = None,
+    client: str | None = None,
+    clock_ns: int | None = None,
+    round_trip_ns: int | None = None,
+) -> Request[dict[str, Any]]:
+    """`clock_ns`: this machine's real-time clock. `round_trip_ns`: of the last such request."""
+    clocks = {"clock_ns": clock_ns, "round_trip_ns": round_trip_ns}
+    return _info(dict, "hello", user=user, client=client, **clocks)
 
 
 def frames() -> Request[list[str]]:
@@ -357,14 +364,15 @@ def authorities() -> Request[list[AuthorityInfo]]:
 
 
 def _record(value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo]) -> dict[str, Any]:
-    """Return the fields of a record that this client knows; a newer server may send more."""
-    known = {entry.name for entry in fields(kind)}
-    if type(value) is not dict or not known <= value.keys():
+    """Return the fields of a record that this client knows: a newer server may send more, and an
+    older one leaves out those that have a default."""
+    required = {entry.name for entry in fields(kind) if entry.default is MISSING}
+    if type(value) is not dict or not required <= value.keys():
         raise ProtocolError(
-            f"the {kind.__name__} in the reply lacks some of the fields {sorted(known)}",
+            f"the {kind.__name__} in the reply lacks some of the fields {sorted(required)}",
             field="value",
         )
-    return {name: value[name] for name in known}
+    return {entry.name: value[entry.name] for entry in fields(kind) if entry.name in value}
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:

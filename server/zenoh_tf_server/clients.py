@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import secrets
 import threading
 from collections.abc import Callable
 from typing import Any, Final
@@ -29,6 +30,8 @@ class Clients:
     """The ids of the clients that are connected."""
 
     def __init__(self, max_clients: int) -> None:
+        #: The id in the queries of this server to itself. Nobody else knows it.
+        self.own = secrets.token_hex(16)
         self._max_clients = max_clients
         self._lock = threading.Lock()
         self._connected: set[str] = set()
@@ -47,8 +50,8 @@ class Clients:
             self._subscriber.undeclare()
 
     def known(self, client: str) -> str:
-        """The client's id if it is connected, else UNKNOWN."""
-        return client if client in self._connected else UNKNOWN
+        """The client's id if it is connected, or this server itself, else UNKNOWN."""
+        return client if client in self._connected or client == self.own else UNKNOWN
 
     def when_gone(self, callback: Callable[[str], None]) -> None:
         """Call `callback` with the id of each client that goes, on a thread of Zenoh."""

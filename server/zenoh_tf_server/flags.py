@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from importlib.metadata import version
 
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import limits, logs, operations, state
+from . import config_file, future_stamps, limits, logs, operations, security, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -24,6 +25,11 @@ def parser() -> argparse.ArgumentParser:
         description="Serve a transform tree over Zenoh.",
     )
     flags.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
+    flags.add_argument(
+        "--config",
+        metavar="FILE",
+        help="read flags and access rules from this TOML file; flags of the command line win",
+    )
     where = flags.add_mutually_exclusive_group()
     where.add_argument(
         "--listen",
@@ -46,8 +52,10 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="threads that serve queries, per query family (default: %(default)s)",
     )
+    security.add_flags(flags)
     logs.add_flags(flags)
     operations.add_flags(flags)
+    future_stamps.add_flags(flags)
     state.add_flags(flags)
     limits.add_flags(flags)
     return flags
@@ -79,9 +87,26 @@ def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
         choices=("reject", "clear"),
         default="reject",
         help="what to do with a transform that is older than its frame's newest by more than the "
-        "cache time. reject: drop it, because it is late. clear: simulated time was set back, so "
-        "drop all but static transforms, then store it (default: %(default)s)",
+        "cache time. reject: drop it, because it is late. clear: if a second one follows that is a "
+        "little newer, simulated time was set back, so clear this frame's history, and store it "
+        "(default: %(default)s)",
     )
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The options of a command line and its configuration file. Exits with status 2 and a message
+    if something is wrong."""
+    flags = parser()
+    try:
+        options = config_file.parse_arguments(flags, arguments)
+    except TransformException as error:
+        flags.error(str(error))
+    check(flags, options)
+    try:
+        options.security = security.from_flags(options, options.access)
+    except TransformException as error:
+        flags.error(str(error))
+    return options
 
 
 def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -101,20 +126,24 @@ def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
                 zenoh_config.check_endpoint(endpoint)
             except TransformException as error:
                 flags.error(f"--{flag}: {error}")
+    options.listen = options.listen or [DEFAULT_LISTEN]
+    options.connect = options.connect or []
 
 
 def settings(options: argparse.Namespace) -> Settings:
     """The settings of a server with these flags."""
     return Settings(
         tree=options.tree,
-        listen=options.listen or [DEFAULT_LISTEN],
-        connect=options.connect or [],
+        listen=options.listen,
+        connect=options.connect,
         cache_time_s=options.cache_time,
         concurrency=options.concurrency,
         one_authority_per_frame=options.one_authority_per_frame,
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limits.from_flags(options),
+        future=future_stamps.from_flags(options),
+        security=options.security,
         operations=operations.from_flags(options),
         state=state.from_flags(options),
     )

@@ -79,7 +79,13 @@ class Health:
     def _run(self, server: Server) -> None:
         while not self._stop.is_set():
             begun_s = time.monotonic()
-            problem = probe(server.session, server.service.name, server.instance, self._timeout_s)
+            problem = probe(
+                server.session,
+                server.service.name,
+                server.instance,
+                server.clients.own,
+                self._timeout_s,
+            )
             if self._stop.is_set():
                 return
             if problem is None:
@@ -92,12 +98,19 @@ class Health:
             self._stop.wait(self._period_s)
 
 
-def probe(session: zenoh.Session, tree: str, instance: str, timeout_s: float) -> str | None:
-    """Look a frame up by a query that stays in this process. Returns what is wrong, or None."""
+def probe(
+    session: zenoh.Session, tree: str, instance: str, client: str, timeout_s: float
+) -> str | None:
+    """Look a frame up by a query that stays in this process. Returns what is wrong, or None.
+
+    With the `client` id of the server itself, the reply waits for no link, and the query is not
+    counted among those of other clients.
+    """
     try:
         replies = session.get(
             keys.operation(tree, "lookup"),
             payload=_REQUEST,
+            attachment=client.encode(),
             timeout=timeout_s,
             consolidation=zenoh.ConsolidationMode.NONE,
             allowed_destination=zenoh.Locality.SESSION_LOCAL,

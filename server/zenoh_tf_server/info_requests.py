@@ -12,6 +12,7 @@ from zenoh_tf._core import Budget
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
 
+from .clock_offsets import ClockOffsets
 from .limits import Limits
 from .refusals import Refusals
 
@@ -55,12 +56,14 @@ class InfoRequests:
         tree: TransformTree,
         limits: Limits,
         refusals: Refusals,
+        clocks: ClockOffsets,
         counters: Callable[[], dict[str, int]],
     ) -> None:
         """`counters`: the server's own counters, added to the tree's in `stats`."""
         self._tree = tree
         self._name_bytes = limits.name_bytes
         self._refusals = refusals
+        self._clocks = clocks
         self._counters = counters
         self._stats = _Counted(tree.stats)
         self._authorities = _Counted(tree._authority_records)
@@ -103,10 +106,17 @@ class InfoRequests:
         budget.take_listed(min(left, len(names) + sum(map(len, names)) // _LONG_NAME))
         return {"value": names, "next": following}
 
+    def authorities(self) -> list[dict[str, Any]]:
+        """What is known of each authority: the fields of `zenoh_tf.AuthorityInfo`."""
+        return self._merged(self._tree._authority_records())
+
+    def _merged(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return self._clocks.add_to(self._refusals.add_to(records))
+
     def _authority_records(self, budget: Budget) -> Any:
         frames = self._tree._frame_count()
         _charge_scan(budget, frames)
-        records = self._refusals.add_to(self._authorities.value(frames))
+        records = self._merged(self._authorities.value(frames))
         budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
         return records
 

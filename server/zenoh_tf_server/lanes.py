@@ -73,6 +73,10 @@ class Budget:
         self._client_count[client] = client_count
         return None
 
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {"pending_queries": self._count, "pending_bytes": self._bytes}
+
     def remove(self, request: Request) -> None:
         """Count a request no more. Requires the lock."""
         client = request.client

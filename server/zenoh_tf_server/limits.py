@@ -164,6 +164,16 @@ class Limits:
         "authorities remembered that had messages refused and none accepted",
         "the one that was refused longest ago is forgotten",
     )
+    put_queue_bytes: int = _limit(
+        32 << 20,
+        "bytes of puts of one authority that wait to be committed",
+        "its oldest dynamic put is dropped and counted; a static put that finds no room is refused",
+    )
+    put_queues_bytes: int = _limit(
+        256 << 20,
+        "bytes of puts of all authorities that wait to be committed",
+        "the same, with the authority that has the most waiting",
+    )
     metrics_authorities: int = _limit(
         100,
         "authorities with metrics of their own (`--metrics`)",

@@ -2,7 +2,7 @@
 
 Zenoh has no call that sends without blocking. A reply to a client that does not read blocks the
 sending thread, and Zenoh's routing tables with it: the next client that comes or goes then stops
-everyone (docs/decisions/0007-replies-never-block.md). So the server asks the kernel about the
+everyone (docs/decisions/0008-replies-never-block.md). So the server asks the kernel about the
 link's socket before it hands a reply to Zenoh.
 
 Only links over TCP (tcp, tls, ws) have such a socket, where the system lists a process's open
@@ -56,10 +56,20 @@ class LinkSocket:
             return False
 
     def is_writable(self) -> bool:
-        """True if the kernel takes more: Zenoh's sending task makes progress then."""
+        """True if the kernel takes more, so that Zenoh's sending task makes progress, or if the
+        socket is closed, so that Zenoh drops what is sent. While a broken link is still open,
+        Zenoh blocks whoever sends."""
+        events = self._events()
+        return events == select.POLLOUT or (events != 0 and not self.is_open())
+
+    def is_broken(self) -> bool:
+        """True if nothing can be sent any more: a poll for room would return at once."""
+        return self._events() & ~select.POLLOUT != 0
+
+    def _events(self) -> int:
         poll = select.poll()
         poll.register(self.fd, select.POLLOUT)
-        return bool(poll.poll(0)) or not self.is_open()
+        return next((events for _, events in poll.poll(0)), 0)
 
     def unsent_bytes(self) -> int:
         """The bytes that were written, and that the other end has not acknowledged."""
@@ -86,6 +96,7 @@ class LinkSockets:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._by_peer: dict[str, dict[str, LinkSocket | None]] = {}  # peer: link: socket
+        self._leaving: list[tuple[str, str, LinkSocket]] = []  # also in `_by_peer`
         self._listener: zenoh.LinkEventsListener[Any] | None = None
 
     def start(self, session: zenoh.Session) -> None:
@@ -100,11 +111,13 @@ class LinkSockets:
     def of_peer(self, peer: str) -> list[LinkSocket | None]:
         """The sockets of the links to a peer; None for a link whose socket is not known."""
         with self._lock:
+            self._forget_left()
             return list(self._by_peer.get(peer, {}).values())
 
     def peers(self) -> list[str]:
         """The Zenoh ids at the other ends of all links."""
         with self._lock:
+            self._forget_left()
             return list(self._by_peer)
 
     def cut(self, peer: str) -> bool:
@@ -127,12 +140,29 @@ class LinkSockets:
                     self._by_peer.setdefault(peer, {})[key] = found
             else:
                 with self._lock:
-                    links = self._by_peer.get(peer, {})
-                    links.pop(key, None)
-                    if not links:
-                        self._by_peer.pop(peer, None)
+                    link = self._by_peer.get(peer, {}).get(key)
+                    if link is not None and not link.is_writable():
+                        # Zenoh still tries to send for seconds, and blocks who sends more.
+                        self._leaving.append((peer, key, link))
+                    else:
+                        self._forget(peer, key)
         except Exception:  # on a thread of Zenoh's
             log.exception("internal error after a link has changed")
+
+    def _forget_left(self) -> None:
+        """Forget the leaving links whose socket is closed. Requires the lock."""
+        for entry in self._leaving[:]:
+            peer, key, link = entry
+            if not link.is_open():
+                self._leaving.remove(entry)
+                self._forget(peer, key)
+
+    def _forget(self, peer: str, key: str) -> None:
+        """Requires the lock."""
+        links = self._by_peer.get(peer, {})
+        links.pop(key, None)
+        if not links:
+            self._by_peer.pop(peer, None)
 
 
 def _find(src: str, dst: str) -> LinkSocket | None:

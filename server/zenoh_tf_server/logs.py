@@ -1,9 +1,8 @@
 """The server's log: text or JSON on standard error, safe whatever a record contains.
 
-Records quote what clients have sent, and clients may cause them as fast as they like. The
-formatters escape and cut every line, and the handler bounds the rate of each place in the code that
-logs, so that no call of the logger has to. A record is one line; in the text format, the lines of a
-traceback follow it, indented, so that no message can pass for a record of its own.
+Records quote what clients have sent. The formatters escape and cut every line, so that no call of
+the logger has to. A record is one line; in the text format, the lines of a traceback follow it,
+indented, so that no message can pass for a record of its own. `log_handler` bounds the rate.
 """
 
 from __future__ import annotations
@@ -15,11 +14,12 @@ import sys
 import threading
 import time
 import traceback
-from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Final, Literal, TextIO
+from typing import Any, Final, Literal
 
 from zenoh_tf.text import cut, printable, quoted
+
+from .log_handler import DescriptorHandler
 
 Format = Literal["text", "json"]
 
@@ -32,15 +32,11 @@ _MAX_TRACEBACK_CHARS: Final = 4000
 _MAX_FIELDS: Final = 16
 _MAX_FIELD_CHARS: Final = 120
 _MAX_NAME_CHARS: Final = 32
-#: Records of one place in the code in a period, and those of them with a traceback.
-_PERIOD_S: Final = 5.0
-_MAX_RECORDS: Final = 100
-_MAX_TRACEBACKS: Final = 5
 _INDENT: Final = "    | "
 
 #: What every record has; other attributes are fields that a call has added with `extra`.
 _STANDARD: Final = frozenset(
-    {*vars(logging.makeLogRecord({})), "message", "asctime", "exc_text", "taskName"}
+    {*vars(logging.makeLogRecord({})), "message", "asctime", "taskName", "suppressed"}
 )
 
 log = logging.getLogger("zenoh_tf.server")
@@ -65,48 +61,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def setup(level: str, form: Format) -> None:
     """Log everything of this process to standard error: records, Python's warnings, and
     exceptions that nothing catches."""
-    handler = _Handler(sys.stderr)
+    handler: logging.Handler = logging.NullHandler()
+    if sys.stderr is not None:  # None: the server was started without a standard error
+        handler = DescriptorHandler(sys.stderr.fileno())
     handler.setFormatter(JsonFormatter() if form == "json" else TextFormatter())
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
     logging.captureWarnings(True)
     sys.excepthook = _log_uncaught
     threading.excepthook = _log_uncaught_in_thread
     sys.unraisablehook = _log_unraisable
-
-
-@dataclass(slots=True)
-class _Place:
-    """A place in the code that logs. There are few, so none is forgotten."""
-
-    until_s: float = 0.0  # the end of the period
-    records: int = 0
-    tracebacks: int = 0
-    suppressed: int = 0  # since the last record that was logged
-
-
-class _Handler(logging.StreamHandler[Any]):
-    def __init__(self, stream: TextIO) -> None:
-        super().__init__(stream)
-        self._places: dict[tuple[str, int], _Place] = {}  # guarded by the handler's lock
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write a record, or count it as suppressed. Requires the handler's lock."""
-        place = self._places.setdefault((record.pathname, record.lineno), _Place())
-        now_s = time.monotonic()
-        if now_s >= place.until_s:
-            place.until_s = now_s + _PERIOD_S
-            place.records = place.tracebacks = 0
-        place.records += 1
-        place.tracebacks += bool(record.exc_info)
-        if place.records > _MAX_RECORDS or (record.exc_info and place.tracebacks > _MAX_TRACEBACKS):
-            place.suppressed += 1
-            return
-        if place.suppressed:
-            record.suppressed, place.suppressed = place.suppressed, 0
-        super().emit(record)
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Do nothing: the standard handler would write the raw record to standard error."""
 
 
 class TextFormatter(logging.Formatter):
@@ -159,7 +122,7 @@ def _message(record: logging.LogRecord) -> str:
     except Exception as error:  # a wrong call of the logger must not end a worker
         text = f"{record.msg} (cannot be formatted: {error})"
     text = cut(text, _MAX_MESSAGE_CHARS)
-    suppressed = getattr(record, "suppressed", 0)
+    suppressed = getattr(record, "suppressed", 0)  # the handler has counted them
     return f"{text} ({suppressed} more were suppressed)" if suppressed else text
 
 

@@ -18,7 +18,7 @@ from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import printable
 
-from . import flags, logs
+from . import flags, logs, security
 from .metrics import MetricsMissing
 from .network import NetworkError
 from .operations import Operations
@@ -32,15 +32,20 @@ CANNOT_START = 2
 #: that takes longer than this is ended by force.
 _STOP_TIMEOUT_S = 1.2
 
+#: How long a thread may keep the interpreter while others wait for it. A single lookup takes it
+#: several times, and beside long requests waits as long each time; the default is 5 ms.
+_SWITCH_INTERVAL_S = 0.0005
+
 log = logging.getLogger("zenoh_tf.server")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = flags.parser()
-    options = parser.parse_args(arguments)
-    flags.check(parser, options)
+    options = flags.parse(arguments)
     logs.setup(options.log_level, options.log_format)
     settings = flags.settings(options)
+    warning = None if settings.connect else security.exposure(settings.security, settings.listen)
+    if warning is not None:
+        log.warning(warning)
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
@@ -51,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 async def serve(settings: Settings) -> NoReturn:
     """Serve until SIGINT or SIGTERM, then end the process."""
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     operations = Operations(settings.operations)

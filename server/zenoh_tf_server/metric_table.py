@@ -2,10 +2,10 @@
 
 ``python -m zenoh_tf_server.metric_table > docs/metrics.md`` writes the page.
 
-To export a new value, put it into the dictionary of `stats` (`Service._counters`) and declare its
-key in `FROM_STATS`. Keys that differ in a label only, such as one queue per query family, share a
-metric: declare each key with its label's value. A new field of an authority's record is declared
-in `FROM_AUTHORITIES`. A test finds what is not declared.
+To export a new value, put it into `stats` (`Service.add_counters`) and declare its key in
+`FROM_STATS`. Keys that differ in a label only, such as one queue per query family, share a metric:
+declare each key with its label's value. A new field of an authority's record is declared in
+`FROM_AUTHORITIES`. A test finds what is not declared.
 """
 
 from __future__ import annotations
@@ -49,9 +49,17 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "static_links": _gauge("static_links", "static links in the tree"),
     "samples": _gauge("samples", "samples of all dynamic links"),
     "waiters": _gauge("waiting_lookups", "lookups that wait for a transform"),
+    "pending_queries": _gauge("queued_queries", "queries that wait for a worker"),
+    "pending_bytes": _gauge("queued_query_bytes", "bytes of the queries that wait for a worker"),
+    "unread_reply_bytes": _gauge(
+        "unread_reply_bytes", "bytes of replies that wait for clients that do not read"
+    ),
     "outcomes": _gauge("remembered_outcomes", "replies to writes, remembered until their expiry"),
     "state_pending": _gauge(
         "state_pending", "changes of links that are not stored yet (`--state-dir`)"
+    ),
+    "clients_cut_off": _counter(
+        "clients_cut_off", "connections closed because the client did not read its replies"
     ),
     "commits": _counter("commits", "transactions that were committed, puts included"),
     "rewritten": _counter("samples_rewritten", "samples at a stamp that the link already had"),
@@ -61,6 +69,12 @@ FROM_STATS: Final[dict[str, Metric]] = {
     ),
     "evicted": _counter("samples_evicted", "samples removed because a link's history was full"),
     "time_jumps": _counter("time_jumps", "times that the clock was seen to be set back"),
+    "flagged_as_future": _counter(
+        "flagged_as_future", "published transforms stored although they are from the future"
+    ),
+    "dropped_by_queue": _counter(
+        "puts_dropped", "published messages dropped because too many of an authority were waiting"
+    ),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
     "bad_puts": _counter("puts_refused", "published messages that were refused"),
@@ -90,6 +104,18 @@ FROM_AUTHORITIES: Final[dict[str, Metric]] = {
         "conflicts_total", "counter", "frames taken over from another authority"
     ),
     "refused": _per_authority("transforms_refused_total", "counter", "transforms refused"),
+    "dropped_by_queue": _per_authority(
+        "puts_dropped_total", "counter", "messages dropped because too many were waiting"
+    ),
+    "clock_offset_min_s": _per_authority(
+        "clock_offset_min_seconds", "gauge", "least lead of its stamps over their arrival"
+    ),
+    "clock_offset_max_s": _per_authority(
+        "clock_offset_max_seconds", "gauge", "greatest lead of its stamps over their arrival"
+    ),
+    "stamp_age_s": _per_authority(
+        "stamp_age_seconds", "gauge", "age of the newest stamp of its last message on arrival"
+    ),
 }
 
 #: Fields of an authority's record that are no metrics.

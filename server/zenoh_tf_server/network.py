@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import zenoh
 
-from zenoh_tf import zenoh_config
+from zenoh_tf import connect_failure, zenoh_config
+from zenoh_tf.errors import AccessDenied
 
 from .limits import Limits
+from .security import OPEN, Security
 
 #: How long a server waits for the router that it joins, which may be starting beside it.
 CONNECT_TIMEOUT_S: Final = 10.0
@@ -23,8 +25,16 @@ class NetworkError(Exception):
     """The session cannot be opened; the message is one line for the user."""
 
 
-def open_session(listen: Sequence[str], connect: Sequence[str], limits: Limits) -> zenoh.Session:
+def open_session(
+    listen: Sequence[str],
+    connect: Sequence[str],
+    limits: Limits,
+    security: Security = OPEN,
+    tree: str = "main",
+) -> zenoh.Session:
     """Open a session: a client of `connect` if that is not empty, else a router on `listen`.
+
+    `security` says who may use the router, and `tree` for which keys.
 
     Raises:
         NetworkError: The endpoints cannot be reached or listened on.
@@ -33,16 +43,42 @@ def open_session(listen: Sequence[str], connect: Sequence[str], limits: Limits) 
     try:
         if connect:
             config = zenoh_config.client(
-                connect, CONNECT_TIMEOUT_S, retry=_RETRY, max_message_bytes=max_message_bytes
+                connect,
+                CONNECT_TIMEOUT_S,
+                retry=_RETRY,
+                max_message_bytes=max_message_bytes,
+                credentials=security.credentials,
             )
         else:
             config = zenoh_config.router(
-                listen, max_sessions=limits.connections, max_message_bytes=max_message_bytes
+                listen,
+                max_sessions=limits.connections,
+                max_message_bytes=max_message_bytes,
+                security=security.router_settings(tree),
             )
         config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
         return zenoh.open(config)
     except zenoh.ZError as error:
+        if connect:
+            failure = connect_failure.explain(
+                connect[0], tree, CONNECT_TIMEOUT_S, security.credentials
+            )
+            if isinstance(failure, AccessDenied):
+                raise NetworkError(f"cannot connect: {failure}") from error
         raise NetworkError(_message(str(error), listen, connect)) from error
+
+
+def certificates(session: zenoh.Session) -> Callable[[str], str | None]:
+    """A function from a client's Zenoh id to the common name of its certificate, None if it has
+    shown none."""
+
+    def common_name(client: str) -> str | None:
+        for link in session.info.links():
+            if str(link.zid) == client:
+                return link.auth_identifier
+        return None
+
+    return common_name
 
 
 def _message(reason: str, listen: Sequence[str], connect: Sequence[str]) -> str:

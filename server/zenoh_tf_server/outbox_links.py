@@ -2,7 +2,7 @@
 
 A client that has said who it is, and is connected, has links of its own. The reply to any other
 query may go to each link that is no known client's, for example to a router with clients behind
-it: it is sent when all of those take more.
+it: it is sent when all of those take more. The server's queries to itself have no link.
 
 Thread safety: all methods.
 """
@@ -20,9 +20,11 @@ from .link_sockets import LinkSocket, LinkSockets
 UNCHECKED_ROOM: Final = 60_000
 #: No more at once, so that clients take turns.
 _MAX_ROOM: Final = 1 << 20
-#: A reply that cannot be sent in parts needs a link that has sent all before. Up to this size it
-#: then fits into the kernel's buffers of a usual system.
-WHOLE_ROOM: Final = 8 << 20
+#: The longest reply to a client that takes no parts. It is sent when nothing is before it, and then
+#: fits into the kernel's buffer of a usual system.
+WHOLE_ROOM: Final = 2 << 20
+#: In place of a file descriptor: the link is broken, but Zenoh has not closed it yet.
+BROKEN: Final = -1
 
 
 class OutboxLinks:
@@ -53,10 +55,11 @@ class OutboxLinks:
         return any(link is None for link in self._links(client))
 
     def full_link(self, client: str) -> int | None:
-        """The file descriptor of a link that takes no more now, to wait for."""
+        """The file descriptor of a link that takes no more now, to poll; BROKEN if a poll cannot
+        wait for it. None: all take more."""
         for link in self._links(client):
             if link is not None and not link.is_writable():
-                return link.fd
+                return BROKEN if link.is_broken() else link.fd
         return None
 
     def cut_full(self, client: str) -> bool:
@@ -73,6 +76,8 @@ class OutboxLinks:
             yield from self._sockets.of_peer(peer)
 
     def _peers(self, client: str) -> list[str]:
+        if client == self._clients.own:
+            return []
         if client and self._sockets.of_peer(client):
             return [client]
         peers = self._sockets.peers()

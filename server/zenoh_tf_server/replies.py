@@ -24,15 +24,16 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Final
 
 import zenoh
 
-from zenoh_tf.errors import ServerBusy
+from zenoh_tf.errors import LimitExceeded, ServerBusy
 
 from .lanes import busy
 from .limits import Limits
-from .outbox_links import UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
+from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -52,27 +53,57 @@ _JOIN_TIMEOUT_S: Final = 0.5
 
 
 class Reply:
-    """The bytes of one reply, and how much of it is sent."""
+    """The reply to one query, which is its ReplyCallback, and how much of it is sent.
 
-    __slots__ = ("_start", "cost", "data", "failed", "in_parts", "key", "query")
+    `client` is the id of a client that is connected, or empty; `takes_parts`: it joins a reply
+    that comes in parts; `request_bytes`: the length of the request.
+    """
+
+    __slots__ = (
+        "_failed",
+        "_key",
+        "_query",
+        "_replies",
+        "_request_bytes",
+        "_start",
+        "client",
+        "data",
+        "in_parts",
+    )
 
     def __init__(
         self,
         query: zenoh.Query,
         key: zenoh.KeyExpr,
-        data: bytes,
-        failed: bool,
-        in_parts: bool,
+        client: str,
+        takes_parts: bool,
         request_bytes: int,
+        replies: Replies,
     ) -> None:
-        self.query = query
-        self.key = key
-        self.data = data
-        self.failed = failed
-        self.in_parts = in_parts and not failed
-        # The query keeps the request's bytes until it is dropped.
-        self.cost = len(data) + request_bytes + _OVERHEAD_BYTES
+        self._query = query
+        self._key = key
+        self.client = client
+        self.in_parts = takes_parts
+        self._request_bytes = request_bytes
+        self._replies = replies
+        self.data = b""
+        self._failed = False
         self._start = 0
+
+    def __call__(self, reply: bytes, failed: bool) -> None:
+        """Send the reply's bytes now or later, without blocking. `failed`: they are an error."""
+        if len(reply) > WHOLE_ROOM and not self.in_parts and not failed:
+            reply, failed = self._replies.too_long(len(reply)), True
+        self.data = reply
+        if failed:
+            self._failed = True
+            self.in_parts = False
+        self._replies.send(self)
+
+    @property
+    def cost(self) -> int:
+        """What it costs to keep. The query keeps the request's bytes until it is dropped."""
+        return len(self.data) + self._request_bytes + _OVERHEAD_BYTES
 
     def left(self) -> int:
         """How many bytes are not sent yet, with the message's own."""
@@ -82,16 +113,16 @@ class Reply:
         """Send the reply, or as much of it as there is room for if it may come in parts. True:
         that was the last, and the query is finished. The client of a query that is never finished
         waits for its whole time-out."""
-        query = self.query
+        query = self._query
         try:
-            if self.failed:
+            if self._failed:
                 query.reply_err(self.data)
             elif self._start == 0 and (not self.in_parts or self.left() <= room):
-                query.reply(self.key, self.data)
+                query.reply(self._key, self.data)
             else:
                 part = self.data[self._start : self._start + room - _OVERHEAD_BYTES]
                 self._start += len(part)
-                query.reply(self.key, part, attachment=str(len(self.data)).encode())
+                query.reply(self._key, part, attachment=str(len(self.data)).encode())
                 if self._start < len(self.data):
                     return False
         except zenoh.ZError as error:  # the client has gone, or given up
@@ -120,12 +151,17 @@ class _Outbox:
 class Replies:
     """All outboxes, and the sender thread."""
 
-    def __init__(self, links: OutboxLinks, limits: Limits) -> None:
+    def __init__(
+        self, links: OutboxLinks, limits: Limits, encode: Callable[[Exception], bytes]
+    ) -> None:
+        """`encode` gives the bytes of an error reply."""
         self._links = links
+        self._encode = encode
         self._limits = limits
         self._lock = threading.Lock()
         self._outboxes: dict[str, _Outbox] = {}
         self._held_bytes = 0  # of all outboxes
+        self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
         self._closing = False
         self._woken, self._wake = socket.socketpair()
@@ -142,10 +178,13 @@ class Replies:
         for outbox in list(self._outboxes.values()):
             if outbox.busy:
                 self._links.cut_full(outbox.client)
+        if not self._thread.is_alive():
+            self._woken.close()
+            self._wake.close()
 
-    def send(self, client: str, reply: Reply) -> None:
+    def send(self, reply: Reply) -> None:
         """Send a reply now or later; never blocks."""
-        outbox = self._outboxes.get(client) or self._new_outbox(client)
+        outbox = self._outboxes.get(reply.client) or self._new_outbox(reply.client)
         size = len(reply.data) + _OVERHEAD_BYTES
         with outbox.lock:
             now = not outbox.busy and self._spend(outbox, size, reply)
@@ -168,12 +207,27 @@ class Replies:
         limits, held, all_held = self._limits, outbox.held_bytes, self._held_bytes
         if held > 2 * limits.unread_reply_bytes:
             # It goes on asking, and even the refusals are not read.
-            self._links.cut_full(client)
+            self._cut_off += self._links.cut_full(client)
         if held > limits.unread_reply_bytes:
             return busy(limits, "unread_reply_bytes", held)
         if all_held > limits.all_unread_reply_bytes:
             return busy(limits, "all_unread_reply_bytes", all_held)
         return None
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {"unread_reply_bytes": self._held_bytes, "clients_cut_off": self._cut_off}
+
+    def too_long(self, size: int) -> bytes:
+        """The reply in place of one that is too long for a client that takes no parts."""
+        error = LimitExceeded(
+            f"the request has run, but its reply of {size:,} bytes is too long for a client that "
+            f"takes no parts: the limit is {WHOLE_ROOM:,} bytes; ask for less, or in parts",
+            field="whole_reply_bytes",
+            limit=WHOLE_ROOM,
+            value=size,
+        )
+        return self._encode(error)
 
     def forget(self, client: str) -> None:
         """Forget a client that is gone, unless replies to it are still to be finished."""
@@ -183,7 +237,7 @@ class Replies:
                 del self._outboxes[client]
 
     def _wake_up(self) -> None:
-        with contextlib.suppress(BlockingIOError):  # it is to wake up already
+        with contextlib.suppress(OSError):  # it is to wake up already, or closed
             self._wake.send(b"x")
 
     def _new_outbox(self, client: str) -> _Outbox:
@@ -252,6 +306,7 @@ class Replies:
         elif now_s - outbox.stuck_since_s > _CUT_OFF_S:
             outbox.stuck_since_s = now_s
             if self._links.cut_full(outbox.client):
+                self._cut_off += 1
                 log.warning(
                     "client %s has read nothing for %g s: closed its connection",
                     outbox.client or "(unknown)",
@@ -303,8 +358,10 @@ class Replies:
         timeout_ms = _POLL_MS
         for outbox in stuck:
             full = self._links.full_link(outbox.client)
-            if full is None:
-                timeout_ms = _ASK_AGAIN_MS
+            if full is None and outbox.queue[0].in_parts:
+                timeout_ms = 0
+            elif full is None or full == BROKEN:
+                timeout_ms = min(timeout_ms, _ASK_AGAIN_MS)
             else:
                 poll.register(full, select.POLLOUT)
         if self._handed_over:

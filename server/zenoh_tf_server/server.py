@@ -13,11 +13,15 @@ from zenoh_tf import TransformTree
 
 from . import network, operations, tree_claim
 from .clients import Clients
+from .event_reports import EventReports
+from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
 from .link_sockets import LinkSockets
 from .outbox_links import OutboxLinks
 from .replies import Replies
+from .request_guard import RequestGuard
+from .security import OPEN, Security
 from .service import Service
 from .state import State, StateSettings
 from .workers import Workers
@@ -37,6 +41,8 @@ class Settings:
     time_jump: TimeJump
     workers: int
     limits: Limits
+    future: FutureStamps = field(default_factory=FutureStamps)
+    security: Security = OPEN
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
 
@@ -61,7 +67,9 @@ class Server:
         with ExitStack() as stack:
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
-            session = network.open_session(settings.listen, settings.connect, limits)
+            session = network.open_session(
+                settings.listen, settings.connect, limits, settings.security, settings.tree
+            )
             stack.callback(session.close)
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
@@ -71,17 +79,37 @@ class Server:
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            replies = Replies(OutboxLinks(sockets, clients), limits)
+            guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
+            guard.certificate_of = network.certificates(session)
+            self.service = service = Service(
+                tree,
+                settings.tree,
+                self.instance,
+                limits,
+                loop,
+                state.links,
+                guard,
+                settings.future,
+            )
+            replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
-            self.service = service = Service(
-                tree, settings.tree, self.instance, limits, loop, state.links
-            )
             stack.callback(service.close)
             clients.when_gone(service.client_gone)
-            ingest = Ingest(service.commit, service.puts, service.refusals, limits)
+            service.add_counters(replies.counters)
+            ingest = Ingest(
+                service.commit,
+                service.puts,
+                service.refusals,
+                limits,
+                service.clocks,
+                settings.future,
+            )
             stack.callback(ingest.close)
             ingest.start(session, settings.tree)
+            reports = EventReports(tree, service.clocks)
+            stack.callback(reports.close)
+            reports.start()
             clients.start(session, settings.tree)
             workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)

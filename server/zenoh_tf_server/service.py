@@ -22,12 +22,16 @@ from zenoh_tf.errors import (
 from zenoh_tf.text import quoted
 
 from .batches import Batch
+from .clock_offsets import ClockOffsets
+from .future_stamps import FutureStamps
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
+from .rate_limited_log import RateLimitedLog
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
+from .request_guard import RequestGuard
 from .state_file import Stored
 from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
@@ -53,7 +57,10 @@ class Service:
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
         links: StaticLinks | None = None,
+        guard: RequestGuard | None = None,
+        future: FutureStamps | None = None,
     ) -> None:
+        self.guard = guard or RequestGuard()
         self.tree = tree
         self.instance = instance
         self.limits = limits
@@ -61,13 +68,17 @@ class Service:
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
-        self._info = InfoRequests(tree, limits, self.refusals, self._counters)
+        self.clocks = ClockOffsets()
+        self._info = InfoRequests(tree, limits, self.refusals, self.clocks, self._counters)
+        self._future = future or FutureStamps()
+        self._admin_log = RateLimitedLog(log)
         self._reply_cache = ReplyCache(limits)
         self._writes = Writes(instance, self._reply_cache, self.error)
         self.name = name
         self.requests = RequestCounters()
+        self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
-        self._hello = {
+        self._identity = {
             "tree": name,
             "instance": instance,
             "server_version": version("zenoh-tf"),
@@ -77,15 +88,22 @@ class Service:
             "lookup": self._lookup,
             "commit": self._commit,
             "batch": self._batch,
-            "info": self._answer_info,
+            "info": self._reply_to_info,
             "admin": self._admin,
+            "hello": self._reply_to_hello,
         }
 
-    def handle(self, operation: str, payload: bytes, reply_to: ReplyCallback) -> None:
-        """Reply to one request. Never raises: an error is the reply."""
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply.
+
+        `chunk` is what stands behind the operation in the query's key.
+        """
         counts = self.requests.begin()
         try:
             message = self.limits.unpack(payload)
+            self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -103,6 +121,10 @@ class Service:
     def stats(self) -> dict[str, int]:
         """The counters of the tree and of the server; `metric_table` declares each key."""
         return self.tree.stats() | self._counters()
+
+    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
+        """Let `stats` have the counters of another part of the server too."""
+        self._more_counters.append(counters)
 
     def authorities(self) -> list[dict[str, Any]]:
         """The records of all authorities, with what was refused of each."""
@@ -220,6 +242,7 @@ class Service:
 
     def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
         """The fields of the reply to a commit, and the ticket of its durability."""
+        self._future.check(commit)
         commit.expires_ns = expires_ns
         stored, ticket = self._store(commit)
         return wire.commit_reply(stored), ticket
@@ -228,18 +251,18 @@ class Service:
         """Wait for what has a ticket. Raises NotDurable."""
         self._links.wait(ticket)
 
-    def commit(self, commit: wire.Commit) -> Any:
-        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped. Static links are stored
-        soon after."""
-        return self._store(commit)[0]
+    def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
+        `max_stamp_ns`. Static links are stored soon after."""
+        return self._store(commit, max_stamp_ns)[0]
 
-    def _store(self, commit: wire.Commit) -> tuple[Any, int]:
+    def _store(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
         """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
         self._check_names(commit.names)
         self._check_names(commit.read_names)
         if commit.static:
             return self._links.commit(commit)
-        stored = apply(self.tree, commit)
+        stored = apply(self.tree, commit, max_stamp_ns)
         return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     def _check_names(self, names: list[str]) -> None:
@@ -277,18 +300,36 @@ class Service:
         """The error as the reply to an operation of a batch has it."""
         return {"error": wire.encode_error(self._typed(error))}
 
-    def _answer_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        budget = self.limits.budget()
-        reply_to(self._pack_within(self.info(message, budget)), False)
+    def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if message.get("what") == "hello":  # of a client from before this family
+            self._reply_to_hello(message, reply_to)
+        else:
+            budget = self.limits.budget()
+            reply_to(self._pack_within(self._info.reply(message, budget)), False)
+
+    def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if "clock_ns" in message:
+            told = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
+            self.clocks.client_told(reply_to.client, *told)
+        reply_to(self._pack({"value": self._hello(message)}), False)
 
     def info(self, message: wire.Message, budget: Budget) -> wire.Message:
         """The fields of the reply to an info request."""
         if wire.text(message, "what") == "hello":
-            return {"value": {**self._hello, "clock_ns": time.monotonic_ns()}}
+            return {"value": self._hello(message)}
         return self._info.reply(message, budget)
 
     def _counters(self) -> dict[str, int]:
-        return {"outcomes": len(self._reply_cache), **self.puts.as_dict(), **self._links.counters()}
+        counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        counters |= self._links.counters()
+        for more in self._more_counters:
+            counters |= more()
+        return counters
+
+    def _hello(self, message: wire.Message) -> dict[str, Any]:
+        access = self.guard.access(message)
+        known = self._identity | {"clock_ns": time.monotonic_ns()}
+        return known if access is None else known | {"access": access}
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
@@ -302,14 +343,14 @@ class Service:
         what = wire.text(message, "what")
         if what == "clear":
             ticket = self._links.clear(wire.flag(message, "keep_static", True))
-            log.info("cleared the tree")
+            self._admin_log.info("clear", "cleared the tree")
         elif what == "reset":
             ticket = self._links.reset()
-            log.info("reset the tree: every frame is gone")
+            self._admin_log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.name(message, "name", self.limits.name_bytes)
             ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
-            log.info("removed frame %s", quoted(name))
+            self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
             raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
         self._links.wait(ticket)

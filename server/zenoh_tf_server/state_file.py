@@ -33,6 +33,9 @@ _LINK_COLUMNS: Final = (
     "authority TEXT NOT NULL, checksum INTEGER NOT NULL"
 )
 
+#: SQLite's codes for a file that is damaged, is none of its own, or has other tables.
+_DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+
 Sync = Literal["full", "normal"]
 
 
@@ -98,8 +101,8 @@ class StateFile:
                 raise
         except BaseException as error:
             os.close(self._lock)
-            if isinstance(error, sqlite3.DatabaseError):
-                raise self._damaged(str(error)) from error
+            if isinstance(error, sqlite3.Error):
+                raise self._unusable(error) from error
             raise
 
     def read(self) -> Stored:
@@ -114,8 +117,8 @@ class StateFile:
                 dict(self._links(Table.LAST_POSES)),
                 dict(self._database.execute("SELECT child, number FROM removed_links ORDER BY 2")),
             )
-        except sqlite3.DatabaseError as error:
-            raise self._damaged(str(error)) from error
+        except sqlite3.Error as error:
+            raise self._unusable(error) from error
 
     def write(self, changes: Changes) -> None:
         """Store all changes in one transaction; it is durable on return.
@@ -190,9 +193,6 @@ class StateFile:
             database.execute("PRAGMA locking_mode = EXCLUSIVE")
             database.execute("PRAGMA journal_mode = WAL")
             database.execute(f"PRAGMA synchronous = {sync.upper()}")
-        except sqlite3.OperationalError as error:
-            database.close()
-            raise StateError(f"cannot open the state {self.path}: {error}") from error
         except BaseException:
             database.close()
             raise
@@ -229,6 +229,11 @@ class StateFile:
             if row != _row(child, link):
                 raise self._damaged(f"the row of {child!r} in {table.value} has a wrong checksum")
             yield child, link
+
+    def _unusable(self, error: sqlite3.Error) -> StateError:
+        if error.sqlite_errorcode & 0xFF in _DAMAGE:  # without what extends the code
+            return self._damaged(str(error))
+        return StateError(f"cannot open the state {self.path}: {error}")
 
     def _damaged(self, reason: str) -> StateError:
         return StateError(

@@ -38,6 +38,8 @@ class StateWriter:
         self._durable_ticket = 0
         self._failed_ticket = 0  # the last ticket of the write that failed last
         self._failure = ""
+        self._writing_since_s: float | None = None
+        self._writing = 0  # entries of the write that runs
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="state", daemon=True)
         self._thread.start()
@@ -56,12 +58,15 @@ class StateWriter:
         Raises:
             NotDurable: Writing them failed, or took too long. They are tried again.
         """
-        deadline_s = time.monotonic() + WAIT_S
+        started_s = time.monotonic()
         with self._changed:
             while self._durable_ticket < ticket:
                 if self._failed_ticket >= ticket:
                     raise self._not_durable(self._failure)
-                left_s = deadline_s - time.monotonic()
+                # Behind a write that hangs for that long already nobody waits: each thread that
+                # waits here is one that serves no other client.
+                since_s = min(started_s, self._writing_since_s or started_s)
+                left_s = since_s + WAIT_S - time.monotonic()
                 if left_s <= 0:
                     raise self._not_durable(f"the disk did not answer within {WAIT_S:g} s")
                 self._changed.wait(left_s)
@@ -70,7 +75,7 @@ class StateWriter:
     def pending(self) -> int:
         """How many entries are not durable yet."""
         with self._changed:
-            return len(self._pending)
+            return len(self._pending) + self._writing
 
     def close(self) -> bool:
         """Write what is pending, once more if the last write failed, and end the thread. False:
@@ -100,6 +105,7 @@ class StateWriter:
                     return
                 batch, self._pending = self._pending, {}
                 ticket, closing = self._last_ticket, self._closing
+                self._writing, self._writing_since_s = len(batch), time.monotonic()
             failed_before, retry = retry, not self._write(batch, ticket)
             if retry and not failed_before:
                 log.error("cannot store the state %s: %s", self._file.path, self._failure)
@@ -118,11 +124,13 @@ class StateWriter:
                 log.exception("internal error while storing the state")
             with self._changed:
                 self._pending = batch | self._pending
+                self._writing, self._writing_since_s = 0, None
                 self._failed_ticket = ticket
                 self._failure = f"{self._file.path}: {error}"
                 self._changed.notify_all()
             return False
         with self._changed:
+            self._writing, self._writing_since_s = 0, None
             self._durable_ticket = ticket
             self._changed.notify_all()
         return True

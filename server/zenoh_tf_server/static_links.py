@@ -267,8 +267,9 @@ class StaticLinks:
         return self._writer.put(changes)
 
 
-def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
-    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
+def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = None) -> Stores:
+    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old, 2 dropped as
+    later than `max_stamp_ns`."""
     return tree._commit_rows(
         commit.names,
         commit.parent,
@@ -281,6 +282,7 @@ def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
         read_names=commit.read_names,
         read_versions=commit.read_versions,
         expires_ns=commit.expires_ns,
+        max_stamp_ns=max_stamp_ns,
     )
 
 

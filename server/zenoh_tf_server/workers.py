@@ -1,15 +1,14 @@
 """The threads that receive and serve queries.
 
-Each query family (lookup, commit, batch, info, admin) has a Zenoh channel and its own threads. A
-short request is served by the thread that receives it: a hand-over to another thread would cost a
-sequential client a sixth of its rate. A family has one thread more than may serve at once. The
-thread that receives a query while all others serve puts it into the family's lane. So some thread
-always drains the channel: a full channel would block Zenoh's receive thread, and with it every
-client.
+Each query family (`keys.OPERATIONS`) has a Zenoh channel and its own threads. A short request is
+served by the thread that receives it: a hand-over to another thread would cost a sequential client
+a sixth of its rate. A family has one thread more than may serve at once. The thread that receives
+a query while all others serve puts it into the family's lane. So some thread always drains the
+channel: a full channel would block Zenoh's receive thread, and with it every client.
 
 Long requests go to lanes with threads of their own, so that short ones never wait behind them:
-one lane for long lookups, commits and batches, and one for the infos. `hello` is served as a short
-request, and its family serves nothing else: no work delays it.
+one lane for long lookups, commits and batches, and one for the infos. `hello` has a family of its
+own, and as an info is served like a short request: no work delays it.
 
 How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in `replies`. No
 reply blocks a thread of this module.
@@ -26,6 +25,7 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import keys
 
+from .access_control import KEYED
 from .clients import Clients
 from .lanes import Budget, Lane, Request
 from .replies import Replies, Reply
@@ -34,46 +34,18 @@ from .service import Service
 log = logging.getLogger("zenoh_tf.server")
 
 #: Small, because what is in a channel is not counted; a thread always drains it.
-_CHANNEL: Final = 16
+_CHANNEL: Final = 32
 #: An attachment is a Zenoh id of at most 32 hexadecimal digits, and maybe a word.
 _MAX_ATTACHMENT_BYTES: Final = 64
 #: A request of up to this size is short: about 15,000 lookups, or 3,000 transforms to store,
 #: which take a few milliseconds.
 SHORT_BYTES: Final = 256 << 10
 #: Families whose requests are rare: one thread serves them.
-_SMALL: Final = ("info", "admin")
+_SMALL: Final = ("info", "admin", "hello")
 #: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
 _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64
 _JOIN_TIMEOUT_S: Final = 0.5
-
-
-class QueryReply:
-    """The ReplyCallback of one query."""
-
-    __slots__ = ("_in_parts", "_key", "_query", "_replies", "_size", "client")
-
-    def __init__(
-        self, query: zenoh.Query, key: zenoh.KeyExpr, size: int, replies: Replies, clients: Clients
-    ) -> None:
-        #: The id of the client that sent the query; empty if it did not say, or is not connected.
-        self.client = ""
-        self._in_parts = False
-        attachment = query.attachment
-        if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
-            client, _, word = attachment.to_bytes().decode("ascii", "replace").partition(" ")
-            self.client = clients.known(client)
-            self._in_parts = word == keys.TAKES_PARTS
-        self._query = query
-        self._key = key
-        self._size = size
-        self._replies = replies
-
-    def __call__(self, reply: bytes, failed: bool) -> None:
-        self._replies.send(
-            self.client,
-            Reply(self._query, self._key, reply, failed, self._in_parts, self._size),
-        )
 
 
 class Workers:
@@ -81,6 +53,7 @@ class Workers:
 
     def __init__(self, service: Service, clients: Clients, replies: Replies, count: int) -> None:
         budget = Budget(service.limits)
+        service.add_counters(budget.counters)
         shared = _Shared(service, clients, replies, budget)
         self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
         self._families = [
@@ -122,14 +95,33 @@ class _Shared:
         self.clients = clients
         self.replies = replies
         self.budget = budget
+        #: The families whose keys go on with the authority or operation of the request.
+        self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
         self.keys: dict[str, zenoh.KeyExpr] = {}
 
-    def serve(self, query: zenoh.Query, operation: str, data: bytes) -> None:
-        reply_to = QueryReply(query, self.keys[operation], len(data), self.replies, self.clients)
+    def reply_to(self, query: zenoh.Query, operation: str, size: int) -> Reply:
+        """The ReplyCallback of a query with `size` bytes."""
+        # A reply's key must lie within its query's key.
+        key = query.key_expr if operation in self.keyed else self.keys[operation]
+        client, takes_parts = "", False
+        attachment = query.attachment
+        if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
+            client, _, word = attachment.to_bytes().decode("ascii", "replace").partition(" ")
+            client = self.clients.known(client)
+            takes_parts = word == keys.TAKES_PARTS
+        return Reply(query, key, client, takes_parts, size, self.replies)
+
+    def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
+        """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
         try:
+            if data is None:
+                payload = query.payload
+                data = payload.to_bytes() if payload is not None else b""
+            reply_to = self.reply_to(query, operation, len(data))
             refusal = self.replies.refusal(reply_to.client)
             if refusal is None:
-                self.service.handle(operation, data, reply_to)
+                chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
+                self.service.handle(operation, data, reply_to, chunk)
             else:
                 reply_to(self.service.error(refusal), True)
         except Exception:  # no query may end a worker
@@ -138,7 +130,7 @@ class _Shared:
 
     def put(self, lane: Lane, query: zenoh.Query, operation: str, size: int) -> None:
         """Let a query wait in a lane, or refuse it."""
-        reply_to = QueryReply(query, self.keys[operation], size, self.replies, self.clients)
+        reply_to = self.reply_to(query, operation, size)
         refusal: Exception | None = None
         if size > self.service.limits.message_bytes:
             refusal = self.service.limits.exceeded("message_bytes", size)
@@ -169,9 +161,7 @@ class _LaneThreads:
 
     def _work(self) -> None:
         while (request := self.lane.wait()) is not None:
-            payload = request.query.payload
-            data = payload.to_bytes() if payload is not None else b""
-            self._shared.serve(request.query, request.operation, data)
+            self._shared.serve(request.query, request.operation)
 
 
 class _Family:
@@ -194,7 +184,8 @@ class _Family:
         key = keys.operation(tree, self._operation)
         self._shared.keys[self._operation] = zenoh.KeyExpr(key)
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
-        self._queryable = session.declare_queryable(key, channel, complete=True)
+        served = f"{key}/**" if self._operation in self._shared.keyed else key
+        self._queryable = session.declare_queryable(served, channel, complete=True)
         # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
         # the queryable itself.
         handler: Any = self._queryable.handler
@@ -230,7 +221,6 @@ class _Family:
     def _receive(self, query: zenoh.Query) -> None:
         payload = query.payload
         size = len(payload) if payload is not None else 0
-        data = b""
         if size <= SHORT_BYTES:
             data = payload.to_bytes() if payload is not None else b""
             if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
@@ -254,9 +244,7 @@ class _Family:
         """Serve a query, and then what waits in the lane."""
         self._shared.serve(query, self._operation, data)
         while (request := self._next()) is not None:
-            payload = request.query.payload
-            data = payload.to_bytes() if payload is not None else b""
-            self._shared.serve(request.query, self._operation, data)
+            self._shared.serve(request.query, self._operation)
 
     def _next(self) -> Request | None:
         """The lane's next request. None: there is none, and this thread is not busy now."""

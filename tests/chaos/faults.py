@@ -29,46 +29,44 @@ sys.exit(main())
 
 class Fault(NamedTuple):
     name: str
-    file: str
-    old: str
+    old: str  # occurs once in the server
     new: str
 
 
 FAULTS = [
     Fault(
         "an expiry is ignored",
-        "service.py",
-        "            if write.expires_ns < now_ns:\n",
-        "            if False:\n",
+        "wire.parse_write(message)",
+        "(lambda write: (setattr(write, 'expires_ns', write.expires_ns and write.expires_ns"
+        " + 60 * 10**9), write)[1])(wire.parse_write(message))",
     ),
     Fault(
         "an outcome is forgotten early",
-        "reply_cache.py",
         "self._entries[request_id] = _Entry(until_ns)",
         "self._entries[request_id] = _Entry(now_ns)",
     ),
     Fault(
         "a commit is answered before it is applied",
-        "service.py",
-        "        return wire.commit_reply(self.commit(commit))\n",
-        "        import threading, numpy\n"
-        "        threading.Timer(0.002, self.commit, [commit]).start()\n"
-        "        return wire.commit_reply(numpy.ones(commit.rows, numpy.uint8))\n",
+        "return tree._commit_rows(",
+        "return (lambda *a, **k: (__import__('threading').Timer(0.002, tree._commit_rows, a, k)"
+        ".start(), __import__('numpy').ones(len(a[3]), 'uint8'))[1])(",
     ),
 ]
 
 
-def faulty_text(fault: Fault) -> str:
-    """The file of a fault with its text replaced. Fails if the text is gone."""
-    text = (SERVER / fault.file).read_text()
-    found = text.count(fault.old)
-    assert found == 1, f"{fault.name}: {fault.file} has the text {found} times"
-    return text.replace(fault.old, fault.new)
+def faulty_text(fault: Fault) -> tuple[str, str]:
+    """The file of a fault, and its content with the text replaced. Fails if the text is gone."""
+    files = [(path, path.read_text()) for path in SERVER.glob("*.py")]
+    found = [(path, text) for path, text in files for _ in range(text.count(fault.old))]
+    assert len(found) == 1, f"{fault.name}: the server has the text {len(found)} times"
+    path, text = found[0]
+    return path.name, text.replace(fault.old, fault.new)
 
 
 def faulty_server(fault: Fault, folder: Path) -> list[str]:
     """Make a copy of the server with a fault, and return the command that runs it."""
     copy = folder / SERVER.name
     shutil.copytree(SERVER, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    (copy / fault.file).write_text(faulty_text(fault))
+    file, text = faulty_text(fault)
+    (copy / file).write_text(text)
     return [sys.executable, "-c", _LAUNCH.format(folder=str(folder))]

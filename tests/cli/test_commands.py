@@ -214,12 +214,17 @@ def test_authorities(run: Run) -> None:
         "conflicts": 1,
         "refused": 0,
         "last_refusal": None,
+        "dropped_by_queue": 0,
+        "clock_offset_min_s": None,
+        "clock_offset_max_s": None,
+        "stamp_age_s": None,
     }
     assert (by_name["wheels"]["frames"], by_name["wheels"]["commits"]) == (1, 2)
     header, *lines = succeeds(run("authorities")).splitlines()
     counts = ["frames", "commits", "stored", "dropped", "rewritten", "conflicts", "refused"]
+    counts += ["dropped_by_queue", "lead_min_s", "lead_max_s"]
     assert header.split() == counts
-    assert "a hand       1        1       1        0          1          1        0" in lines
+    assert ["a", "hand", *"1110110", "0", "-", "-"] in [line.split() for line in lines]
 
 
 def test_authorities_of_an_empty_tree(run: Run) -> None:

@@ -33,8 +33,25 @@ class History {
   std::optional<InsertResult> put(Stamp stamp, FrameId parent, double x = 0) {
     if (frame->count.load() > 0 && too_old(stamp, frame->latest.stamp.load(), limits.cache_ns))
       return std::nullopt;
-    reserve_samples(*frame, 1, limits, *memory);
+    reserve(1);
     return insert(*frame, stamp, parent, at_x(x), limits);
+  }
+  // Makes room for that many more samples, as a commit's plan does.
+  void reserve(std::uint32_t extra) {
+    if (!needs_larger_ring(*frame, frame->count.load(), extra, limits)) return;
+    PreparedRing prepared = grown_ring(*frame, extra, limits, *memory);
+    publish_ring(*frame, prepared);
+  }
+  // Inserts all at once. Requires what merged_ring() requires.
+  PreparedRing merge(const std::vector<Sent>& sent) {
+    std::vector<Pose> poses;
+    for (const Sent& s : sent) poses.push_back(at_x(static_cast<double>(s.stamp)));
+    std::vector<NewSample> samples;
+    for (std::size_t i = 0; i < sent.size(); ++i)
+      samples.push_back({sent[i].stamp, sent[i].parent, &poses[i]});
+    PreparedRing prepared = merged_ring(*frame, false, samples, limits, *memory);
+    publish_ring(*frame, prepared);
+    return prepared;
   }
   void fix(Stamp stamp, FrameId parent, double x) { set_static(*frame, stamp, parent, at_x(x)); }
 
@@ -56,7 +73,7 @@ class History {
     return all;
   }
 
-  std::unique_ptr<RingArena> memory = std::make_unique<RingArena>();
+  std::unique_ptr<RingArena> memory = std::make_unique<RingArena>(0);
   std::unique_ptr<Frame> frame;
   HistoryLimits limits;
 };
@@ -312,12 +329,72 @@ TEST(a_cursor_ignores_the_slots_of_a_ring_that_was_replaced) {
   clear_history(*h.frame);  // the slots keep their samples
   for (const Stamp stamp : {0, 1, 2, 3, 80}) h.put(stamp, 1);
   HistoryCursor cursor(*h.frame, true);
-  reserve_samples(*h.frame, 12, h.limits, *h.memory);  // replaces the ring, as a commit's plan does
-  for (const Stamp time : {3, 55}) {                   // 55 would also fit between two old samples
+  h.reserve(12);                      // replaces the ring
+  for (const Stamp time : {3, 55}) {  // 55 would also fit between two old samples
     SampleInterval found, expected;
     CHECK(cursor.find(time, found));
     CHECK_EQ(find_link(*h.frame, time, expected).status, Status::ok);
     CHECK_EQ(found.older->stamp.load(), expected.older->stamp.load());
     CHECK_EQ(found.newer->stamp.load(), expected.newer->stamp.load());
   }
+}
+
+// Whatever the order, a merge leaves what inserting one by one leaves.
+TEST(a_merge_equals_inserting_one_by_one) {
+  std::mt19937 random(3);
+  for (int round = 0; round < 500; ++round) {
+    const std::uint64_t cache_ns = 5 + random() % 100;
+    const std::uint32_t most = 2 + random() % 40, parents = 1 + random() % 3;
+    History one(cache_ns, most, random()), all(cache_ns, most, random());
+    for (int batch = 0; batch < 4; ++batch) {
+      std::vector<Sent> sent;
+      for (std::size_t n = 1 + random() % 30; n > 0; --n)
+        sent.push_back({static_cast<Stamp>(batch * 20 + random() % 60),
+                        static_cast<FrameId>(1 + random() % parents)});
+      std::stable_sort(sent.begin(), sent.end(),
+                       [](const Sent& a, const Sent& b) { return a.stamp < b.stamp; });
+      // The tree drops these before it inserts anything.
+      const Frame& frame = *one.frame;
+      const bool is_full = frame.count.load() == most;
+      const Stamp oldest = oldest_served_stamp(frame);
+      Stamp newest = frame.latest.stamp.load();
+      bool has_samples = frame.count.load() > 0;
+      std::erase_if(sent, [&](const Sent& s) {
+        if (has_samples && too_old(s.stamp, newest, cache_ns)) return true;
+        if (is_full && s.stamp < oldest) return true;
+        newest = has_samples ? std::max(newest, s.stamp) : s.stamp;
+        has_samples = true;
+        return false;
+      });
+      if (sent.empty()) continue;
+      std::uint32_t replaced = 0;
+      for (const Sent& s : sent)
+        replaced +=
+            one.put(s.stamp, s.parent, static_cast<double>(s.stamp)) == InsertResult::replaced;
+      CHECK(all.merge(sent).rewritten >= replaced);
+      CHECK(all.newest_first() == one.newest_first());
+      const Frame &a = *all.frame, &b = *one.frame;
+      CHECK_EQ(a.latest.stamp.load(), b.latest.stamp.load());
+      CHECK_EQ(a.latest.pose[0], b.latest.pose[0]);
+      CHECK_EQ(a.parent.load(), b.parent.load());
+      CHECK_EQ(a.oldest_stamp.load(), b.oldest_stamp.load());
+      CHECK_EQ(a.parent_changes.load(), b.parent_changes.load());
+      CHECK_EQ(a.samples_per_ns.load(), b.samples_per_ns.load());
+      for (const Sent& s : all.newest_first())
+        CHECK_EQ(all.x(s.stamp), static_cast<double>(s.stamp));
+    }
+  }
+}
+
+TEST(a_ring_that_was_given_back_is_used_again) {
+  RingArena memory(0);
+  const Ring a = Ring::make(8, memory), b = Ring::make(8, memory), c = Ring::make(16, memory);
+  const std::uint64_t bytes = memory.bytes();
+  a.give_back(memory);
+  b.give_back(memory);
+  CHECK(&Ring::make(8, memory).sample(0) == &b.sample(0));
+  CHECK(&Ring::make(8, memory).sample(0) == &a.sample(0));
+  CHECK_EQ(memory.bytes(), bytes);
+  CHECK(&Ring::make(16, memory).sample(0) != &c.sample(0));
+  CHECK(memory.bytes() > bytes);
 }

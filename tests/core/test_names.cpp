@@ -120,3 +120,27 @@ TEST(several_names_are_found_as_each_by_itself) {
   table.show(1);
   check();
 }
+
+TEST(removed_names_give_their_ids_and_slots_back) {
+  NameTable table(100);
+  const auto name = [](int n) {
+    return std::string(static_cast<std::size_t>(n % 50), 'a' + n % 3) + std::to_string(n);
+  };
+  for (int n = 0; n < 100; ++n) table.insert(name(n));
+  CHECK_EQ(table.left(), 0u);
+  for (int n = 100; n < 100'000; ++n) {
+    const int old = n - 100;
+    const NameTable::Id id = table.find(name(old));
+    CHECK(id != 0);
+    table.remove(id);
+    CHECK_EQ(table.find(name(old)), 0u);
+    CHECK_EQ(table.left(), 1u);
+    CHECK_EQ(table.next_id(), id);
+    CHECK_EQ(table.insert(name(n)), id);
+    CHECK(table.name(id) == name(n));
+    CHECK_EQ(table.find(name(old)), 0u);
+    CHECK_EQ(table.find(name(n)), id);
+  }
+  CHECK_EQ(table.size(), 100u);
+  for (int n = 100'000 - 100; n < 100'000; ++n) CHECK(table.name(table.find(name(n))) == name(n));
+}

@@ -189,6 +189,8 @@ TEST(authorities_are_counted_and_limited) {
   CHECK_EQ(w.refusal({{"a", "b", 1}}, {.authority = "one"}), Code::ok);
   CHECK_EQ(w.refusal({{"a", "b", 2}}, {.authority = "two"}), Code::ok);
   CHECK_EQ(w.tree.events(w.id("b")).authority_changes.load(), 1u);
+  CHECK_EQ(w.refusal({{"a", "c", 1}}, {.authority = "one"}), Code::ok);
+  // Both own a frame now.
   check_refused(w, Code::limit, "max_authorities", {{"a", "b", 3}}, {.authority = "three"});
   check_refused(w, Code::limit, "max_name_bytes", {{"a", "b", 3}},
                 {.authority = std::string(256, 'x')});

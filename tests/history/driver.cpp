@@ -94,7 +94,8 @@ struct World {
     if (stamp % 2) std::reverse(rows.begin(), rows.end());  // rows come in any order
     if (reads)
       for (const ReadVersion& read : *reads) {
-        read_names.push_back(tree.name(read.frame));
+        const auto id = std::find(ids.begin(), ids.end(), read.frame);
+        read_names.push_back(names[static_cast<std::size_t>(id - ids.begin())]);
         read_versions.push_back(read.version);
       }
     std::vector<std::uint8_t> stored(rows.size());

@@ -82,7 +82,7 @@ FAULTS = [
         "a reader takes no mutex",
         ("giant",),
         "tree_read.hpp",
-        "const std::lock_guard lock(giant_);",
+        "const auto lock = lock_announced(giant_);",
         "",
     ),
     Fault(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, NoReturn
 
 from zenoh_tf import errors
@@ -42,6 +42,8 @@ class Stored:
         self.links: dict[str, Link] = {}  # by child; lists in it are replaced, never changed
         self.counts: dict[str, Counter[str]] = {}  # by child: counts of what its rows did
         self.events: Counter[str] = Counter()  # which events have occurred, and how often
+        self.late: dict[str, int] = {}  # by child: the late stamp that no good row came after
+        self.ever_reparented = False
 
     # Writes
 
@@ -54,11 +56,14 @@ class Stored:
         self.commit(rows, static, drop_old=False)
 
     def clear(self, keep_static: bool = True) -> None:
-        self.links = {c: link for c, link in self.links.items() if keep_static and link.static}
+        kept = {c: link for c, link in self.links.items() if keep_static and link.static}
+        self.forget_late(self.links.keys() - kept.keys())
+        self.links = kept
 
     def reset(self) -> None:
         self.removed.update(self.names)
         self.links = {}
+        self.late = {}
 
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         self.known(name)
@@ -69,16 +74,16 @@ class Stored:
             self.remove_frame(child, subtree=True)
         self.removed.add(name)
         self.links.pop(name, None)
+        self.forget_late([name])
         self.events["removed"] += 1
 
     def commit(self, rows: Sequence[Row], static: bool, drop_old: bool) -> bool:
         rows = [self.checked(row) for row in rows]
-        before = self.links
+        restarted = [] if static else self.late_frames(rows, drop_old)
+        before = {child: link for child, link in self.links.items() if child not in restarted}
         links, happened = self.with_rows(before, rows, static)
-        if self.time_jump == "clear" and any(what == "dropped" for _, what in happened):
-            before = {child: link for child, link in before.items() if link.static}
-            links, happened = self.with_rows(before, rows, static)
-            happened.append((rows[0].child, "time jump"))
+        happened += [(child, "time jump") for child in restarted]
+        before = self.links
         dropped = [child for child, what in happened if what == "dropped"]
         if dropped and not drop_old:
             self._refuse("too old in a transaction")
@@ -93,6 +98,8 @@ class Stored:
                 happened.append((child, "switched"))
             if old.samples[-1].parent != new.samples[-1].parent:
                 happened.append((child, "reparented"))
+        self.note_parents(rows, static, restarted)
+        self.forget_late(child for child, what in happened if what in ("stored", "static"))
         self.links = links
         for row in rows:
             self.names += [n for n in (row.child, row.parent) if n not in self.names]
@@ -102,6 +109,57 @@ class Stored:
             self.counts.setdefault(child, Counter())[what] += 1
             self.events[what] += 1
         return not dropped
+
+    def late_frames(self, rows: Sequence[Row], drop_old: bool) -> list[str]:
+        """Return the frames that begin again, and note the late rows of the others.
+
+        A frame's rows are late if all are older than its newest by more than the cache time. It
+        begins again if it had late rows before, a little older, and no others in between.
+        """
+        restarted = []
+        for child in sorted({row.child for row in rows}, key=self.place_of):
+            link = self.links.get(child)
+            newest_ns = max(row.stamp_ns for row in rows if row.child == child)
+            if link is None or link.static:
+                continue
+            limit_ns = link.samples[-1].stamp_ns - self.cache_ns
+            if newest_ns < limit_ns:
+                late_ns = self.late.get(child)
+                is_second = late_ns is not None and late_ns < newest_ns <= late_ns + self.cache_ns
+                if is_second and self.time_jump == "clear":
+                    restarted.append(child)
+                    continue
+                self.late[child] = newest_ns
+            if not drop_old and any(r.child == child and r.stamp_ns < limit_ns for r in rows):
+                break  # the transaction is refused here
+        return restarted
+
+    def place_of(self, name: str) -> int:
+        return self.names.index(name) if name in self.names else len(self.names)
+
+    def forget_late(self, children: Iterable[str]) -> None:
+        for child in list(children):
+            self.late.pop(child, None)
+
+    def note_parents(self, rows: Sequence[Row], static: bool, restarted: list[str]) -> None:
+        """Forget all late rows when a frame has samples of two parents for the first time."""
+        if self.ever_reparented or static:
+            return
+        newest = {
+            child: link.samples[-1]
+            for child, link in self.links.items()
+            if not link.static and child not in restarted
+        }
+        for row in sorted(rows, key=lambda row: row.stamp_ns):
+            last = newest.get(row.child)
+            if last is not None and row.stamp_ns < last.stamp_ns - self.cache_ns:
+                continue
+            if last is not None and row.parent != last.parent:
+                self.ever_reparented |= last.stamp_ns >= row.stamp_ns - self.cache_ns
+            if last is None or row.stamp_ns >= last.stamp_ns:
+                newest[row.child] = Sample(row.stamp_ns, row.parent, row.pose)
+        if self.ever_reparented:
+            self.late = {}
 
     @staticmethod
     def has_cycle(links: dict[str, Link]) -> bool:

@@ -48,7 +48,7 @@ def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
 
     class Recorder:
         @classmethod
-        def connect(cls, endpoint: str, tree: str) -> Recorder:
+        def connect(cls, endpoint: str, tree: str, *, credentials: object) -> Recorder:
             asked.append((endpoint, tree))
             return cls()
 

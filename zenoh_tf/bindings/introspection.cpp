@@ -26,7 +26,7 @@ FrameInfo info_holding_gil(const Tree& tree, FrameId id) {
 
 nb::object name_or_none(const Tree& tree, FrameId id) {
   if (id == 0) return nb::none();
-  const std::string_view name = tree.name(id);
+  const std::string name = tree.name(id);
   return nb::str(name.data(), name.size());
 }
 
@@ -100,6 +100,7 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   out["reparented"] = load(events.reparented);
   out["switched"] = load(events.switched);
   out["authority_changes"] = load(events.authority_changes);
+  out["time_jumps"] = load(events.time_jumps);
   out["last_change"] = last_change(tree, info);
   return out;
 }
@@ -117,6 +118,7 @@ nb::list authority_records(const Tree& tree) {
   }
   nb::list out;
   for (AuthorityId id = 1; id <= n; ++id) {
+    if (tree.forgotten(id)) continue;
     const AuthorityCounts counts = tree.authority_counts(id);
     nb::dict record;
     record["name"] = text(tree.authority(id));
@@ -197,8 +199,40 @@ nb::dict stats(const Tree& tree) {
   out["dropped"] = dropped;
   out["evicted"] = evicted;
   out["time_jumps"] = tree.time_jumps();
+  out["memory_bytes"] = tree.memory_bytes();
   out["from_future"] = tree.from_future();
   return out;
+}
+
+// What happened since the last call: maps, and how many events found no room.
+nb::tuple take_events(Tree& tree) {
+  using Kind = TreeEvent::Kind;
+  const auto [events, lost] = tree.take_events();
+  const auto stamp = [](Stamp value) {
+    return value == kNoStamp ? nb::none() : nb::object(nb::int_(value));
+  };
+  // An authority of a commit that was rejected may have no name.
+  const auto authority = [&](AuthorityId id) {
+    return text(id <= tree.authorities() ? tree.authority(id) : std::string_view());
+  };
+  nb::list out;
+  for (const TreeEvent& event : events) {
+    nb::dict record;
+    record["kind"] = event.kind == Kind::late        ? "late"
+                     : event.kind == Kind::time_jump ? "time_jump"
+                     : event.kind == Kind::conflict  ? "conflict"
+                                                     : "reparented";
+    record["frame"] = name_or_none(tree, event.frame);
+    record["authority"] = authority(event.authority);
+    record["authority_before"] = authority(event.authority_before);
+    record["parent"] = name_or_none(tree, tree.info(event.frame).parent);
+    record["parent_before"] = name_or_none(tree, event.parent_before);
+    record["stamp_ns"] = stamp(event.stamp);
+    record["newest_stamp_ns"] = stamp(event.newest);
+    record["count"] = event.count;
+    out.append(record);
+  }
+  return nb::make_tuple(out, lost);
 }
 
 }  // namespace
@@ -214,7 +248,8 @@ void bind_introspection(nb::class_<Tree>& tree) {
       .def("_frame_count", [](const Tree& t) { return t.size(); })
       .def("_links", &links, nb::arg("frames"))
       .def("_frame_record", &frame_record, nb::arg("name"))
-      .def("_authority_records", &authority_records);
+      .def("_authority_records", &authority_records)
+      .def("_take_events", &take_events);
 }
 
 }  // namespace ztf

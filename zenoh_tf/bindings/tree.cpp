@@ -28,6 +28,8 @@ struct OwnedWaiter {
   }
 };
 
+constexpr std::int64_t kLeastMemory = 1 << 16;  // bytes
+
 // Blocks until there is an answer, none can come, or the deadline has passed. Returns the note
 // to append to a failure's message.
 [[gnu::noinline]] std::string wait(const Tree& tree, const Query& query, nb::handle target,
@@ -243,7 +245,7 @@ Concurrency concurrency_of(std::string_view name) {
 void construct(Tree* self, double cache_time_s, std::string_view concurrency,
                std::int64_t max_frames, std::int64_t max_samples_per_frame,
                std::int64_t max_name_bytes, std::int64_t max_depth, bool one_authority_per_frame,
-               std::string_view time_jump) {
+               std::string_view time_jump, std::int64_t max_memory_bytes) {
   Options options;
   if (!(cache_time_s > 0 && cache_time_s <= 1e9))
     raise_invalid("cache_time_s must be above 0 and at most 1e9 seconds", "cache_time_s");
@@ -255,6 +257,11 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency,
   options.max_name_bytes = limit_of(max_name_bytes, 1, 65535, "max_name_bytes");
   options.max_depth = limit_of(max_depth, 1, std::int64_t{1} << 20, "max_depth");
   options.one_authority_per_frame = one_authority_per_frame;
+  if (max_memory_bytes != 0 && max_memory_bytes < kLeastMemory)
+    raise_invalid("max_memory_bytes must be 0 or at least " + std::to_string(kLeastMemory) +
+                      ", not " + std::to_string(max_memory_bytes),
+                  "max_memory_bytes");
+  options.max_memory_bytes = static_cast<std::uint64_t>(max_memory_bytes);
   if (time_jump != "reject" && time_jump != "clear")
     raise_invalid("time_jump must be 'reject' or 'clear', not " + quoted(time_jump), "time_jump");
   options.clear_on_time_jump = time_jump == "clear";
@@ -334,7 +341,7 @@ void bind_tree(nb::module_& m) {
            nb::arg("max_name_bytes") = defaults.max_name_bytes,
            nb::arg("max_depth") = defaults.max_depth,
            nb::arg("one_authority_per_frame") = defaults.one_authority_per_frame,
-           nb::arg("time_jump") = "reject")
+           nb::arg("time_jump") = "reject", nb::arg("max_memory_bytes") = 0)
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
   bind_lookups(tree);

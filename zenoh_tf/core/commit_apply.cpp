@@ -9,25 +9,18 @@
 
 namespace ztf {
 
-void CommitExecution::reserve(const WriteLocks& locks) {
-  const std::size_t cleared = plan_.clears_samples() ? locks.frames().size() : 0;
-  (void)changed_.reserve(cleared + plan_.groups().size());
+void CommitExecution::reserve() {
+  (void)changed_.reserve(plan_.groups().size());
 }
 
-void CommitExecution::apply(const WriteLocks& locks) noexcept {
+void CommitExecution::apply() noexcept {
   // Readers may have taken these lines back since the plan prefetched them.
   if (plan_.groups().size() > 1)
     for (const FrameWrites& group : plan_.groups()) group.frame->prefetch_for_write();
   plan_.names().publish(plan_.children());
-  if (plan_.clears_samples()) clear_samples(locks.frames());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
   update_heights();
-  if (plan_.clears_samples()) {  // clear_samples() and apply_group() may list the same frame
-    std::sort(changed_.begin(), changed_.end());
-    changed_.set_size(
-        static_cast<std::size_t>(std::unique(changed_.begin(), changed_.end()) - changed_.begin()));
-  }
   if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
   if (plan_.from_future() != 0) {
     tree_.from_future_.fetch_add(plan_.from_future(), std::memory_order_relaxed);
@@ -36,15 +29,25 @@ void CommitExecution::apply(const WriteLocks& locks) noexcept {
   count_authority();
 }
 
-void CommitExecution::clear_samples(const FrameList& all) noexcept {
+// Drops the frame's samples, as time was set back. The group's rows are stored next.
+void CommitExecution::restart_history(const FrameWrites& group) noexcept {
+  FrameEvents& events = tree_.events_[group.child];
   tree_.time_jumps_.fetch_add(1);
-  tree_.drop_samples(all, true, changed_);
+  increment(events.time_jumps);
+  tree_.event_log_.add(
+      {.kind = TreeEvent::Kind::time_jump,
+       .frame = group.child,
+       .authority = plan_.names().authority(),
+       .stamp = plan_.write(group.begin).stamp,
+       .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
+  clear_history(*group.frame);
 }
 
 // Stores the group's rows. Returns whether the frame has changed.
 bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
   if (!group.is_append) [[unlikely]]
     return apply_rows(group);
+  if (group.ring != 0) publish_ring(*group.frame, plan_.prepared_ring(group));
   const RowWrite& write = plan_.write(group.begin);
   insert(*group.frame, write.stamp, write.parent, plan_.pose(write.row), plan_.limits());
   ++tally_.stored;
@@ -56,6 +59,7 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   const FrameId parent_before = frame.parent.load(std::memory_order_relaxed);
   const bool static_before = frame.is_static.load(std::memory_order_relaxed);
   const std::uint32_t stored_before = tally_.stored;
+  if (group.restarts) restart_history(group);
   store_rows(group);
   if (tally_.stored == stored_before) return false;
   if (group.new_parent != 0) {
@@ -68,6 +72,17 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
 
 void CommitExecution::store_rows(const FrameWrites& group) noexcept {
   FrameEvents& events = tree_.events_[group.child];
+  bool is_merged = false;
+  if (group.ring != 0) {
+    PreparedRing& prepared = plan_.prepared_ring(group);
+    publish_ring(*group.frame, prepared);
+    is_merged = prepared.is_merged;
+    if (is_merged) {
+      events.rewritten.store(events.rewritten.load(std::memory_order_relaxed) + prepared.rewritten,
+                             std::memory_order_release);
+      tally_.rewritten += prepared.rewritten;
+    }
+  }
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const RowWrite& write = plan_.write(i);
     const Pose& pose = plan_.pose(write.row);
@@ -77,6 +92,7 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
       continue;
     }
     ++tally_.stored;
+    if (is_merged) continue;
     if (plan_.request().is_static) {
       set_static(*group.frame, write.stamp, write.parent, pose);
       continue;
@@ -110,11 +126,22 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
     if (had_data) {
       note(events.authority_changes, Change::authority);
       ++tally_.conflicts;
+      tree_.event_log_.add(
+          {.kind = TreeEvent::Kind::conflict,
+           .frame = group.child,
+           .authority = authority,
+           .authority_before = group.frame->authority.load(std::memory_order_relaxed)});
     }
     group.frame->authority.store(authority, release);
   }
   if (had_data && static_before != is_static) note(events.switched, Change::switched);
-  if (had_data && group.new_parent != 0) note(events.reparented, Change::reparented);
+  if (had_data && group.new_parent != 0) {
+    note(events.reparented, Change::reparented);
+    tree_.event_log_.add({.kind = TreeEvent::Kind::reparented,
+                          .frame = group.child,
+                          .authority = authority,
+                          .parent_before = parent_before});
+  }
   if (change == Change::none) return;
   events.change.store(change, release);
   events.change_stamp.store(plan_.write(group.end - 1).stamp, release);

@@ -10,16 +10,16 @@ namespace ztf {
 
 class CommitExecution {
  public:
-  CommitExecution(Tree& tree, const CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
+  CommitExecution(Tree& tree, CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
 
   // Makes room in the list of changed frames, so that apply() allocates nothing. Requires a ready
   // plan. Throws bad_alloc.
-  void reserve(const WriteLocks& locks);
+  void reserve();
 
   // Stores the plan's rows and publishes its names. Requires reserve(), the write locks, and that
   // WriteLocks::begin_write() has been called. Names are no part of a reader's snapshot: they are
   // published one by one, so a lookup may find one new name and not yet another.
-  void apply(const WriteLocks& locks) noexcept;
+  void apply() noexcept;
 
   // Returns the frames that get a new version when they are unlocked, ascending. These are the
   // changed frames; on the first reparenting all frames (CommitPlan::decide).
@@ -33,7 +33,7 @@ class CommitExecution {
   void notify_waiters() const noexcept;
 
  private:
-  void clear_samples(const FrameList& all) noexcept;
+  void restart_history(const FrameWrites& group) noexcept;
   bool apply_group(const FrameWrites& group) noexcept;
   bool apply_rows(const FrameWrites& group) noexcept;
   void store_rows(const FrameWrites& group) noexcept;
@@ -44,7 +44,7 @@ class CommitExecution {
   void count_authority() const noexcept;
 
   Tree& tree_;
-  const CommitPlan& plan_;
+  CommitPlan& plan_;
   FrameList changed_;  // the frames that got or lost samples, ascending
   CommitTally tally_;
 };

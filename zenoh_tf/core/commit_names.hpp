@@ -57,6 +57,11 @@ class CommitNames {
   }
 
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
+  // False if the authority's id may have passed to another one since resolve(). The answer holds
+  // for as long as the caller holds the write lock of any frame.
+  [[nodiscard]] bool is_authority_current() const noexcept {
+    return tree_.authorities_forgotten_.load(std::memory_order_acquire) == authorities_forgotten_;
+  }
   // True if id_or_new() has assigned an id to a new name.
   [[nodiscard]] bool any_new() const noexcept { return new_.has_value(); }
   [[nodiscard]] std::uint64_t frame_count_after() const noexcept {
@@ -88,7 +93,8 @@ class CommitNames {
   // version when they are unlocked. A frame that is only a parent gets its first version here. One
   // that comes back keeps its version: its record does not change, and the version is not 0.
   void publish(const FrameList& children) const noexcept {
-    if (new_authority_) tree_.authorities_.insert(request_.authority);
+    if (new_authority_)
+      tree_.authority_counters_.start(tree_.authorities_.insert(request_.authority));
     if (!new_) return;
     for (const auto& [id, name] : new_->in_order) {
       if (id <= tree_.names_.size()) {
@@ -113,15 +119,17 @@ class CommitNames {
 
   bool find_authority(bool may_add) {
     const NameTable& authorities = tree_.authorities_;
+    authorities_forgotten_ = tree_.authorities_forgotten_.load(std::memory_order_acquire);
     new_authority_ = false;
     authority_ = 0;
     if (request_.authority.empty() || request_.rows.empty()) return true;
     authority_ = authorities.find(request_.authority);
     if (authority_ != 0) return true;
     if (!may_add) return false;
-    if (authorities.size() == authorities.max_size())
-      reject_authority(request_.authority, authorities.max_size());
-    authority_ = authorities.size() + 1;
+    if (authorities.left() == 0) tree_.forget_authorities();
+    if (authorities.left() == 0) reject_authority(request_.authority, authorities.max_size());
+    authorities_forgotten_ = tree_.authorities_forgotten_.load(std::memory_order_acquire);
+    authority_ = authorities.next_id();
     new_authority_ = true;
     return true;
   }
@@ -144,6 +152,7 @@ class CommitNames {
   const CommitRequest& request_;
   AuthorityId authority_ = 0;
   bool new_authority_ = false;
+  std::uint64_t authorities_forgotten_ = 0;  // as of resolve()
   bool all_valid_ = true;
   SmallVector<std::string_view, 32> names_;  // of the request, without a leading slash
   SmallVector<FrameId, 32> ids_;             // of names_; 0: new

@@ -9,6 +9,22 @@
 
 namespace ztf {
 
+namespace {
+
+// Returns a frame's version, whether or not readers already wait. Requires its write lock.
+Version version_of(const Frame& frame) noexcept {
+  return frame.version.current() & ~SeqLock::kWriting;
+}
+
+bool is_ahead_of_clock(Stamp stamp, std::uint64_t ahead_ns) noexcept {
+  timespec time{};
+  (void)::clock_gettime(CLOCK_REALTIME, &time);
+  const Stamp now = Stamp{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  return stamp > now && span_ns(now, stamp) > ahead_ns;
+}
+
+}  // namespace
+
 CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
     : tree_(tree),
       request_(request),
@@ -83,6 +99,7 @@ void CommitPlan::sort_rows() {
 }
 
 void CommitPlan::group_rows() {
+  give_back_rings();  // of an earlier attempt
   groups_.clear();
   children_.clear();
   FrameWrites* const groups = groups_.reserve(writes_.size());
@@ -120,11 +137,10 @@ void CommitPlan::check_expiry() const {
 }
 
 PlanOutcome CommitPlan::decide(CommitScope scope) {
+  // With the topology mutex no authority is forgotten.
+  if (!names_.is_authority_current()) [[unlikely]]
+    return PlanOutcome::needs_topology;
   is_first_reparenting_ = false;
-  // Another commit may have cleared the samples since an earlier attempt found the jump. Then the
-  // samples that it has stored stay.
-  clears_samples_ = found_time_jump_ && scope == CommitScope::all_frames && is_time_set_back();
-
   bool topology_changes = names_.any_new();
   changed_links_.clear();
   for (FrameWrites& group : groups_) {
@@ -133,7 +149,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
       stored_[writes_[group.begin].row] = RowResult::stored;
       continue;
     }
-    if (decide_rows(group) != PlanOutcome::ready) return PlanOutcome::needs_all_frames;
+    decide_rows(group);
     topology_changes |= group.stores_other_parent;
   }
   if (topology_changes) {
@@ -148,19 +164,36 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   return PlanOutcome::ready;
 }
 
-bool CommitPlan::is_time_set_back() const noexcept {
+// Returns true if the rows of a group show that its frame's history must begin again at an earlier
+// time (docs/clocks.md): they are all too old, and so was a sample before them that is a little
+// older, with no good sample in between. Unless the options say so, only a history that ends ahead
+// of the real-time clock begins again.
+bool CommitPlan::restarts_history(const FrameWrites& group) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
-  for (const FrameWrites& group : groups_) {
-    const Frame& frame = *group.frame;
-    if (!frame.is_static.load(relaxed) && frame.count.load(relaxed) > 0 &&
-        too_old(writes_[group.begin].stamp, frame.latest.stamp.load(relaxed), limits_.cache_ns))
-      return true;
-  }
-  return false;
+  const Frame& frame = *group.frame;
+  const Stamp stamp = writes_[group.end - 1].stamp, newest = frame.latest.stamp.load(relaxed);
+  if (!too_old(stamp, newest, limits_.cache_ns)) return false;
+  const FrameEvents& events = tree_.events_[group.child];
+  const Stamp late = events.late_stamp.load(relaxed);
+  // Every good sample changes the version.
+  const bool is_second = events.late_version.load(relaxed) == version_of(frame) && late < stamp &&
+                         span_ns(late, stamp) <= limits_.cache_ns;
+  return is_second &&
+         (tree_.options_.clear_on_time_jump || is_ahead_of_clock(newest, limits_.cache_ns));
 }
 
-bool CommitPlan::will_be_cleared(const Frame& frame) const noexcept {
-  return clears_samples_ && !frame.is_static.load(std::memory_order_relaxed);
+// Notes that the rows of a group are too old, so that the next ones may confirm a time jump.
+void CommitPlan::note_late(const FrameWrites& group, Stamp newest) const noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  FrameEvents& events = tree_.events_[group.child];
+  const Stamp stamp = writes_[group.end - 1].stamp;
+  events.late_stamp.store(stamp, relaxed);
+  events.late_version.store(version_of(*group.frame), relaxed);
+  tree_.event_log_.add({.kind = TreeEvent::Kind::late,
+                        .frame = group.child,
+                        .authority = names_.authority(),
+                        .stamp = stamp,
+                        .newest = newest});
 }
 
 // Recognises the common case, for which decide_rows() is not needed.
@@ -168,37 +201,36 @@ bool CommitPlan::is_append(const FrameWrites& group) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;
   const RowWrite& write = writes_[group.begin];
-  return group.end - group.begin == 1 && !request_.is_static && !clears_samples_ &&
+  return group.end - group.begin == 1 && !request_.is_static &&
          frame.count.load(relaxed) > 0 && frame.latest.stamp.load(relaxed) < write.stamp &&
          frame.parent.load(relaxed) == write.parent &&
          frame.authority.load(relaxed) == names_.authority();
 }
 
-// Decides which rows of a group are stored, and what they change. Returns needs_all_frames if a row
-// is so old that it means a time jump. The retries end: the next attempt locks all frames and
-// clears their samples first, and rows come by stamp, so no row is too old then.
-PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
+// Decides which rows of a group are stored, and what they change.
+void CommitPlan::decide_rows(FrameWrites& group) {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;
-  const bool cleared = will_be_cleared(frame), was_static = frame.is_static.load(relaxed);
-  const FrameId parent_before = cleared ? 0 : frame.parent.load(relaxed);
+  const bool was_static = frame.is_static.load(relaxed);
+  const FrameId parent_before = frame.parent.load(relaxed);
   if (parent_before != 0) check_authority_of(group);
 
   // The frame's newest sample, as it will be when the next row is applied.
-  bool has_samples = !cleared && !was_static && frame.count.load(relaxed) > 0;
+  bool has_samples = !was_static && frame.count.load(relaxed) > 0;
+  group.restarts = has_samples && !request_.is_static && restarts_history(group);
+  has_samples &= !group.restarts;
   Stamp newest = frame.latest.stamp.load(relaxed);
   FrameId parent = parent_before;
   // Rows come by stamp, so those for which a full frame has no room come first.
   const bool is_full = has_samples && frame.count.load(relaxed) == limits_.max_samples;
   const Stamp oldest = is_full ? oldest_served_stamp(frame) : kNoStamp;
-  group.wakes_all = request_.is_static || was_static;
+  group.wakes_all = request_.is_static || was_static || group.restarts;
+  if (has_samples && !request_.is_static &&
+      too_old(writes_[group.end - 1].stamp, newest, limits_.cache_ns))
+    note_late(group, newest);
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const RowWrite& write = writes_[i];
     const RowFate fate = fate_of(write, has_samples, newest, oldest);
-    if (fate == RowFate::too_old && tree_.options_.clear_on_time_jump) {
-      found_time_jump_ = true;
-      return PlanOutcome::needs_all_frames;
-    }
     stored_[write.row] = fate == RowFate::stored ? RowResult::stored : RowResult::dropped;
     if (fate != RowFate::stored) {
       if (!request_.drop_old) reject_stamp(write, fate, newest, oldest);
@@ -217,7 +249,6 @@ PlanOutcome CommitPlan::decide_rows(FrameWrites& group) {
     }
   }
   group.new_parent = parent == parent_before ? 0 : parent;
-  return PlanOutcome::ready;
 }
 
 // Decides one row. Requires the stamp of the newest sample, if there is one, and as
@@ -244,7 +275,11 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
   if (fate == RowFate::too_old)
     reject(request_, row, "stamp_ns",
            stamp + "the newest sample's, " + std::to_string(newest) +
-               " ns, by more than the cache time of " + std::to_string(limits_.cache_ns) + " ns");
+               " ns, by more than the cache time of " + std::to_string(limits_.cache_ns) + " ns" +
+               (tree_.options_.clear_on_time_jump
+                    ? "; if time was set back, a second, newer transform begins the frame's "
+                      "history again (time_jump)"
+                    : ""));
   reject(request_, row, "stamp_ns",
          stamp + "all samples of the frame, which is full: it has " +
              with_separators(limits_.max_samples) + " (max_samples_per_frame), from " +
@@ -254,8 +289,50 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
 void CommitPlan::reserve_memory() {
   names_.reserve();
   if (request_.is_static) return;
-  for (const FrameWrites& group : groups_)
-    reserve_samples(*group.frame, group.end - group.begin, limits_, tree_.ring_arena_);
+  for (FrameWrites& group : groups_) {
+    const Frame& frame = *group.frame;
+    const std::uint64_t kept =
+        group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
+    if (!group.is_append || needs_larger_ring(frame, kept, 1, limits_)) prepare_ring(group);
+  }
+}
+
+// Prepares a new ring for a group that needs one.
+void CommitPlan::prepare_ring(FrameWrites& group) {
+  const Frame& frame = *group.frame;
+  std::vector<NewSample> samples;
+  const auto list_samples = [&] {
+    for (std::uint32_t i = group.begin; i < group.end; ++i)
+      if (const RowWrite& write = writes_[i]; is_stored(write.row))
+        samples.push_back({write.stamp, write.parent, &poses_[write.row]});
+  };
+  try {
+    (void)prepared_rings_.reserve(1);
+    std::uint32_t stored = 0;
+    Stamp oldest_new = kNoStamp;
+    for (std::uint32_t i = group.end; i-- > group.begin;)
+      if (is_stored(writes_[i].row)) ++stored, oldest_new = writes_[i].stamp;
+    if (stored == 0) return;
+    if (!group.restarts && should_merge(frame, oldest_new, stored)) {
+      list_samples();
+      prepared_rings_.push_back(merged_ring(frame, false, samples, limits_, tree_.ring_arena_));
+    } else if (const std::uint64_t kept = group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
+               needs_larger_ring(frame, kept, stored, limits_)) {
+      prepared_rings_.push_back(grown_ring(frame, stored, limits_, tree_.ring_arena_));
+    } else {
+      return;
+    }
+  } catch (const RingArena::Full&) {
+    reject_memory(request_, request_.rows[writes_[group.begin].row],
+                  tree_.options_.max_memory_bytes);
+  }
+  group.ring = static_cast<std::uint32_t>(prepared_rings_.size());
+}
+
+void CommitPlan::give_back_rings() noexcept {
+  for (const PreparedRing& prepared : prepared_rings_)
+    if (prepared.ring && !prepared.ring.is_empty()) prepared.ring.give_back(tree_.ring_arena_);
+  prepared_rings_.clear();
 }
 
 const FrameWrites* CommitPlan::group_of(FrameId child) const noexcept {

@@ -6,9 +6,9 @@
 //
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
-// 1. After a retry all steps run again and decide anew. The plan remembers only that an attempt has
-//    found a time jump: the next one may clear samples, as it locks all frames.
-// 2. Planning changes nothing that readers can see.
+// 1. After a retry all steps run again and decide anew.
+// 2. Planning changes nothing that readers can see. It notes late samples (FrameEvents), also for a
+//    commit that is then rejected.
 #pragma once
 
 #include <span>
@@ -23,7 +23,7 @@ namespace ztf {
 enum class CommitScope : std::uint8_t {
   children,    // the frames that get samples
   topology,    // and the topology mutex: names may be added, newest parents may change
-  all_frames,  // and every frame: samples may be cleared, the first reparenting may happen
+  all_frames,  // and every frame: the first reparenting may happen
 };
 
 // Whether a plan can be applied in the scope of its attempt, or which scope it needs.
@@ -47,6 +47,8 @@ struct FrameWrites {
   // parent, or the sample is late: the topology mutex must keep that parent from being removed.
   bool stores_other_parent = false;
   bool is_append = false;  // one row, newer than the newest sample, of its parent and authority
+  bool restarts = false;   // time was set back: the history is cleared before the rows are stored
+  std::uint32_t ring = 0;  // index of its prepared ring, plus 1; 0: none
   bool wakes_all = false;  // not only newer samples of the same parent: all waiters are woken
 };
 
@@ -60,6 +62,7 @@ class CommitPlan {
  public:
   // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
   CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
+  ~CommitPlan() { give_back_rings(); }
   CommitPlan(const CommitPlan&) = delete;
   CommitPlan& operator=(const CommitPlan&) = delete;
 
@@ -105,12 +108,16 @@ class CommitPlan {
   [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept {
     return stored_[row] == RowResult::stored;
   }
+  // The new ring of a group that has one. Once it is published, the one that it replaced.
+  [[nodiscard]] PreparedRing& prepared_ring(const FrameWrites& group) noexcept {
+    return prepared_rings_[group.ring - 1];
+  }
+  // True if planning takes so long that readers should go on meanwhile.
+  [[nodiscard]] bool is_long() const noexcept { return writes_.size() > kLong; }
   // How many rows are dropped because they are later than the request's max_stamp.
   [[nodiscard]] std::uint32_t from_future() const noexcept { return from_future_; }
   [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
   [[nodiscard]] const HistoryLimits& limits() const noexcept { return limits_; }
-  // True if time was set back: all dynamic samples are dropped before the rows are stored.
-  [[nodiscard]] bool clears_samples() const noexcept { return clears_samples_; }
   // True if this commit is the first in the tree's life that may leave a frame with samples of two
   // parents.
   [[nodiscard]] bool is_first_reparenting() const noexcept { return is_first_reparenting_; }
@@ -123,10 +130,10 @@ class CommitPlan {
   void assign_new_ids();
   void sort_rows();
   void group_rows();
-  [[nodiscard]] bool is_time_set_back() const noexcept;
-  [[nodiscard]] bool will_be_cleared(const Frame& frame) const noexcept;
+  [[nodiscard]] bool restarts_history(const FrameWrites& group) const noexcept;
+  void note_late(const FrameWrites& group, Stamp newest) const noexcept;
   [[nodiscard]] bool is_append(const FrameWrites& group) const noexcept;
-  PlanOutcome decide_rows(FrameWrites& group);
+  void decide_rows(FrameWrites& group);
   [[nodiscard]] RowFate fate_of(const RowWrite& write, bool has_samples, Stamp newest,
                                 Stamp oldest_of_full) const noexcept;
   void check_authority_of(const FrameWrites& group) const;
@@ -141,6 +148,10 @@ class CommitPlan {
   [[noreturn]] void reject_cycle(FrameId on_cycle) const;
   [[noreturn]] void reject_depth(const FrameWrites& group, std::uint32_t depth) const;
   void reserve_memory();
+  void prepare_ring(FrameWrites& group);
+  void give_back_rings() noexcept;
+
+  static constexpr std::size_t kLong = 16;  // rows
 
   Tree& tree_;
   const CommitRequest& request_;
@@ -148,13 +159,13 @@ class CommitPlan {
   const HistoryLimits limits_;
   CommitNames names_;
   std::uint32_t from_future_ = 0;
-  bool found_time_jump_ = false;  // by this attempt or an earlier one
-  bool clears_samples_ = false;
   bool is_first_reparenting_ = false;
   SmallVector<RowWrite, 16> writes_;  // without the rows that are from the future
   SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
   SmallVector<ChangedLink, 4> changed_links_;
+  // Rings that no frame has: those that this attempt has prepared, then those that they replaced.
+  SmallVector<PreparedRing, 1> prepared_rings_;
   FrameList children_;  // of groups_, ascending
 };
 

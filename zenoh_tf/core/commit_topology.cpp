@@ -70,8 +70,7 @@ std::uint32_t CommitPlan::height_of_unchanged(FrameId top) const {
            child = index.next_sibling(child)) {
         if (++visited > kMaxWalk) return index.height(top);
         const FrameWrites* const group = group_of(child);
-        const bool stays =
-            !(group && group->new_parent != 0) && !will_be_cleared(tree_.frames_[child]);
+        const bool stays = !(group && group->new_parent != 0);
         all_stay &= stays;
         if (stays) frames.push_back(child);
       }
@@ -90,8 +89,7 @@ std::uint32_t CommitPlan::height_of_unchanged(FrameId top) const {
 FrameId CommitPlan::parent_after(FrameId id) const noexcept {
   if (const FrameWrites* const group = group_of(id); group && group->new_parent != 0)
     return group->new_parent;
-  const Frame& frame = tree_.frames_[id];
-  return will_be_cleared(frame) ? 0 : frame.parent.load(std::memory_order_relaxed);
+  return tree_.frames_[id].parent.load(std::memory_order_relaxed);
 }
 
 // Names the first of the cycle's frames whose link this commit changes. There is one, because the

@@ -59,6 +59,19 @@ inline std::string_view stripped(std::string_view name) noexcept {
                  .limit = max_authorities};
 }
 
+[[noreturn]] inline void reject_memory(const CommitRequest& request, const Row& row,
+                                       std::uint64_t max_bytes) {
+  const std::string child(stripped(request.names[row.child]));
+  throw Rejected{.code = Code::limit,
+                 .message = "cannot store samples of frame " + quoted(child) + ": the limit of " +
+                            with_separators(max_bytes) +
+                            " bytes for all samples is reached (max_memory)",
+                 .frame = child,
+                 .parent = std::string(stripped(request.names[row.parent])),
+                 .field = "max_memory",
+                 .limit = static_cast<std::int64_t>(max_bytes)};
+}
+
 [[noreturn]] inline void reject_conflict(std::string_view name) {
   throw Rejected{.code = Code::conflict,
                  .message = "frame " + quoted(name) +

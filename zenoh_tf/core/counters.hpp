@@ -8,6 +8,7 @@
 
 #include <pthread.h>
 
+#include <algorithm>
 #include <atomic>
 #include <bit>
 #include <cstddef>
@@ -57,6 +58,8 @@ struct CommitTally {
 };
 
 struct AuthorityCounts {
+  // When the authority was last used, counted in new authorities.
+  std::uint64_t last_used = 0;
   std::uint64_t commits = 0, stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
 };
 
@@ -68,6 +71,9 @@ class AuthorityCounters {
 
   void add(AuthorityId id, const CommitTally& tally) noexcept {
     Shard& shard = shards_[std::size_t{id - 1} * kShards + shard_of_thread<kShards>()];
+    const std::uint64_t now = now_.load(std::memory_order_relaxed);
+    if (shard.last_used.load(std::memory_order_relaxed) != now)
+      shard.last_used.store(now, std::memory_order_relaxed);
     const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
       if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
     };
@@ -78,10 +84,23 @@ class AuthorityCounters {
     add(shard.conflicts, tally.conflicts);
   }
 
+  // Begins to count for a new authority, which may have the id of one that was forgotten.
+  void start(AuthorityId id) noexcept {
+    const std::uint64_t now = now_.fetch_add(1, std::memory_order_relaxed) + 1;
+    for (std::size_t i = 0; i < kShards; ++i) {
+      Shard& shard = shards_[std::size_t{id - 1} * kShards + i];
+      for (auto* counter :
+           {&shard.commits, &shard.stored, &shard.dropped, &shard.rewritten, &shard.conflicts})
+        counter->store(0, std::memory_order_relaxed);
+      shard.last_used.store(now, std::memory_order_relaxed);
+    }
+  }
+
   [[nodiscard]] AuthorityCounts sum(AuthorityId id) const noexcept {
     AuthorityCounts sum;
     for (std::size_t i = 0; i < kShards; ++i) {
       const Shard& shard = shards_[std::size_t{id - 1} * kShards + i];
+      sum.last_used = std::max(sum.last_used, shard.last_used.load(std::memory_order_relaxed));
       sum.commits += shard.commits.load(std::memory_order_relaxed);
       sum.stored += shard.stored.load(std::memory_order_relaxed);
       sum.dropped += shard.dropped.load(std::memory_order_relaxed);
@@ -94,10 +113,11 @@ class AuthorityCounters {
  private:
   static constexpr std::size_t kShards = 8;
   struct alignas(64) Shard {
-    std::atomic<std::uint64_t> commits, stored, dropped, rewritten, conflicts;
+    std::atomic<std::uint64_t> commits, stored, dropped, rewritten, conflicts, last_used;
   };
 
   const ZeroedArray<Shard> shards_;
+  std::atomic<std::uint64_t> now_{0};  // counts new authorities
 };
 
 }  // namespace ztf

@@ -13,8 +13,8 @@
 // 4. `samples_per_ns` is 0 unless parent_changes is 0 and count at least 2. It is stored after the
 //    ring: a reader that sees another value than 0 also sees a ring, even in a torn read.
 // 5. A frame that is not static and has count 0 has no parent: it is a root, new, or cleared.
-// 6. A replaced ring is kept until the tree dies. Rings double, so replaced rings together are
-//    smaller than the one in use.
+// 6. A frame that ever had a ring has one for ever. A replaced ring goes to another frame once the
+//    frame has a new version (ring_arena.hpp).
 #pragma once
 
 #include <atomic>
@@ -95,12 +95,23 @@ class Ring {
   Ring() noexcept = default;  // none
   explicit operator bool() const noexcept { return word_ != 0; }
 
-  // Returns a ring of zeros. Requires a capacity that is a power of two. Throws bad_alloc.
+  // Returns a ring whose samples mean nothing. Requires a capacity that is a power of two. Throws
+  // RingArena::Full and bad_alloc.
   static Ring make(std::uint32_t capacity, RingArena& memory) {
+    const auto logarithm = static_cast<unsigned>(std::countr_zero(capacity));
     Ring ring;
-    ring.word_ = reinterpret_cast<std::uintptr_t>(memory.allocate(lines(capacity))) |
-                 static_cast<std::uintptr_t>(std::countr_zero(capacity));
+    ring.word_ =
+        reinterpret_cast<std::uintptr_t>(memory.allocate(logarithm, lines(capacity))) | logarithm;
     return ring;
+  }
+  // Returns a ring that is too small for a history. A frame whose ring was taken away gets it, so
+  // that a torn read always finds a ring. Throws RingArena::Full and bad_alloc.
+  static Ring make_empty(RingArena& memory) { return make(1, memory); }
+  [[nodiscard]] bool is_empty() const noexcept { return capacity() == 1; }
+  // Gives the memory back, under the conditions of RingArena::give_back().
+  void give_back(RingArena& memory) const noexcept {
+    memory.give_back(static_cast<unsigned>(word_ & kLogarithm),
+                     reinterpret_cast<RingArena::Line*>(samples()));
   }
 
   [[nodiscard]] ZTF_ALWAYS_INLINE std::uint32_t capacity() const noexcept {
@@ -161,8 +172,6 @@ struct alignas(128) Frame {
   SeqLock version;
   SharedLock shared;  // two-phase locking only
   std::atomic<FrameId> parent;
-  // A commit may replace the ring before begin_write(), without a change of the version. Each
-  // search must load this word once and stay with that ring, which keeps its samples.
   std::atomic<Ring> ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;

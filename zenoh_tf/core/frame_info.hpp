@@ -26,6 +26,11 @@ struct FrameEvents {
   std::atomic<std::uint32_t> reparented;  // changes of the link, by kind
   std::atomic<std::uint32_t> switched;
   std::atomic<std::uint32_t> authority_changes;
+  std::atomic<std::uint32_t> time_jumps;  // the history was cleared, as time was set back
+
+  // The newest row of the last commit whose rows were all too old, and the frame's version then.
+  std::atomic<Stamp> late_stamp;
+  std::atomic<Version> late_version;
 
   // The last change of the link, and what the link was before.
   std::atomic<Stamp> change_stamp;  // of the row that made the change

@@ -138,8 +138,7 @@ class HistoryCursor {
   [[gnu::noinline]] bool find_anew(Stamp time, SampleInterval& interval) noexcept {
     const bool found = find_link(frame_, time, interval).status == LinkLookup::Status::ok;
     slot_ = history_.ring().index_of(*interval.older);
-    // False for a sample of another ring: a commit may have replaced the ring since the frame was
-    // read, which does not change the version.
+    // False for a sample of another ring, as in a torn read.
     steps_ = ascending_ && found && interval.older != interval.newer &&
              &history_.ring().sample(slot_) == interval.older;
     return found;

@@ -1,7 +1,7 @@
 // Changing one frame's history: inserting a sample, making a frame static, dropping everything.
 //
 // Thread safety: every function requires the frame's write lock, and that SeqLock::begin_write()
-// has been called. reserve_samples() requires only the lock, prefetch_history() nothing.
+// has been called. What prepares a ring requires only the lock, prefetch_history() nothing.
 // Rules (tf2's, except those marked *)
 // 1. Samples are kept in the order of their stamps; a late one is inserted at its place.
 // 2. At an equal stamp the last one inserted wins*.
@@ -15,6 +15,7 @@
 #pragma once
 
 #include <algorithm>
+#include <span>
 
 #include "history.hpp"
 
@@ -61,20 +62,53 @@ inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& po
   store_latest(frame, stamp, parent, pose);
 }
 
-// Replaces the ring by a copy of at least `wanted` slots. Requires the write lock only, as readers
-// may go on with the old ring. Throws bad_alloc.
-void grow_ring(Frame& frame, std::uint64_t wanted, RingArena& memory);
+// A frame's samples in a new ring, which the frame gets when the commit is applied. Then `ring` is
+// the one that it replaced.
+struct PreparedRing {
+  Ring ring;
+  // True if the ring holds all samples as they will be after the commit. Else it holds those that
+  // the frame has now, in the same slots, and there is room for more.
+  bool is_merged;
+  // Of a merged ring: its samples from slot 0 on, how often their parent changes, the newest's
+  // parent, and what happened to others.
+  std::uint32_t count, parent_changes, evicted, rewritten;
+  FrameId parent;
+};
 
-// Makes room for `extra` more samples, so that insert() needs no memory. Requires the write lock
-// only, as it changes no sample. Readers already wait if the commit has one frame or a read set;
-// else they go on meanwhile. Throws bad_alloc.
-inline void reserve_samples(Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
-                            RingArena& memory) {
+// A sample that a commit stores.
+struct NewSample {
+  Stamp stamp;
+  FrameId parent;
+  const Pose* pose;
+};
+
+// True if the frame's ring has no room for `extra` more samples, of which `kept` are there now.
+// Requires the write lock.
+inline bool needs_larger_ring(const Frame& frame, std::uint64_t kept, std::uint32_t extra,
+                              const HistoryLimits& limits) noexcept {
   const Ring ring = frame.ring.load(std::memory_order_relaxed);
-  const std::uint64_t wanted = std::min<std::uint64_t>(
-      std::uint64_t{frame.count.load(std::memory_order_relaxed)} + extra, limits.max_samples);
-  if (!ring || ring.capacity() < wanted) grow_ring(frame, wanted, memory);
+  const std::uint64_t wanted = std::min<std::uint64_t>(kept + extra, limits.max_samples);
+  return !ring || ring.capacity() < wanted || ring.is_empty();
 }
+
+// Returns a larger ring with the frame's samples, with room for `extra` more. Requires the write
+// lock; readers may go on. Throws RingArena::Full and bad_alloc.
+PreparedRing grown_ring(const Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
+                        RingArena& memory);
+
+// Returns a ring in which the new samples are merged with the frame's, or with none if `cleared`:
+// as if they were inserted one by one, but in one pass. Requires the write lock, new samples by
+// stamp (the last of equal ones wins), and that none is too old for the frame, nor older than all
+// samples of a full one. Readers may go on. Throws RingArena::Full and bad_alloc.
+PreparedRing merged_ring(const Frame& frame, bool cleared, std::span<const NewSample> samples,
+                         const HistoryLimits& limits, RingArena& memory);
+
+// Gives the frame the prepared ring, and sets `prepared.ring` to the one that it had, or to none.
+void publish_ring(Frame& frame, PreparedRing& prepared) noexcept;
+
+// True if samples from this stamp on are so late, and so many, that merging them costs less than
+// inserting each. Requires the write lock.
+bool should_merge(const Frame& frame, Stamp oldest_new, std::uint32_t samples) noexcept;
 
 // Prefetches the slots that an insert of a newer sample stores to and reads. Requires no lock: if
 // another writer interferes, the wrong lines are prefetched.
@@ -184,7 +218,7 @@ class RingEdit {
 InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                          const HistoryLimits& limits) noexcept;
 
-// Inserts a sample by the rules above. Requires reserve_samples(), and that it is not too old.
+// Inserts a sample by the rules above. Requires room in the ring, and that it is not too old.
 inline InsertResult insert(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose,
                            const HistoryLimits& limits) noexcept {
   const auto relaxed = std::memory_order_relaxed;

@@ -23,22 +23,6 @@ ZTF_ALWAYS_INLINE Word word_at(const char* text) noexcept {
   return word;
 }
 
-// Returns a == b. Names are short: a call of memcmp() would cost a tenth of a commit of 16 links.
-ZTF_ALWAYS_INLINE bool same_name(std::string_view a, std::string_view b) noexcept {
-  if (a.size() != b.size()) return false;
-  const char *p = a.data(), *q = b.data();
-  std::size_t left = a.size();
-  if (left < 8) {
-    for (; left > 0; --left)
-      if (*p++ != *q++) return false;
-    return true;
-  }
-  for (; left > 8; p += 8, q += 8, left -= 8)
-    if (word_at<std::uint64_t>(p) != word_at<std::uint64_t>(q)) return false;
-  // The last word may overlap the one before.
-  return word_at<std::uint64_t>(p + left - 8) == word_at<std::uint64_t>(q + left - 8);
-}
-
 class NameHash {
  public:
   NameHash() : NameHash(std::random_device()) {}

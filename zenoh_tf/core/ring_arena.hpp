@@ -1,14 +1,24 @@
 // Memory for rings of samples: allocated piece by piece, freed as a whole with the tree.
 //
 // It comes in few large blocks, which can be huge pages: with many frames, each write goes to
-// another ring, and would miss the TLB as well as the cache.
+// another ring, and would miss the TLB as well as the cache. Rings that are given back are kept by
+// their capacity, for the next rings of that capacity.
 //
-// Thread safety: allocate() from any thread. Its mutex is the last in the lock order, and rarely
-// taken, as rings double.
+// Why a ring may be used again although readers may still read it. A frame's ring is given back
+// only after the frame has got a new version without that ring. A reader that loads anything that
+// the next owner has stored there has acquired what happened before, which includes that version.
+// So its validation of the first frame fails, as after any torn read (docs/concurrency.md). The
+// words of a ring are atomics at the same places whoever owns it, and its memory stays valid, so a
+// late reader is safe until it validates.
+//
+// Thread safety: every function, from any thread. The mutex is the last in the lock order, and
+// rarely taken, as rings double.
 // Invariant: memory that was given out stays valid for the arena's life.
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cstddef>
 #include <mutex>
 #include <vector>
@@ -22,16 +32,27 @@ class RingArena {
  public:
   // A cache line.
   struct alignas(64) Line {
-    std::byte bytes[64];
+    std::atomic<Line*>
+        next;  // of the free rings of one capacity; overlaps the first sample's stamp
+    std::byte bytes[56];
   };
+  // Thrown if allocate() would exceed the limit.
+  struct Full {};
 
-  RingArena() = default;
+  // With max_bytes 0 there is no limit.
+  explicit RingArena(std::uint64_t max_bytes) : max_lines_(max_bytes / sizeof(Line)) {}
   RingArena(const RingArena&) = delete;
   RingArena& operator=(const RingArena&) = delete;
 
-  // Returns zeroed cache lines. Throws bad_alloc.
-  Line* allocate(std::size_t lines) {
+  // Returns the cache lines of a ring of 2^logarithm samples: zeroed, or as they were given back.
+  // Throws Full and bad_alloc.
+  Line* allocate(unsigned logarithm, std::size_t lines) {
     const auto lock = lock_announced(mutex_);
+    if (Line* const ring = free_rings_[logarithm]) {
+      free_rings_[logarithm] = ring->next.load(std::memory_order_relaxed);
+      return ring;
+    }
+    if (max_lines_ != 0 && lines_ + lines > max_lines_) throw Full();
     if (lines > left_) {
       // The rest of the last block stays unused.
       const std::size_t size = std::max(lines, kFirstBlock << std::min(blocks_.size(), kDoublings));
@@ -42,17 +63,35 @@ class RingArena {
     Line* const taken = free_;
     free_ += lines;
     left_ -= lines;
+    lines_ += lines;
     return taken;
+  }
+
+  // Takes back what allocate() has returned. Requires that no frame has the ring, and that the one
+  // that had it last has got a new version since.
+  void give_back(unsigned logarithm, Line* ring) noexcept {
+    const auto lock = lock_announced(mutex_);
+    ring->next.store(free_rings_[logarithm], std::memory_order_release);
+    free_rings_[logarithm] = ring;
+  }
+
+  // The bytes of all rings, in use or not. It does not shrink.
+  [[nodiscard]] std::uint64_t bytes() const {
+    const auto lock = lock_announced(mutex_);
+    return lines_ * sizeof(Line);
   }
 
  private:
   static constexpr std::size_t kFirstBlock = 1024;  // lines: 64 KiB
   static constexpr std::size_t kDoublings = 9;      // up to 32 MiB
 
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
+  const std::uint64_t max_lines_;
+  std::uint64_t lines_ = 0;  // given out, ever
   std::vector<ZeroedArray<Line>> blocks_;
   Line* free_ = nullptr;
   std::size_t left_ = 0;
+  std::array<Line*, 64> free_rings_{};  // by the capacity's logarithm
 };
 
 }  // namespace ztf

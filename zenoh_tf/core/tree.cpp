@@ -13,6 +13,8 @@ Tree::Tree(const Options& options)
     : options_(options),
       frame_array_(std::size_t{options.max_frames} + 1),
       frames_(frame_array_.begin()),
+      ring_arena_(options.max_memory_bytes),
+      empty_ring_(Ring::make_empty(ring_arena_)),
       events_(std::size_t{options.max_frames} + 1),
       waiters_(std::size_t{options.max_frames} + 1),
       topology_index_(std::size_t{options.max_frames} + 1),
@@ -73,22 +75,30 @@ void Tree::reset() {
   {
     const auto topology = lock_announced(topology_);  // no name is added meanwhile
     list_frames(all);
-    WriteLocks locks(*this, all);
-    locks.begin_write();
     drop_frames(all);
-    locks.release(all);
   }
   commit_count_.add();
   notify_waiters_of(all);
 }
 
-void Tree::drop_frames(const FrameList& frames) noexcept {
-  for (const FrameId frame : frames) {
-    clear_frame(frame);
-    topology_index_.set_height(frame, 0);  // its children are gone, too
-    frames_[frame].authority.store(0, std::memory_order_release);
-    names_.hide(frame);
+void Tree::drop_frames(const FrameList& frames) {
+  SmallVector<Ring, 16> rings;
+  (void)rings.reserve(frames.size());  // before the first write, after which nothing may fail
+  WriteLocks locks(*this, frames);
+  locks.begin_write();
+  for (const FrameId id : frames) {
+    Frame& frame = frames_[id];
+    clear_frame(id);
+    topology_index_.set_height(id, 0);  // its children are gone, too
+    frame.authority.store(0, std::memory_order_release);
+    if (const Ring ring = frame.ring.load(std::memory_order_relaxed); ring && !ring.is_empty()) {
+      rings.push_back(ring);
+      frame.ring.store(empty_ring_, std::memory_order_release);
+    }
+    names_.hide(id);
   }
+  locks.release(frames);
+  for (const Ring ring : rings) ring.give_back(ring_arena_);
 }
 
 // Lists a frame and, if it has children, its descendants, ascending. Requires the topology mutex.
@@ -104,7 +114,7 @@ void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) 
     for (FrameId child = topology_index_.first_child(frames[i]); child != 0;
          child = topology_index_.next_sibling(child)) {
       if (!subtree) {
-        const std::string child_name(names_.name(child));
+        const std::string child_name = names_.name(child);
         throw Rejected{.code = Code::invalid_argument,
                        .message = "cannot remove frame " + quoted(name) + ": it is the parent of " +
                                   quoted(child_name) + "; remove that first, or the whole subtree",
@@ -123,10 +133,7 @@ void Tree::remove_frame(std::string_view name, bool subtree) {
   {
     const auto topology = lock_announced(topology_);  // no newest parent changes
     list_subtree(name, subtree, removed);
-    WriteLocks locks(*this, removed);
-    locks.begin_write();
     drop_frames(removed);
-    locks.release(removed);
   }
   commit_count_.add();
   notify_waiters_of(removed);

@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "counters.hpp"
+#include "event_log.hpp"
 #include "frame_info.hpp"
 #include "guards.hpp"
 #include "history.hpp"
@@ -41,10 +42,15 @@ struct Options {
   std::uint32_t max_name_bytes = 255;
   // The most links between a frame and its root: a commit that puts a frame deeper is rejected.
   std::uint32_t max_depth = 1000;
+  // If there are more, those that own no frame are forgotten, the least recently used first.
   std::uint32_t max_authorities = 4096;
+  // Most bytes of all rings of samples; 0: no limit. A ring that is not used any more counts until
+  // a frame needs one of its capacity.
+  std::uint64_t max_memory_bytes = 0;
   bool one_authority_per_frame = false;
-  // A dynamic row that is too old for its frame means that time was set back: the commit clears all
-  // dynamic samples and stores the row, instead of dropping or rejecting it.
+  // Two commits in a row whose rows of a frame are too old mean that time was set back, if the
+  // second's are newer: it clears the frame's history and stores its rows. Without this option it
+  // does so only if the history ends ahead of the real-time clock (CommitPlan::restarts_history).
   bool clear_on_time_jump = false;
 };
 
@@ -112,7 +118,8 @@ class Tree {
 
   // Returns the frame's id; 0 if no frame has that name.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
-  [[nodiscard]] std::string_view name(FrameId id) const noexcept { return names_.name(id); }
+  // Throws bad_alloc.
+  [[nodiscard]] std::string name(FrameId id) const { return names_.name(id); }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
   [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
   [[nodiscard]] const Options& options() const noexcept { return options_; }
@@ -142,17 +149,23 @@ class Tree {
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
   [[nodiscard]] const FrameEvents& events(FrameId id) const noexcept { return events_[id]; }
-  [[nodiscard]] std::string_view authority(AuthorityId id) const noexcept {
-    return id ? authorities_.name(id) : std::string_view();
+  // Throws bad_alloc.
+  [[nodiscard]] std::string authority(AuthorityId id) const {
+    return id ? authorities_.name(id) : std::string();
   }
+  // The highest id of an authority so far. Not all below it need to be in use.
   [[nodiscard]] AuthorityId authorities() const noexcept { return authorities_.size(); }
+  [[nodiscard]] bool forgotten(AuthorityId id) const noexcept { return authorities_.hidden(id); }
   [[nodiscard]] AuthorityCounts authority_counts(AuthorityId id) const noexcept {
     return authority_counters_.sum(id);
   }
-  // How often commits cleared all samples because time was set back.
+  // How often a frame's history was cleared because time was set back.
   [[nodiscard]] std::uint64_t time_jumps() const noexcept { return time_jumps_.load(); }
   // How many rows were dropped because they were later than CommitRequest::max_stamp.
   [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
+
+  // Returns what happened since the last call (event_log.hpp).
+  auto take_events() { return event_log_.take(); }
 
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
   void clear(bool keep_static);
@@ -178,6 +191,8 @@ class Tree {
     waiters_[frame].fetch_sub(1, std::memory_order_seq_cst);
   }
 
+  // The bytes of all rings of samples, those that wait to be used again included.
+  [[nodiscard]] std::uint64_t memory_bytes() const { return ring_arena_.bytes(); }
   [[nodiscard]] std::uint64_t commits() const noexcept { return commit_count_.sum(); }
   [[nodiscard]] Version version(FrameId frame) const noexcept {
     return frames_[frame].version.current();
@@ -198,6 +213,10 @@ class Tree {
   std::size_t lookup_block(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
+  // Makes room for a new authority: forgets those that own no frame, up to half of all, the least
+  // recently used first. Requires the topology mutex. Throws bad_alloc.
+  void forget_authorities();
+
   PlanOutcome try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope);
 
   // Locks the giant mutex, if the concurrency control has one.
@@ -209,9 +228,9 @@ class Tree {
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
   // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
-  // Drops the frames with their names. Requires the topology mutex, the frames' write locks, and
-  // WriteLocks::begin_write.
-  void drop_frames(const FrameList& frames) noexcept;
+  // Drops the frames with their names, at one instant. Requires the topology mutex. Throws
+  // bad_alloc.
+  void drop_frames(const FrameList& frames);
   void list_subtree(std::string_view name, bool subtree, FrameList& frames) const;
   // Requires that the commit which changed the frame is counted (wait_list.hpp).
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
@@ -223,6 +242,7 @@ class Tree {
   const ZeroedArray<Frame> frame_array_;
   Frame* const frames_;
   RingArena ring_arena_;
+  const Ring empty_ring_;  // of frames that were removed
   const ZeroedArray<FrameEvents> events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
   TopologyIndex topology_index_;
@@ -230,10 +250,13 @@ class Tree {
   std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
   NameTable names_;
   NameTable authorities_;
+  // How often authorities were forgotten. Changes only while all frames are locked.
+  std::atomic<std::uint64_t> authorities_forgotten_{0};
   mutable std::mutex giant_;
   std::mutex topology_;
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
+  EventLog event_log_;
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
 };

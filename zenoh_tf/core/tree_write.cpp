@@ -33,18 +33,18 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
 
   FrameList all;
   if (scope == CommitScope::all_frames) plan.list_all_frames(all);
-  WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children());
+  WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children(), plan.is_long());
   if (plan.has_read_set()) {
     locks.begin_write();
     plan.validate_read_set(locks);
   }
   if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
-  execution.reserve(locks);
+  execution.reserve();
   plan.check_expiry();
 
   // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
   locks.begin_write();
-  execution.apply(locks);
+  execution.apply();
   locks.release(execution.frames_with_new_version(locks));
   return PlanOutcome::ready;
 }

@@ -25,9 +25,10 @@ namespace ztf {
 class WriteLocks {
  public:
   // Waits for the locks of these frames. For a single frame the same step begins the write, as its
-  // readers wait hardly longer then. Requires that the list outlives this object. Throws bad_alloc.
-  WriteLocks(Tree& tree, const FrameList& ascending)
-      : tree_(tree), frames_(ascending), readers_may_read_(ascending.size() > 1) {
+  // readers wait hardly longer then; unless the plan is long. Requires that the list outlives this
+  // object. Throws bad_alloc.
+  WriteLocks(Tree& tree, const FrameList& ascending, bool long_plan = false)
+      : tree_(tree), frames_(ascending), readers_may_read_(long_plan || ascending.size() > 1) {
     // Allocates before the first lock, because a constructor that throws would unlock nothing.
     (void)locked_.reserve(ascending.size());
     if (tree.options_.concurrency == Concurrency::optimistic) {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, environment
 
 
 def connect(args: argparse.Namespace) -> TransformClient:
@@ -12,4 +12,42 @@ def connect(args: argparse.Namespace) -> TransformClient:
 
     Raises what ``TransformClient.connect`` raises.
     """
-    return TransformClient.connect(args.connect, tree=args.tree, timeout_s=args.timeout)
+    credentials = environment.client_credentials(
+        ca=args.tls_ca,
+        certificate=args.tls_certificate,
+        key=args.tls_key,
+        user=args.user,
+        password_file=args.password_file,
+    )
+    return TransformClient.connect(
+        args.connect, tree=args.tree, timeout_s=args.timeout, credentials=credentials
+    )
+
+
+def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:
+    """Add the options that say who the user is. There is none for the password itself, because
+    every user of the machine can see the arguments of a process."""
+    group = parser.add_argument_group("keys and users")
+    for option, metavar, variable, meaning in (
+        (
+            "--tls-ca",
+            "FILE",
+            environment.CA_VARIABLE,
+            "authorities that sign certificates",
+        ),
+        ("--tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
+        ("--tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
+        ("--user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
+        (
+            "--password-file",
+            "FILE",
+            environment.PASSWORD_FILE_VARIABLE,
+            "file with the user's password in its first line",
+        ),
+    ):
+        group.add_argument(
+            option,
+            metavar=metavar,
+            default=default,
+            help=f"{meaning} (default: the environment's {variable})",
+        )

@@ -24,7 +24,17 @@ from zenoh_tf import (
 )
 from zenoh_tf.text import printable
 from zenoh_tf_client import environment
-from zenoh_tf_client.cli import calibration, output, query, replay, stamps, view, write
+from zenoh_tf_client.cli import (
+    calibration,
+    certificates,
+    output,
+    query,
+    replay,
+    stamps,
+    view,
+    write,
+)
+from zenoh_tf_client.cli.connection import add_credentials
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
@@ -132,7 +142,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, write, calibration, replay):
+    for family in (query, view, write, calibration, replay, certificates):
         family.add(commands, common)
     return parser
 
@@ -173,6 +183,7 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
         default=default(False),
         help="print one JSON document; an error is one JSON object on stderr",
     )
+    add_credentials(parser, default(None))
 
 
 def _positive_seconds(text: str) -> float:

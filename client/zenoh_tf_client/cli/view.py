@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, fields
+from typing import Final
 
 from zenoh_tf import AuthorityInfo, FrameInfo, LookupException, export
 from zenoh_tf_client import TransformClient
@@ -45,8 +46,11 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="list the publishers, and what became of their transforms",
         description="Print for each authority: the frames that it wrote last, its commits, its "
         "transforms that were stored, dropped as too old, or rewritten at an equal stamp, how "
-        "often it took over a frame of another authority (conflicts), and its published "
-        "transforms that the server refused, with the reason of the last refusal.",
+        "often it took over a frame of another authority (conflicts), its published transforms "
+        "that the server refused, with the reason of the last refusal, its messages that were "
+        "dropped because too many were waiting, and by how many seconds its stamps lead their "
+        "arrival at the server, at least and at most: a clock that is exact has both a little "
+        "below zero.",
     )
     authorities.set_defaults(run=_authorities)
 
@@ -126,6 +130,10 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
     return facts
 
 
+#: How far its stamps lead their arrival at the server, in seconds: title and field.
+_CLOCK_COLUMNS: Final = (("lead_min_s", "clock_offset_min_s"), ("lead_max_s", "clock_offset_max_s"))
+
+
 def _authorities(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         authorities = tf.authorities()
@@ -136,12 +144,17 @@ def _authorities(args: argparse.Namespace) -> int:
     if not authorities:
         print("no authorities")
         return 0
-    columns = [field.name for field in fields(AuthorityInfo)][1:-1]
+    columns = [field.name for field in fields(AuthorityInfo) if field.type == "int"]
     width = max(len(export.printable(authority.name)) for authority in authorities)
-    print(output.paint("header", "  ".join([" " * width, *columns])))
+    header = [" " * width, *columns, *(title for title, _ in _CLOCK_COLUMNS)]
+    print(output.paint("header", "  ".join(header)))
     for authority in authorities:
         counts = "".join(f"  {getattr(authority, name):>{len(name)},}" for name in columns)
-        print(export.printable(authority.name).ljust(width) + counts)
+        clock = "".join(
+            "  " + _seconds(getattr(authority, name)).rjust(len(title))
+            for title, name in _CLOCK_COLUMNS
+        )
+        print(export.printable(authority.name).ljust(width) + counts + clock)
     for authority in authorities:
         if authority.last_refusal is not None:
             name, reason = (
@@ -150,6 +163,10 @@ def _authorities(args: argparse.Namespace) -> int:
             )
             print(f"last refusal of {name}: {reason}")
     return 0
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 def _stats(args: argparse.Namespace) -> int:

@@ -34,6 +34,7 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
 
     Raises:
         ServerUnavailable: No server answers. The next call tries again.
+        AccessDenied: The server does not let this process in.
         InvalidArgumentException: The open connection has another endpoint or tree.
     """
     global _client  # noqa: PLW0603
@@ -42,6 +43,7 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
             _client = TransformClient.connect(
                 endpoint or environment.endpoint(),
                 tree or environment.tree(),
+                credentials=environment.client_credentials(),
             )
         elif (endpoint or _client.endpoint, tree or _client.tree) != (
             _client.endpoint,

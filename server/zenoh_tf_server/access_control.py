@@ -1,0 +1,108 @@
+"""Access rules as a configuration of Zenoh's access control, which the embedded router enforces.
+
+Zenoh knows a client by its user and its certificate, and allows or drops each of its messages by
+kind and key. So each right is a set of keys. Everything is denied that no rule allows: other keys
+of the router, other servers' tokens, and queryables on the service's keys, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from zenoh_tf import keys
+
+from . import access_rules
+from .access_rules import EVERYTHING, AccessRule
+
+#: Query families that change nothing, except `hello`, which every client may ask.
+READS: Final = ("lookup", "batch", "info")
+#: Query families whose keys name what is written, once there are rules.
+KEYED: Final = ("commit", "batch", "admin")
+
+
+def zenoh_settings(tree: str, rules: Sequence[AccessRule]) -> dict[str, Any]:
+    """The value of `access_control`. Without rules, a client that is let in may do everything."""
+    builder = _Builder(tree)
+    builder.add(AccessRule(), _for_all(tree))
+    for rule in rules or [EVERYTHING]:
+        builder.add(rule, _rights(tree, rule, keyed=bool(rules)))
+    return builder.settings()
+
+
+class _Builder:
+    """Collects rules, subjects and policies under ids of their own."""
+
+    def __init__(self, tree: str) -> None:
+        self._rules: list[dict[str, Any]] = []
+        self._subjects: list[dict[str, Any]] = []
+        self._policies: list[dict[str, Any]] = []
+
+    def add(self, rule: AccessRule, rights: Sequence[dict[str, Any]]) -> None:
+        """Allow the rights to the clients of a rule."""
+        subject: dict[str, Any] = {"id": f"subject {len(self._subjects)}"}
+        if rule.users:
+            subject["usernames"] = list(rule.users)
+        if rule.certificates:
+            subject["cert_common_names"] = list(rule.certificates)
+        ids = []
+        for right in rights:
+            ids.append(f"right {len(self._rules)}")
+            self._rules.append(right | {"id": ids[-1], "permission": "allow"})
+        if ids:
+            self._subjects.append(subject)
+            self._policies.append({"rules": ids, "subjects": [subject["id"]]})
+
+    def settings(self) -> dict[str, Any]:
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": self._rules,
+            "subjects": self._subjects,
+            "policies": self._policies,
+        }
+
+
+def _right(flow: str, messages: Sequence[str], key_exprs: Sequence[str]) -> dict[str, Any]:
+    return {"flows": [flow], "messages": list(messages), "key_exprs": list(key_exprs)}
+
+
+def _for_all(tree: str) -> list[dict[str, Any]]:
+    """What every client needs to find the server and to learn its own rights."""
+    everything = f"{keys.prefix(tree)}/**"
+    servers = [keys.all_servers()]
+    return [
+        _right("ingress", ["query"], [keys.operation(tree, "hello")]),
+        _right("ingress", ["liveliness_token"], [keys.clients(tree)]),
+        _right("ingress", ["liveliness_query", "declare_liveliness_subscriber"], servers),
+        _right("egress", ["liveliness_token"], servers),
+        # Publishers and queriers send only where they know of a receiver.
+        _right("egress", ["reply", "declare_subscriber", "declare_queryable"], [everything]),
+    ]
+
+
+def _rights(tree: str, rule: AccessRule, *, keyed: bool) -> list[dict[str, Any]]:
+    prefix = keys.prefix(tree)
+    queries: list[str] = []
+    puts: list[str] = []
+    rights: list[dict[str, Any]] = []
+    if "read" in rule.may:
+        queries += (keys.operation(tree, name) for name in READS)
+    for name in ("clear", "reset", "remove_frame"):
+        if name in rule.may:
+            queries.append(keys.keyed_operation(tree, "admin", name))
+    for pattern in rule.publish:
+        chunk = access_rules.authority_chunk(pattern)
+        queries += (f"{prefix}/{family}/{chunk}" for family in ("commit", "batch"))
+        puts += (f"{prefix}/{kind}/{chunk}" for kind in ("set", "static"))
+    if not keyed:
+        queries += (keys.operation(tree, family) for family in KEYED)
+    if queries:
+        rights.append(_right("ingress", ["query"], queries))
+    if puts:
+        rights.append(_right("ingress", ["put"], puts))
+    if "listen" in rule.may:
+        heard = [f"{prefix}/{kind}/**" for kind in ("set", "static")]
+        rights.append(_right("ingress", ["declare_subscriber"], heard))
+        rights.append(_right("egress", ["put"], heard))
+    return rights

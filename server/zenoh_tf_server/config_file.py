@@ -1,0 +1,205 @@
+"""The server's configuration file: its flags by name in TOML, and the access rules.
+
+    cache-time = 30.0
+    listen = ["tls/0.0.0.0:7447"]
+
+    [limits]
+    rows = 1000                     # --max-rows
+
+    [tls]
+    certificate = "server.pem"      # --tls-certificate
+
+    [users]
+    file = "users"                  # --users
+
+    [[access]]
+    users = ["nav"]
+    may = ["read"]
+
+A flag may stand at the top or in any section, by its name. In `[limits]` the `max-` may be left
+out, and in `[NAME]` a `NAME-`. Paths are relative to the file's folder. Flags of the command line
+win.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+from zenoh_tf.errors import InvalidArgumentException
+
+from . import access_rules
+from .access_rules import AccessRule
+
+_ACCESS: Final = "access"
+#: Flags that make no sense in a file.
+_NOT_IN_FILE: Final = ("help", "version", "config")
+_PATH_METAVARS: Final = ("FILE", "DIR")
+
+
+def parse_arguments(
+    parser: argparse.ArgumentParser, arguments: Sequence[str] | None
+) -> argparse.Namespace:
+    """The flags of a command line, completed from the file that ``--config`` names. The access
+    rules are in `access`.
+
+    Raises:
+        InvalidArgumentException: The file is wrong; the message names the key.
+    """
+    options = parser.parse_args(arguments)
+    options.access = ()
+    if options.config is None:
+        return options
+    path = Path(options.config)
+    given, rules = read(parser, path)
+    on_line = _given(parser, arguments)
+    if "listen" in on_line or "connect" in on_line:
+        given = {dest: value for dest, value in given.items() if dest not in ("listen", "connect")}
+    for dest, value in given.items():
+        if dest not in on_line:
+            setattr(options, dest, value)
+    if options.listen and options.connect:
+        raise InvalidArgumentException(f"{path}: connect and listen exclude each other")
+    options.access = rules
+    return options
+
+
+def _given(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The flags that the command line itself has: parsed once more, without defaults."""
+    actions = _actions(parser).values()
+    defaults = [(action, action.default) for action in actions]
+    for action in actions:
+        action.default = argparse.SUPPRESS
+    try:
+        return parser.parse_args(arguments)
+    finally:
+        for action, default in defaults:
+            action.default = default
+
+
+def read(
+    parser: argparse.ArgumentParser, path: Path
+) -> tuple[dict[str, Any], tuple[AccessRule, ...]]:
+    """The flags in a file, by `dest`, and its access rules.
+
+    Raises:
+        InvalidArgumentException: The file is wrong.
+    """
+    try:
+        with path.open("rb") as file:
+            document = tomllib.load(file)
+    except OSError as error:
+        raise InvalidArgumentException(f"cannot read {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidArgumentException(f"{path} is not TOML: {error}") from error
+    try:
+        rules = _rules(document.pop(_ACCESS, []))
+        return _flags(_actions(parser), document, path.parent), rules
+    except InvalidArgumentException as error:
+        raise InvalidArgumentException(f"{path}: {error}", field="config") from error
+
+
+def _rules(tables: Any) -> tuple[AccessRule, ...]:
+    if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
+        raise InvalidArgumentException("write access rules as tables [[access]]")
+    return access_rules.parse(tables)
+
+
+def _actions(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
+    """Flag -> action, by the flag's long name without dashes."""
+    return {
+        option.removeprefix("--"): action
+        for action in parser._actions
+        for option in action.option_strings
+        if option.startswith("--") and option.removeprefix("--") not in _NOT_IN_FILE
+    }
+
+
+def _flags(
+    actions: dict[str, argparse.Action], document: dict[str, Any], folder: Path
+) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, key, value in _entries(document):
+        flag = next((each for each in _spellings(name, key) if each in actions), None)
+        if flag is None:
+            _reject_unknown(name, key, actions)
+        dest = actions[flag].dest
+        if dest in found:
+            raise InvalidArgumentException(f"{flag!r} is set twice", field=flag)
+        found[dest] = _value(actions[flag], flag, value, folder)
+    return found
+
+
+def _entries(document: dict[str, Any]) -> list[tuple[str, str, Any]]:
+    """All keys as (section, key, value); the section is empty at the top."""
+    entries = []
+    for name, value in document.items():
+        if isinstance(value, dict):
+            entries += [(name, key, inner) for key, inner in value.items()]
+        else:
+            entries.append(("", name, value))
+    return entries
+
+
+def _spellings(section: str, key: str) -> list[str]:
+    """The flags that a key may stand for, the likeliest first."""
+    key = key.replace("_", "-")
+    if not section:
+        return [key]
+    shortened = [f"max-{key}"] if section == "limits" else [f"{section}-{key}"]
+    whole = [section] if key in ("file", "endpoint", "endpoints", "name") else []
+    return shortened + whole + [key]
+
+
+def _reject_unknown(section: str, key: str, actions: dict[str, argparse.Action]) -> NoReturn:
+    shown = f"{section}.{key}" if section else key
+    nearest = [
+        close
+        for spelling in _spellings(section, key)
+        for close in difflib.get_close_matches(spelling, [*actions, _ACCESS], 1)
+    ]
+    hint = f": did you mean {nearest[0]!r}?" if nearest else "; zenoh-tf-server --help lists all"
+    raise InvalidArgumentException(f"unknown key {shown!r}{hint}", field=shown)
+
+
+def _value(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
+    """A value of the file as the flag's own parser would return it."""
+    if action.nargs == 0:
+        return _checked(flag, value, bool, "true or false")
+    if isinstance(action, argparse._AppendAction) or action.nargs in ("+", "*"):
+        values = value if isinstance(value, list) else [value]
+        return [_single(action, flag, each, folder) for each in values]
+    return _single(action, flag, value, folder)
+
+
+def _single(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
+    kind = action.type
+    default = type(action.default)
+    if int in (kind, default):
+        value = _checked(flag, value, int, "a whole number")
+    elif float in (kind, default):
+        value = float(_checked(flag, value, (int, float), "a number"))
+    else:
+        value = _checked(flag, value, (str, int, float) if kind else str, "a text")
+        if action.metavar in _PATH_METAVARS:
+            value = str(folder / value)
+    if callable(kind):
+        try:
+            value = kind(str(value))
+        except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
+            raise InvalidArgumentException(f"{flag}: {error}", field=flag) from error
+    if action.choices is not None and value not in action.choices:
+        choices = ", ".join(map(str, action.choices))
+        raise InvalidArgumentException(f"{flag} is {value!r}: use one of {choices}", field=flag)
+    return value
+
+
+def _checked(flag: str, value: Any, kind: type | tuple[type, ...], meaning: str) -> Any:
+    is_number_for_bool = isinstance(value, bool) and kind is not bool
+    if is_number_for_bool or not isinstance(value, kind):
+        raise InvalidArgumentException(f"{flag} must be {meaning}, not {value!r}", field=flag)
+    return value

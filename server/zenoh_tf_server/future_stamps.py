@@ -1,0 +1,110 @@
+"""Stamps from the future: refused or flagged (``--max-future-s``, ``--future``).
+
+Static transforms hold at all times, so their stamps are not checked. Simulated time starts near
+zero, so it is never ahead of this machine's clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from zenoh_tf import wire
+from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.text import quoted
+
+DEFAULT_MAX_FUTURE_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class FutureStamps:
+    """How far ahead of this machine's real-time clock a dynamic transform's stamp may be."""
+
+    max_future_s: float = DEFAULT_MAX_FUTURE_S  # 0: no limit
+    policy: Literal["refuse", "flag"] = "refuse"
+
+    @property
+    def refuses(self) -> bool:
+        """True if transforms beyond the limit are not stored."""
+        return self.max_future_s > 0 and self.policy == "refuse"
+
+    @property
+    def flags(self) -> bool:
+        """True if transforms beyond the limit are stored, counted and reported."""
+        return self.max_future_s > 0 and self.policy == "flag"
+
+    def limit_ns(self, now_ns: int | None = None) -> int:
+        """The latest stamp within the limit. Requires that there is one."""
+        return (time.time_ns() if now_ns is None else now_ns) + round(self.max_future_s * 1e9)
+
+    def beyond(self, commit: wire.Commit, limit_ns: int) -> list[int]:
+        """The rows of a commit with a later stamp."""
+        if commit.static or not commit.rows or int(commit.stamp.max()) <= limit_ns:
+            return []
+        return [int(row) for row in (commit.stamp > limit_ns).nonzero()[0]]
+
+    def describe(self, commit: wire.Commit, row: int) -> str:
+        """What is wrong with a row."""
+        ahead_s = (int(commit.stamp[row]) - time.time_ns()) * 1e-9
+        return (
+            f"the stamp of frame {quoted(frame_of(commit, row))}, {int(commit.stamp[row])} ns, "
+            f"lies {ahead_s:,.0f} s ahead of this server's clock: the limit is "
+            f"{self.max_future_s:g} s (--max-future-s)"
+        )
+
+    def check(self, commit: wire.Commit) -> None:
+        """Raise InvalidArgumentException if a row of a call is to be refused."""
+        if not self.refuses:
+            return
+        limit_ns = self.limit_ns()
+        rows = self.beyond(commit, limit_ns)
+        if rows:
+            raise InvalidArgumentException(
+                self.describe(commit, rows[0]),
+                frame=frame_of(commit, rows[0])[:255],
+                field="stamp_ns",
+                stamp_ns=int(commit.stamp[rows[0]]),
+                limit=limit_ns,
+                value=int(commit.stamp[rows[0]]),
+            )
+
+
+def frame_of(commit: wire.Commit, row: int) -> str:
+    """The child frame of a row."""
+    return commit.names[int(commit.child[row])]
+
+
+def add_flags(parser: Any) -> None:
+    """Add the flags of this module to a parser or a group of one."""
+    parser.add_argument(
+        "--max-future-s",
+        type=_seconds,
+        default=DEFAULT_MAX_FUTURE_S,
+        metavar="SECONDS",
+        help="how far ahead of this machine's clock the stamp of a dynamic transform may be; "
+        "0 means no limit (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--future",
+        choices=("refuse", "flag"),
+        default="refuse",
+        help="what to do with a stamp beyond --max-future-s: refuse the transform, or store it, "
+        "count it and report it (default: %(default)s)",
+    )
+
+
+def from_flags(options: argparse.Namespace) -> FutureStamps:
+    """What the flags of `add_flags` say."""
+    return FutureStamps(options.max_future_s, options.future)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0 <= seconds <= 1e9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1e9")
+    return seconds

@@ -1,0 +1,144 @@
+"""The configuration file: every flag by its name, sections, access rules, and its errors."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
+from zenoh_tf_server import config_file, flags
+
+from ..conftest import StartServer
+
+
+def parse(tmp_path: Path, text: str, *arguments: str) -> argparse.Namespace:
+    path = tmp_path / "server.toml"
+    path.write_text(text)
+    return config_file.parse_arguments(flags.parser(), ["--config", str(path), *arguments])
+
+
+def refused(tmp_path: Path, text: str, *arguments: str) -> str:
+    with pytest.raises(InvalidArgumentException) as caught:
+        parse(tmp_path, text, *arguments)
+    assert "server.toml" in str(caught.value)
+    return str(caught.value)
+
+
+def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
+    options = parse(
+        tmp_path,
+        """
+        listen = ["tls/[::]:1", "tcp/127.0.0.1:2"]
+        cache-time = 30
+        one-authority-per-frame = true
+        log-level = "debug"
+        [limits]
+        rows = 1000
+        max-frames = 5
+        [tls]
+        certificate = "server.pem"
+        ca = "/etc/ca.pem"
+        [users]
+        file = "people"
+        [[access]]
+        users = ["nav"]
+        may = ["read"]
+        """,
+    )
+    assert options.listen == ["tls/[::]:1", "tcp/127.0.0.1:2"]
+    assert (options.cache_time, type(options.cache_time)) == (30.0, float)
+    assert options.one_authority_per_frame is True
+    assert options.log_level == "debug"
+    assert (options.max_rows, options.max_frames) == (1000, 5)
+    assert options.tls_certificate == str(tmp_path / "server.pem")  # beside the file
+    assert options.tls_ca == "/etc/ca.pem"
+    assert options.users == str(tmp_path / "people")
+    assert [(rule.users, rule.may) for rule in options.access] == [(("nav",), {"read"})]
+    assert options.tree == "main"
+
+
+def test_every_flag_can_stand_in_the_file(tmp_path: Path) -> None:
+    for name, action in config_file._actions(flags.parser()).items():
+        value: object = "true"
+        if action.nargs != 0:
+            kind = action.type if action.type in (int, float) else None
+            value = 3 if kind else repr(next(iter(action.choices)) if action.choices else "x")
+        try:
+            options = parse(tmp_path, f"{name} = {value}")
+        except InvalidArgumentException as error:
+            # A flag with a format of its own may refuse the value, but must know the name.
+            assert "unknown key" not in str(error), name
+            continue
+        assert getattr(options, action.dest) != flags.parser().get_default(action.dest) or (
+            action.choices
+        ), name
+
+
+def test_the_command_line_wins(tmp_path: Path) -> None:
+    text = 'listen = ["tcp/127.0.0.1:1"]\nmax-rows = 7\nmax-frames = 8\ntree = "a"\n'
+    options = parse(tmp_path, text, "--max-rows", "100000", "--tree", "main")
+    # Both values are the defaults, but they were given.
+    assert (options.max_rows, options.max_frames, options.tree) == (100_000, 8, "main")
+    assert parse(tmp_path, text, "--listen", "tcp/[::1]:9").listen == ["tcp/[::1]:9"]
+    options = parse(tmp_path, text, "--connect", "tcp/[::1]:9")
+    assert (options.listen, options.connect) == (None, ["tcp/[::1]:9"])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("max-row = 1", "unknown key 'max-row': did you mean 'max-rows'?"),
+        ("[limits]\nrow = 1", "unknown key 'limits.row': did you mean 'max-rows'?"),
+        ('[tls]\ncertificat = "a"', "did you mean 'tls-certificate'?"),
+        ("[[acces]]\nmay = []", "unknown key 'acces': did you mean 'access'?"),
+        ("qqqq = 1", "unknown key 'qqqq'; zenoh-tf-server --help lists all"),
+        ('config = "x"', "unknown key 'config'"),
+        ("max-rows = '5'", "max-rows must be a whole number, not '5'"),
+        ("max-rows = true", "max-rows must be a whole number, not True"),
+        ("cache-time = 'x'", "cache-time must be a number"),
+        ("tree = 5", "tree must be a text"),
+        ("no-admin = 1", "no-admin must be true or false"),
+        ("listen = [1]", "listen must be a text"),
+        ("log-level = 'loud'", "log-level is 'loud': use one of debug"),
+        ("max-rows = 1\n[limits]\nrows = 2", "'max-rows' is set twice"),
+        ("listen = ['a']\nconnect = ['b']", "exclude each other"),
+        ("a = = 1", "is not TOML"),
+        ("[access]\nmay = ['read']", "write access rules as tables [[access]]"),
+        ("[[access]]\nmy = ['read']", "access rule 1 has the unknown key 'my'"),
+        ("[[access]]\nmay = ['read']\n[[access]]\nmay = ['x']", "access rule 2: there is no"),
+        ("[[access]]\nusers = []\nmay = ['read']", "access rule 1: users is empty"),
+        ("[[access]]\npublish = 'wheels'", "publish must be a list of texts"),
+        ("[[access]]\npublish = ['a*b']", "a '*' is allowed at the end only"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, text: str, expected: str) -> None:
+    assert expected in refused(tmp_path, text)
+
+
+def test_a_missing_file() -> None:
+    with pytest.raises(InvalidArgumentException, match=r"cannot read /nowhere/x\.toml"):
+        config_file.parse_arguments(flags.parser(), ["--config", "/nowhere/x.toml"])
+
+
+def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None:
+    path = tmp_path / "server.toml"
+    path.write_text("[limits]\nrows = 3\n")
+    server = start_server("--config", str(path))
+    with server.connect() as tf:
+        with pytest.raises(LimitExceeded) as caught:
+            tf.lookup_transforms("a", "b", [1, 2, 3, 4])
+        assert caught.value.limit == 3
+    path.write_text("[limits]\nrow = 3\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "zenoh_tf_server", "--config", str(path)],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("did you mean 'max-rows'?")

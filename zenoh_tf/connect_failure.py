@@ -1,0 +1,229 @@
+"""Why a connection failed. Zenoh says only that it could not connect; here a short look at the
+port finds out whether something listens, speaks TLS, and can be trusted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import ssl
+import struct
+from typing import Final
+
+from . import zenoh_config
+from .credentials import Credentials
+from .errors import AccessDenied, InvalidArgumentException, ServerUnavailable
+from .errors import TransformException as Failure
+
+_TIMEOUT_S: Final = 2.0
+#: How long a server may take to refuse a client's certificate after the handshake.
+_REFUSAL_S: Final = 0.3
+
+#: Zenoh's transport messages, by the lowest five bits of their first byte.
+_INIT: Final = 0x01
+_CLOSE: Final = 0x03
+_ACK: Final = 0x20
+_ZENOH_VERSION: Final = 0x09
+_CLIENT: Final = 0x02
+#: A session is closed with this reason if the server has no room for another one.
+_MAX_SESSIONS: Final = 0x03
+
+#: OpenSSL's numbers of reasons why a certificate is not trusted.
+_EXPIRED: Final = 10
+_NOT_YET_VALID: Final = 9
+_UNKNOWN_AUTHORITY: Final = (2, 18, 19, 20, 21)
+_WRONG_NAME: Final = (62, 64)
+
+
+def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials) -> Failure:
+    """The error for an endpoint that Zenoh could not connect to within `timeout_s`.
+
+    It is AccessDenied if another attempt would fail as well. Takes a few round trips; where nobody
+    answers, at most as long as the attempt, and two seconds.
+    """
+    where = zenoh_config.address(endpoint)
+    protocol, _, address = where.partition("/")
+    unknown = ServerUnavailable(
+        f"nothing listens at {where} (tree {tree!r}, tried for {timeout_s:g} s)"
+    )
+    if protocol not in ("tcp", "tls"):
+        return unknown
+    host, _, port = address.rpartition(":")
+    target = (host.strip("[]"), int(port))
+    try:
+        connection = socket.create_connection(target, min(timeout_s, _TIMEOUT_S))
+    except OSError:
+        return unknown
+    with connection:
+        connection.settimeout(_TIMEOUT_S)
+        try:
+            if protocol == "tls":
+                return _explain_tls(connection, target[0], where, endpoint, credentials)
+            return _explain_session(connection, target, where, credentials)
+        except OSError:
+            if protocol == "tls" and _speaks_plain(target):
+                return _no_tls(where)
+            return ServerUnavailable(
+                f"{where} accepts connections and then ends them; is a zenoh-tf-server there?"
+            )
+
+
+def _explain_tls(
+    connection: socket.socket, host: str, where: str, endpoint: str, credentials: Credentials
+) -> Failure:
+    try:
+        context = _context(credentials)
+    except (ssl.SSLError, OSError):
+        return InvalidArgumentException(
+            "the credentials' ca, certificate and key must be a list of certificates, a "
+            "certificate, and its unencrypted private key, in PEM",
+            field="credentials",
+        )
+    if "#" in endpoint:  # it may name TLS files of its own
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        with context.wrap_socket(connection, server_hostname=host) as secure:
+            return _explain_secure_session(secure, where, credentials)
+    except ssl.SSLCertVerificationError as error:
+        return _untrusted(error, host, where, credentials)
+    except ssl.SSLError as error:
+        if error.reason in ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING"):
+            return _no_tls(where)
+        return _refused_certificate(error, where, credentials)
+
+
+def _no_tls(where: str) -> Failure:
+    plain = where.replace("tls/", "tcp/", 1)
+    return ServerUnavailable(
+        f"{where} does not speak TLS: connect to {plain}, or start the server with "
+        "--tls-certificate and --tls-key"
+    )
+
+
+def _context(credentials: Credentials) -> ssl.SSLContext:
+    context = ssl.create_default_context(
+        cafile=None if credentials.ca is None else os.fspath(credentials.ca)
+    )
+    if credentials.certificate is not None and credentials.key is not None:
+        # Without a password of its own, OpenSSL would ask for one on the terminal.
+        context.load_cert_chain(credentials.certificate, credentials.key, password=lambda: b"")
+    return context
+
+
+def _untrusted(
+    error: ssl.SSLCertVerificationError, host: str, where: str, credentials: Credentials
+) -> Failure:
+    shown = f"the certificate of {where}"
+    if error.verify_code in _UNKNOWN_AUTHORITY:
+        if credentials.ca is None:
+            return AccessDenied(
+                f"{shown} is signed by an authority that this client does not know: give the "
+                "authority's certificate as ca (--tls-ca, ZENOH_TF_CA)",
+                field="ca",
+            )
+        return AccessDenied(
+            f"{shown} is not signed by any authority in {os.fspath(credentials.ca)!r}: this may "
+            "be another server than the one meant, or the wrong ca file",
+            field="ca",
+        )
+    if error.verify_code == _EXPIRED:
+        return AccessDenied(f"{shown} has expired: the server needs a new one", field="ca")
+    if error.verify_code == _NOT_YET_VALID:
+        return AccessDenied(
+            f"{shown} is not valid yet: check the clocks of both machines", field="ca"
+        )
+    if error.verify_code in _WRONG_NAME:
+        return AccessDenied(
+            f"{shown} is not for the name {host!r}: connect to a name that is in the "
+            "certificate, or make one with this name",
+            field="endpoint",
+        )
+    return AccessDenied(f"{shown} cannot be trusted: {error.verify_message}", field="ca")
+
+
+def _refused_certificate(error: ssl.SSLError, where: str, credentials: Credentials) -> Failure:
+    if credentials.certificate is None:
+        return AccessDenied(
+            f"{where} wants a client's certificate: give certificate and key "
+            "(--tls-certificate and --tls-key, ZENOH_TF_CERTIFICATE and ZENOH_TF_KEY)",
+            field="certificate",
+        )
+    reason = (error.reason or str(error)).lower().replace("_", " ")
+    reason = reason.rpartition("alert ")[2]
+    return AccessDenied(
+        f"{where} refuses the certificate {os.fspath(credentials.certificate)!r}: {reason}",
+        field="certificate",
+    )
+
+
+def _explain_secure_session(secure: ssl.SSLSocket, where: str, credentials: Credentials) -> Failure:
+    # With TLS 1.3 a server refuses the client's certificate only after the handshake.
+    secure.settimeout(_REFUSAL_S)
+    with contextlib.suppress(TimeoutError):
+        secure.recv(1)
+    return _session_refused(secure, where, credentials)
+
+
+def _explain_session(
+    connection: socket.socket, target: tuple[str, int], where: str, credentials: Credentials
+) -> Failure:
+    if _speaks_tls(target):
+        secure = where.replace("tcp/", "tls/", 1)
+        return ServerUnavailable(f"{where} speaks TLS: connect to {secure}, with the server's ca")
+    return _session_refused(connection, where, credentials)
+
+
+def _speaks_tls(target: tuple[str, int]) -> bool:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        with (
+            socket.create_connection(target, _TIMEOUT_S) as connection,
+            context.wrap_socket(connection),
+        ):
+            return True
+    except OSError:
+        return False
+
+
+def _speaks_plain(target: tuple[str, int]) -> bool:
+    try:
+        with socket.create_connection(target, _TIMEOUT_S) as connection:
+            return _ask_for_session(connection) is not None
+    except OSError:
+        return False
+
+
+def _session_refused(connection: socket.socket, where: str, credentials: Credentials) -> Failure:
+    """The error if the port is fine and Zenoh itself does not open a session."""
+    answer = _ask_for_session(connection)
+    if answer is None:
+        return ServerUnavailable(f"{where} does not answer as Zenoh: is a zenoh-tf-server there?")
+    if answer == bytes([_CLOSE, _MAX_SESSIONS]):
+        return ServerUnavailable(f"{where} has no room for another client (--max-connections)")
+    if credentials.user is None:
+        if answer[0] & 0x1F == _CLOSE:
+            return AccessDenied(
+                f"{where} wants a user and a password: give user and password (--user and "
+                "--password-file, ZENOH_TF_USER and ZENOH_TF_PASSWORD_FILE)",
+                field="user",
+            )
+        return ServerUnavailable(f"{where} opens no session, although a Zenoh router is there")
+    return AccessDenied(
+        f"{where} refuses user {credentials.user!r}: no such user, or the wrong password",
+        field="user",
+    )
+
+
+def _ask_for_session(connection: socket.socket) -> bytes | None:
+    """Zenoh's answer to a client that shows no user; None if nothing of that kind came."""
+    identity = os.urandom(16)
+    message = bytes([_INIT, _ZENOH_VERSION, (len(identity) - 1) << 4 | _CLIENT]) + identity
+    connection.settimeout(_TIMEOUT_S)
+    try:
+        connection.sendall(struct.pack("<H", len(message)) + message)
+        data = connection.recv(1024)
+    except OSError:
+        return None
+    return data[2:] or None
