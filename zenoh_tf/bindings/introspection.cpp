@@ -38,7 +38,8 @@ nb::list frames(const Tree& tree) {
 }
 
 // (names, after of the next page or None): the frames whose ids are above `after`, at most `most`.
-// An id stays with its name, so a frame that exists all the time is on one page exactly.
+// An id stays with a name until the frame is removed, so a frame that exists all the time is on one
+// page exactly.
 nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most, Budget& budget) {
   nb::list out;
   std::uint64_t bytes = 0;
@@ -46,7 +47,7 @@ nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most,
   auto id = static_cast<FrameId>(std::min<std::uint64_t>(after, n));
   while (id < n && out.size() < most) {
     if (tree.removed(++id)) continue;
-    const std::string_view name = tree.name(id);
+    const std::string name = tree.name(id);
     bytes += name.size() + 5;
     if (bytes > budget.reply_bytes.left()) budget.reply_bytes.exhausted();
     out.append(nb::str(name.data(), name.size()));

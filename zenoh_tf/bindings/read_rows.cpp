@@ -47,7 +47,7 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
   }
   nb::list read_names;
   for (const ReadVersion& r : read_set) {
-    const std::string_view name = tree.name(r.frame);
+    const std::string name = tree.name(r.frame);
     read_names.append(nb::str(name.data(), name.size()));
   }
   std::size_t unknown = 0;
