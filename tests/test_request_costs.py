@@ -88,7 +88,7 @@ def test_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
             assert (error.field, error.limit) == ("links", 10_000_000)
         error = wires.error("lookup", wire.pack(lookup(2000, *ends, atomic=True)))
         assert isinstance(error, LimitExceeded)
-        assert (error.field, error.limit) == ("read_set", 1 << 20)
+        assert (error.field, error.limit) == ("read_set", 1 << 19)
         split = wire.batch_body([("lookup", lookup(1000, *ends))] * 20)
         replies = wires.query("batch", wire.pack(split), 30.0)["replies"]
         read = wires.query("lookup", wire.pack(lookup(2000, *ends, versions=True)), 30.0)

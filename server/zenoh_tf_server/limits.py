@@ -71,7 +71,7 @@ class Limits:
         "the lookup is refused before it starts",
     )
     read_set: int = _limit(
-        1 << 20,
+        1 << 19,
         "frames read by one lookup with `atomic` or `versions`; with `atomic` each row counts",
         "the lookup is refused",
     )
