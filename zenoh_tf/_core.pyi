@@ -32,7 +32,7 @@ Rows = tuple[
     NDArray[np.int64],
     NDArray[np.int64],  # newest_stamp_ns (latest forms only)
     NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
-    list[tuple[int, Any]],  # (row, TransformException), for every row with a status
+    list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
     tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
 ]
 
@@ -46,6 +46,18 @@ def columns_of(
     NDArray[np.int64],
     NDArray[np.float64],
 ]: ...
+def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
+
+class Budget:
+    """What one message to the server may still cost. To take more than is left raises
+    `LimitExceeded`, which names the limit."""
+
+    def __init__(self, **limits: int) -> None: ...  # see `Limits.budget` of the server
+    def take_links(self, n: int) -> None: ...
+    def take_listed(self, n: int) -> None: ...
+    def take_reply(self, n: int) -> None: ...
+    @property
+    def listed_left(self) -> int: ...
 
 class Tree:
     """The native tree; see `zenoh_tf.TransformTree`."""
@@ -320,6 +332,8 @@ class Tree:
         *,
         atomic: bool = False,  # every row in one snapshot; OP_LATEST is then as OP_LATEST_XACT
         versions: bool = False,  # also return what was read, for a transaction
+        errors: bool = True,  # False: failed rows have only their status
+        budget: Budget | None = None,  # charged before the rows are looked up
     ) -> Rows: ...
     def _commit_rows(
         self,
@@ -345,6 +359,9 @@ class Tree:
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
+    def _frames_page(self, after: int, most: int, budget: Budget) -> tuple[list[str], Any]: ...
+    def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
+    def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
@@ -363,7 +380,8 @@ class ParkedLookups:
     def start(self) -> bool:
         """Looks up every row once. True: all are complete, and no token will come."""
     def cancel(self) -> None: ...
-    def result(self, waited_s: float) -> Rows:
+    def links(self) -> int: ...  # how many frames the rows would watch now, at most
+    def result(self, waited_s: float, errors: bool = True, budget: Budget | None = None) -> Rows:
         """As `Tree._read_rows`; rows that still wait get what they would get now."""
 
 def park_lookups(
@@ -377,4 +395,5 @@ def park_lookups(
     stamp_ns: NDArray[np.int64],
     fixed: NDArray[np.uint32] | None = None,
     source_stamp_ns: NDArray[np.int64] | None = None,
+    max_links: int = ...,  # frames that all waiting lookups may watch; beyond it, a row fails
 ) -> ParkedLookups: ...

@@ -23,6 +23,9 @@ class ClientIntrospection(ABC):
     def frames(self) -> list[str]:
         """List the names of all frames.
 
+        A large tree is listed in several requests: a frame that is created or removed meanwhile
+        may be listed or not.
+
         Returns:
             The names, in no particular order.
 
@@ -31,7 +34,11 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.frames())
+        names, after = self._call(requests.frames_page(None))
+        while after is not None:
+            page, after = self._call(requests.frames_page(after))
+            names += page
+        return names
 
     def frame(self, name: str) -> FrameInfo:
         """Describe a frame and the link to its parent.

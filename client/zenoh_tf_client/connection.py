@@ -36,8 +36,6 @@ from .session_calls import SessionCalls
 
 #: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
 _RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
-#: Replies larger than this are cut off; the server's limits keep them far below.
-_MAX_REPLY_BYTES: Final = 256 << 20
 _HELLO_PERIOD_S: Final = 0.05
 #: If other trees are served, the wait for one that is not ends after this time.
 _OTHER_TREES_GRACE_S: Final = 1.0
@@ -262,7 +260,7 @@ class Connection:
         if data == _ZENOH_TIMEOUT:
             self._forget_server()
             return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s", at_once=False)
-        reply = wire.unpack(data, _MAX_REPLY_BYTES)
+        reply = wire.unpack(data, wire.MAX_REPLY_BYTES)
         server = self._server
         if server is not None and reply.get("instance") != server.instance:
             self._forget_server()  # A new server: its clock and limits are not known yet.
@@ -384,7 +382,7 @@ class Connection:
             [self.endpoint],
             attempt_s,
             retry=_RETRY,
-            max_message_bytes=_MAX_REPLY_BYTES,
+            max_message_bytes=wire.MAX_REPLY_BYTES,
             credentials=self._credentials,
         )
 

@@ -38,6 +38,8 @@ T = TypeVar("T")
 
 #: Longest wait of a lookup, in seconds. A longer one is probably in another unit.
 MAX_WAIT_S = 3600.0
+#: A page costs the server a few milliseconds.
+_FRAMES_PER_PAGE = 20_000
 
 
 class Request(ABC, Generic[T]):
@@ -327,6 +329,20 @@ def hello(
 
 def frames() -> Request[list[str]]:
     return _info(list, "frames")
+
+
+def frames_page(after: int | None) -> Request[tuple[list[str], int | None]]:
+    """A page of the frames, and what to ask for next; None if that was the last page. A server
+    that knows no pages sends all frames at once."""
+
+    def parse(reply: wire.Message) -> tuple[list[str], int | None]:
+        names = wire.parse_value(reply, list)
+        following = wire.integer(reply, "next", low=0) if "next" in reply else None
+        if following is not None and following <= (after or 0):
+            raise ProtocolError("the pages of frames do not advance", field="next")
+        return names, following
+
+    return Call("info", wire.call_body("frames", limit=_FRAMES_PER_PAGE, after=after), parse)
 
 
 def frame(name: str) -> Request[FrameInfo]:

@@ -303,7 +303,7 @@ class Ingest:
         transforms = 1  # a message that cannot be parsed counts as one transform
         try:
             payload = put.payload if type(put.payload) is bytes else put.payload.to_bytes()
-            commit = wire.parse_commit(wire.unpack(payload, self._limits.message_bytes))
+            commit = wire.parse_commit(self._limits.unpack(payload))
             transforms = commit.rows
             self._limits.check("rows", commit.rows)
             # The key counts, not the message: Zenoh's access control has checked the key.

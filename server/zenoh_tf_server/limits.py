@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, fields
+from typing import Final
 
+from zenoh_tf import wire
+from zenoh_tf._core import Budget
 from zenoh_tf.errors import LimitExceeded
 
 
@@ -52,11 +55,47 @@ class Limits:
         "lookups or transforms in one message, over all operations of a batch",
         "the request is refused, a put is dropped and counted",
     )
+    operations: int = _limit(
+        25_000,
+        "operations of one batch",
+        "the request is refused",
+    )
     message_bytes: int = _limit(
         16 << 20,
         "bytes of one message",
         "the request is refused, a put is dropped and counted; a message of more than four "
         "times as much closes its sender's connection",
+    )
+    decoded_bytes: int = _limit(
+        48 << 20,
+        "bytes of memory that one message takes when it is decoded",
+        "the request is refused, a put is dropped and counted",
+    )
+    links: int = _limit(
+        10_000_000,
+        "links climbed by the lookups of one message: the sum of both frames' depths over all rows",
+        "the lookup is refused before it starts",
+    )
+    read_set: int = _limit(
+        1 << 19,
+        "frames read by one lookup with `atomic` or `versions`; with `atomic` each row counts",
+        "the lookup is refused",
+    )
+    listed: int = _limit(
+        100_000,
+        "names listed by `frames` and `chain` in one message, and frames counted by `stats` and "
+        "`authorities` after the first of them",
+        "a longer list of frames is sent in pages, or refused to a client that asks for all",
+    )
+    reply_bytes: int = _limit(
+        32 << 20,
+        "bytes of one reply",
+        "the request is refused, or in a batch the operations whose replies have no room",
+    )
+    error_bytes: int = _limit(
+        1 << 20,
+        "bytes of the errors of failed rows in one reply",
+        "further rows that fail have only their status",
     )
     pending_queries: int = _limit(
         4096,
@@ -89,24 +128,42 @@ class Limits:
         "the queries of clients that have replies waiting are refused with `ServerBusy`",
     )
     waiters: int = _limit(
-        10_000,
-        "lookups waiting for a transform (`timeout_s`); each row of a batch counts",
+        20_000,
+        "lookups waiting for a transform (`timeout_s`); each row of a batch counts; a client may "
+        "hold as many as are left free",
+        "the lookup is refused with `ServerBusy`",
+    )
+    waiter_links: int = _limit(
+        1_000_000,
+        "frames that waiting lookups watch, counted for each lookup; a client may hold as many "
+        "as are left free",
+        "the lookup is refused with `ServerBusy`",
+    )
+    wait_s: int = _limit(
+        600,
+        "seconds that a lookup waits for a transform",
         "the lookup is refused",
     )
     outcomes: int = _limit(
         200_000,
-        "replies to writes, remembered until the write's expiry",
-        "the write is refused",
+        "outcomes of writes, remembered until the write's expiry; a client may hold as many as "
+        "are left free",
+        "the write is refused with `ServerBusy`",
     )
     outcome_bytes: int = _limit(
         64 << 20,
-        "bytes of all remembered replies to writes",
-        "the write is refused",
+        "bytes of all remembered outcomes of writes; a client may hold as many as are left free",
+        "the write is refused with `ServerBusy`",
     )
     expiry_s: int = _limit(
         600,
-        "seconds until a write's expiry; a write without one is remembered this long",
+        "seconds until a write's expiry",
         "the write is refused",
+    )
+    default_expiry_s: int = _limit(
+        60,
+        "seconds until the expiry of a write that names none",
+        "the write expires: its outcome is forgotten, and it does not run any more",
     )
     refused_authorities: int = _limit(
         1024,
@@ -147,17 +204,36 @@ class Limits:
 
     def exceeded(self, name: str, value: int) -> LimitExceeded:
         """The error for a `value` above the limit `name`."""
+        return LimitExceeded(
+            self.describe(name, value), field=name, limit=getattr(self, name), value=value
+        )
+
+    def describe(self, name: str, value: int) -> str:
+        """What is wrong with a `value` above the limit `name`, and the flag."""
         limit: int = getattr(self, name)
         meaning = next(entry.metadata["meaning"] for entry in fields(self) if entry.name == name)
-        return LimitExceeded(
-            f"{value} {meaning.partition(';')[0]}: the limit is {limit} ({_flag(name)})",
-            field=name,
-            limit=limit,
-            value=value,
+        return f"{value} {meaning.partition(';')[0]}: the limit is {limit} ({_flag(name)})"
+
+    def budget(self) -> Budget:
+        """What one message may cost."""
+        return Budget(
+            links=self.links,
+            read_set=self.read_set,
+            listed=self.listed,
+            reply_bytes=self.reply_bytes,
+            error_bytes=self.error_bytes,
         )
+
+    def unpack(self, payload: bytes) -> wire.Message:
+        """The map of a message. Raises LimitExceeded or ProtocolError."""
+        return wire.unpack(payload, self.message_bytes, self.decoded_bytes)
 
     def as_dict(self) -> dict[str, int]:
         return asdict(self)
+
+
+#: Limits of the flags' values. No client accepts a larger reply.
+_HIGHEST: Final = {"reply_bytes": wire.MAX_REPLY_BYTES}
 
 
 def _flag(name: str) -> str:
@@ -170,7 +246,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     for entry in fields(Limits):
         group.add_argument(
             _flag(entry.name),
-            type=_bytes if entry.name == "memory" else _positive,
+            type=_bytes if entry.name == "memory" else _positive_up_to(_HIGHEST.get(entry.name)),
             default=entry.default,
             metavar="N",
             help=f"{entry.metadata['meaning']} (default: %(default)s)",
@@ -182,10 +258,15 @@ def from_flags(options: argparse.Namespace) -> Limits:
     return Limits(**{entry.name: getattr(options, f"max_{entry.name}") for entry in fields(Limits)})
 
 
-def _positive(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an integer of at least 1")
-    return int(text)
+def _positive_up_to(highest: int | None) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.isascii() or not text.isdigit() or int(text) < 1:
+            raise argparse.ArgumentTypeError(f"{text!r} is not an integer of at least 1")
+        if highest is not None and int(text) > highest:
+            raise argparse.ArgumentTypeError(f"{text} is more than {highest}")
+        return int(text)
+
+    return parse
 
 
 def _bytes(text: str) -> int:
@@ -204,8 +285,11 @@ def page() -> Iterator[str]:
     yield "Everything that a client can make grow has a limit, and each limit is a flag of"
     yield "`zenoh-tf-server`. A request that is refused for a limit gets `LimitExceeded`: `field`"
     yield "is the limit's name (with `max_` in front if the tree itself refuses), `limit` its"
-    yield "value and `value` what exceeded it. Clients learn the limits when they connect, and"
-    yield "check the size of a message before they send it."
+    yield "value and `value` what exceeded it. What clients share, such as waiting lookups, is"
+    yield "refused with `ServerBusy`, the same facts and `retry_after_s`: one client may hold as"
+    yield "much as is left free. So a greedy one gets half, two get a third each, and the next one"
+    yield "always finds something. Clients learn the limits when they connect, and check the size"
+    yield "of a message before they send it."
     yield ""
     yield "| limit | flag | default | of what | when hit |"
     yield "|---|---|---|---|---|"

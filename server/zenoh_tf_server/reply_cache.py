@@ -1,19 +1,32 @@
-"""Remembered replies of writes: a write that is sent again gets the first reply, and runs once.
+"""Remembered outcomes of writes: a write that is sent again gets the first outcome, and runs once.
 
 Thread safety: all methods.
-Invariant: a reply is kept until the write's expiry, after which a repeat is refused as expired,
-so no write ever runs twice. If the cache is full, a new write is refused; an unexpired reply is
-never forgotten.
+Invariant: an outcome is kept until the write's expiry, after which a repeat is refused as expired,
+so no write ever runs twice. The clock is read under the lock that guards the outcomes, so nothing
+can come between the two. If a client's share is used up, its new writes are refused; an
+unexpired outcome is never forgotten.
 """
 
 from __future__ import annotations
 
+import heapq
 import threading
-from collections import OrderedDict
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Final, Protocol
 
+from zenoh_tf.errors import ServerBusy, TimeoutException
+
+from .fair_share import FairShare
 from .limits import Limits
+
+#: What an outcome takes beside its bytes.
+_OVERHEAD_BYTES: Final = 64
+#: Repeats that may wait for one running write.
+_MAX_REPEATS: Final = 64
+_RETRY_AFTER_S: Final = 0.1
+_NS: Final = 1_000_000_000
 
 
 class ReplyCallback(Protocol):
@@ -27,70 +40,119 @@ class ReplyCallback(Protocol):
         """Send the reply's bytes; `failed`: they are an error."""
 
 
+#: Takes the outcome of a write that was repeated; True: it is an error.
+OnRepeat = Callable[[bytes, bool], None]
+
+
 @dataclass(slots=True)
 class _Entry:
+    client: str
     until_ns: int
-    reply: bytes | None = None  # None while the write runs
+    size: int  # that count against the limit: first those reserved, then those of the outcome
+    outcome: bytes | None = None  # None while the write runs
     failed: bool = False
-    waiting: list[ReplyCallback] = field(default_factory=list)  # repeats of a running write
+    waiting: list[OnRepeat] = field(default_factory=list)  # repeats of a running write
 
 
 class ReplyCache:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._lock = threading.Lock()
-        self._entries: OrderedDict[bytes, _Entry] = OrderedDict()
-        self._bytes = 0
+        self._entries: dict[bytes, _Entry] = {}
+        self._finished: list[tuple[int, bytes]] = []  # a heap of expiries; running writes are not
+        self._count = FairShare(limits, "outcomes")
+        self._bytes = FairShare(limits, "outcome_bytes")
 
     def __len__(self) -> int:
         return len(self._entries)
 
-    def reply_to_repeat(self, request_id: bytes, reply_to: ReplyCallback) -> bool:
-        """Reply with the first outcome, at once or when the write ends. False: not a repeat."""
+    def begin(
+        self,
+        request_id: bytes,
+        client: str,
+        expires_ns: int | None,
+        reserve: int,
+        on_repeat: OnRepeat,
+    ) -> int | None:
+        """Return the write's expiry: the caller must run it before then, and call `finish`. None:
+        this is a repeat, and `on_repeat` gets the first outcome, now or when the write ends.
+
+        Raises:
+            TimeoutException: The expiry has passed.
+            LimitExceeded: The expiry is too far ahead.
+            ServerBusy: The client's share is used up, or too many repeats wait for the write.
+        """
         with self._lock:
             entry = self._entries.get(request_id)
             if entry is None:
-                return False
-            if entry.reply is None:
-                entry.waiting.append(reply_to)
-                return True
-        reply_to(entry.reply, entry.failed)
-        return True
+                return self._begin(request_id, client, expires_ns, reserve)
+            if entry.outcome is None:
+                if len(entry.waiting) >= _MAX_REPEATS:
+                    raise ServerBusy(
+                        "the write runs, and too many repeats of it wait for its outcome",
+                        retry_after_s=_RETRY_AFTER_S,
+                    )
+                entry.waiting.append(on_repeat)
+                return None
+        on_repeat(entry.outcome, entry.failed)
+        return None
 
-    def begin(self, request_id: bytes, until_ns: int, now_ns: int, reply_to: ReplyCallback) -> bool:
-        """True: the caller must run the write, then call `finish`. False: this is a repeat, and
-        `reply_to` gets the first outcome.
-
-        Raises:
-            LimitExceeded: The cache is full.
-        """
-        while not self.reply_to_repeat(request_id, reply_to):
-            with self._lock:
-                self._forget_expired(now_ns)
-                if request_id in self._entries:  # another thread began the same write meanwhile
-                    continue
-                self._limits.check("outcomes", len(self._entries) + 1)
-                self._limits.check("outcome_bytes", self._bytes)
-                self._entries[request_id] = _Entry(until_ns)
-                return True
-        return False
-
-    def finish(self, request_id: bytes, reply: bytes, failed: bool) -> None:
-        """Remember the outcome of a write, and reply to the repeats that came while it ran."""
+    def finish(self, request_id: bytes, outcome: bytes, failed: bool) -> None:
+        """Remember the outcome of a write, and hand it to the repeats that came while it ran."""
         with self._lock:
             entry = self._entries[request_id]
-            entry.reply, entry.failed = reply, failed
+            entry.outcome, entry.failed = outcome, failed
             waiting, entry.waiting = entry.waiting, []
-            self._bytes += len(reply)
-        for reply_to in waiting:
-            reply_to(reply, failed)
+            self._bytes.give_back(entry.client, entry.size)
+            entry.size = _OVERHEAD_BYTES + len(outcome)
+            self._bytes.take(entry.client, entry.size)
+            heapq.heappush(self._finished, (entry.until_ns, request_id))
+        for on_repeat in waiting:
+            on_repeat(outcome, failed)
 
-    def _forget_expired(self, now_ns: int) -> None:
-        """Forget expired entries, oldest first. Stops at the first one that is not expired, which
-        may keep later ones for as long as the limit on expiry."""
-        while self._entries:
-            request_id, entry = next(iter(self._entries.items()))
-            if entry.reply is None or entry.until_ns >= now_ns:
-                return
-            del self._entries[request_id]
-            self._bytes -= len(entry.reply)
+    def expiry(self, expires_ns: int | None) -> int:
+        """Return the time by which a write must have run, from the one that its message names.
+
+        Raises:
+            TimeoutException: It has passed.
+            LimitExceeded: It is too far ahead.
+        """
+        now_ns = time.monotonic_ns()
+        if expires_ns is None:
+            return now_ns + self._limits.default_expiry_s * _NS
+        if expires_ns < now_ns:
+            late_ms = (now_ns - expires_ns) / 1e6
+            raise TimeoutException(
+                f"the write's turn came {late_ms:.1f} ms after its expiry, and it did not run: "
+                "send it again, with a longer timeout_s",
+                field="expires_ns",
+                value=expires_ns,
+            )
+        if expires_ns > now_ns + self._limits.expiry_s * _NS:
+            raise self._limits.exceeded("expiry_s", (expires_ns - now_ns) // _NS)
+        return expires_ns
+
+    def _begin(self, request_id: bytes, client: str, expires_ns: int | None, reserve: int) -> int:
+        until_ns = self.expiry(expires_ns)
+        self._forget_expired()
+        self._count.check(client, 1, self._retry_after_s())
+        size = _OVERHEAD_BYTES + reserve
+        self._bytes.check(client, size, self._retry_after_s())
+        self._entries[request_id] = _Entry(client, until_ns, size)
+        self._count.take(client, 1)
+        self._bytes.take(client, size)
+        return until_ns
+
+    def _retry_after_s(self) -> float:
+        """When the next outcome is forgotten."""
+        if not self._finished:
+            return _RETRY_AFTER_S
+        return max(_RETRY_AFTER_S, (self._finished[0][0] - time.monotonic_ns()) / _NS)
+
+    def _forget_expired(self) -> None:
+        now_ns = time.monotonic_ns()
+        while self._finished and self._finished[0][0] < now_ns:
+            _, request_id = heapq.heappop(self._finished)
+            entry = self._entries.pop(request_id)
+            self._count.give_back(entry.client, 1)
+            self._bytes.give_back(entry.client, entry.size)

@@ -96,6 +96,7 @@ class Server:
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
             stack.callback(service.close)
+            clients.when_gone(service.client_gone)
             service.add_counters(replies.counters)
             ingest = Ingest(
                 service.commit,

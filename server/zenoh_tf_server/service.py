@@ -12,18 +12,16 @@ import logging
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
-    NotDurable,
-    ServerRestarted,
-    TimeoutException,
     TransformException,
 )
 from zenoh_tf.text import quoted
 
+from .batches import Batch
 from .clock_offsets import ClockOffsets
 from .future_stamps import FutureStamps
 from .info_requests import InfoRequests
@@ -37,11 +35,17 @@ from .request_guard import RequestGuard
 from .state_file import Stored
 from .static_links import NO_TICKET, StaticLinks, apply
 from .waiters import Waiters
+from .writes import Writes
 
 if TYPE_CHECKING:
-    from zenoh_tf._core import Rows
+    from zenoh_tf._core import Budget, Rows
 
 log = logging.getLogger("zenoh_tf.server")
+
+#: Bytes of a row in a lookup's reply: status, stamp, newest stamp and pose.
+_ROW_BYTES: Final = 1 + 8 + 8 + 56
+#: Names that a row may use: target, source and the fixed frame.
+_NAMES_PER_ROW: Final = 3
 
 
 class Service:
@@ -65,20 +69,27 @@ class Service:
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
         self.clocks = ClockOffsets()
-        self._info = InfoRequests(tree, self.refusals, self.clocks, self._counters)
+        self._info = InfoRequests(tree, limits, self.refusals, self.clocks, self._counters)
         self._future = future or FutureStamps()
         self._admin_log = RateLimitedLog(log)
         self._reply_cache = ReplyCache(limits)
+        self._writes = Writes(instance, self._reply_cache, self.error)
         self.name = name
         self.requests = RequestCounters()
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
+        self._identity = {
+            "tree": name,
+            "instance": instance,
+            "server_version": version("zenoh-tf"),
+            "limits": limits.as_dict(),
+        }
         self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
             "lookup": self._lookup,
-            "commit": lambda message, reply_to: self._write(message, reply_to, self._run_commit),
+            "commit": self._commit,
             "batch": self._batch,
             "info": self._reply_to_info,
-            "admin": lambda message, reply_to: self._write(message, reply_to, self._run_admin),
+            "admin": self._admin,
             "hello": self._reply_to_hello,
         }
 
@@ -91,7 +102,7 @@ class Service:
         """
         counts = self.requests.begin()
         try:
-            message = wire.unpack(payload, self.limits.message_bytes)
+            message = self.limits.unpack(payload)
             self.guard.check(operation, chunk, message)
             self._operations[operation](message, reply_to)
         except Exception as error:
@@ -125,43 +136,62 @@ class Service:
             log.exception("internal error while serving a request", exc_info=error)
         return wire.as_transform_exception(error)
 
+    def client_gone(self, client: str) -> None:
+        """Release what a client holds that is not connected any more."""
+        self.waiters.client_gone(client)
+
     def _pack(self, reply: wire.Message) -> bytes:
         reply["v"] = wire.VERSION
         reply["instance"] = self.instance
         return wire.pack(reply)
 
+    def _pack_within(self, reply: wire.Message) -> bytes:
+        """Raises LimitExceeded for more bytes than a reply may have."""
+        data = self._pack(reply)
+        self.limits.check("reply_bytes", len(data))
+        return data
+
     # --- reads
 
     def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         one = wire.parse_one_read(message)
-        if one is not None and (found := self._read_one(*one)) is not None:
+        if one is not None and (found := self.read_one(*one)) is not None:
             reply_to(self._pack(found), False)
             return
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)
-        if lookup.timeout_ns:
+        budget = self.limits.budget()
+        if not lookup.timeout_ns:
+            reply_to(self._pack_within(self.read(lookup, budget)), False)
+            return
 
-            def settle(found: list[Rows]) -> None:
-                reply_to(self._pack(wire.lookup_reply(lookup, *found[0])), False)
+        def settle(found: list[Rows]) -> None:
+            reply_to(self._pack_within(wire.lookup_reply(lookup, *found[0])), False)
 
-            self._wait([lookup], settle, reply_to)
-        else:
-            reply_to(self._pack(self._read(lookup)), False)
+        self._wait([lookup], budget, settle, reply_to)
 
     def _wait(
         self,
         lookups: list[wire.Lookup],
+        budget: Budget,
         settle: Callable[[list[Rows]], None],
         reply_to: ReplyCallback,
     ) -> None:
-        self.waiters.ask(lookups, settle, lambda error: reply_to(self.error(error), True))
+        def fail(error: Exception) -> None:
+            reply_to(self.error(error), True)
 
-    def _read_one(self, target: str, source: str, op: int, stamp_ns: int) -> wire.Message | None:
+        self.waiters.ask(lookups, reply_to.client, budget, settle, fail)
+
+    def read_one(
+        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget | None = None
+    ) -> wire.Message | None:
         """Fast path of a single lookup without options: the reply's fields, or None if the lookup
         fails or is of another kind. The general path then finds out why."""
         tree = self.tree
         newest_ns = None
         try:
+            if budget is not None:
+                budget.take_links(tree._links((target, source)) + 1)
             if op == wire.OP_AT and stamp_ns != wire.NO_STAMP:
                 found = tree.lookup_transform(target, source, stamp_ns)
             elif op == wire.OP_COMMON:
@@ -178,8 +208,10 @@ class Service:
             return None
         return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose())
 
-    def _read(self, lookup: wire.Lookup) -> wire.Message:
-        """The reply's fields."""
+    def read(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
+        """The fields of the reply to a lookup that does not wait."""
+        self._check_names(lookup.names)
+        budget.take_reply(_ROW_BYTES * lookup.rows)
         rows = self.tree._read_rows(
             lookup.names,
             lookup.op,
@@ -190,148 +222,90 @@ class Service:
             lookup.source_stamp,
             atomic=lookup.atomic,
             versions=lookup.versions,
+            errors=lookup.errors,
+            budget=budget,
         )
         return wire.lookup_reply(lookup, *rows)
 
     # --- writes
 
-    def _write(
-        self,
-        message: wire.Message,
-        reply_to: ReplyCallback,
-        run: Callable[[wire.Message], wire.Message],
-    ) -> None:
-        """Run a write at most once, before its expiry, and only on the instance it is meant for."""
-        write = wire.parse_write(message)
-        now_ns = time.monotonic_ns()
-        if write.instance is not None and write.instance != self.instance:
-            raise ServerRestarted(
-                f"the write is for server instance {write.instance}, but this is instance "
-                f"{self.instance}: it did not run; send it again to this one",
-                value=write.instance,
-            )
-        if write.id is not None and self._reply_cache.reply_to_repeat(write.id, reply_to):
-            return
-        longest_ns = self.limits.expiry_s * 1_000_000_000
-        until_ns = now_ns + longest_ns
-        if write.expires_ns is not None:
-            if write.expires_ns < now_ns:
-                late_ms = (now_ns - write.expires_ns) / 1e6
-                raise TimeoutException(
-                    f"the write arrived {late_ms:.1f} ms after its expiry and did not run: send it "
-                    "again, with a longer timeout_s",
-                    field="expires_ns",
-                    value=write.expires_ns,
-                )
-            if write.expires_ns > until_ns:
-                ahead_s = (write.expires_ns - now_ns) // 1_000_000_000
-                raise self.limits.exceeded("expiry_s", ahead_s)
-            until_ns = write.expires_ns
-        if write.id is None:
-            reply_to(self._pack(run(message)), False)
-            return
-        if not self._reply_cache.begin(write.id, until_ns, now_ns, reply_to):
-            return
-        failed = False
-        try:
-            reply = self._pack(run(message))
-        except Exception as error:
-            reply, failed = self.error(error), True
-        self._reply_cache.finish(write.id, reply, failed)
-        reply_to(reply, failed)
+    def _commit(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        def run(expires_ns: int) -> tuple[bytes, bytes]:
+            commit = wire.parse_commit(message)
+            self.limits.check("rows", commit.rows)
+            stored, ticket = self.commit_reply(commit, expires_ns)
+            self._links.wait(ticket)
+            reply = self._pack(stored)
+            return reply, reply
 
-    def _run_commit(self, message: wire.Message) -> wire.Message:
-        commit = wire.parse_commit(message)
-        self.limits.check("rows", commit.rows)
+        self._writes.run(message, reply_to, run)
+
+    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
+        """The fields of the reply to a commit, and the ticket of its durability."""
         self._future.check(commit)
-        stored, ticket = self._commit(commit)
+        commit.expires_ns = expires_ns
+        stored, ticket = self._store(commit)
+        return wire.commit_reply(stored), ticket
+
+    def wait_until_durable(self, ticket: int) -> None:
+        """Wait for what has a ticket. Raises NotDurable."""
         self._links.wait(ticket)
-        return wire.commit_reply(stored)
 
     def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
         """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
         `max_stamp_ns`. Static links are stored soon after."""
-        return self._commit(commit, max_stamp_ns)[0]
+        return self._store(commit, max_stamp_ns)[0]
 
-    def _commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
+    def _store(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
         """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
+        self._check_names(commit.names)
+        self._check_names(commit.read_names)
         if commit.static:
             return self._links.commit(commit)
         stored = apply(self.tree, commit, max_stamp_ns)
         return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
+    def _check_names(self, names: list[str]) -> None:
+        """Refuse more names than the most rows can use."""
+        if len(names) > _NAMES_PER_ROW * self.limits.rows:
+            raise self.limits.exceeded("rows", len(names) // _NAMES_PER_ROW)
+
     # --- batches, info and administration
 
     def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        operations = wire.parse_batch(message)
-        self.limits.check("rows", len(operations))
-        if any(kind == "commit" for kind, _ in operations):
-            self._write(message, reply_to, lambda _: self._run_batch(operations, None))
+        batch = Batch(message, self.limits, self.instance, self)
+        if batch.writes:
+
+            def run(expires_ns: int) -> tuple[bytes, bytes]:
+                batch.run(expires_ns)
+                return batch.reply(), batch.outcome()
+
+            def repeat(outcome: bytes) -> bytes:
+                batch.run_reads(outcome)
+                return batch.reply()
+
+            self._writes.run(message, reply_to, run, repeat, batch.most_outcome_bytes)
             return
-        waiting: dict[int, wire.Lookup] = {}
-        reply = self._run_batch(operations, waiting)
+        batch.run(None)
+        if batch.waiting:
 
-        def settle(found: list[Rows]) -> None:
-            for (index, lookup), rows in zip(waiting.items(), found, strict=True):
-                reply["replies"][index] = wire.lookup_reply(lookup, *rows)
-            reply_to(self._pack(reply), False)
+            def settle(found: list[Rows]) -> None:
+                reply_to(batch.settle(found), False)
 
-        if waiting:
-            self._wait(list(waiting.values()), settle, reply_to)
+            self._wait(list(batch.waiting.values()), batch.budget, settle, reply_to)
         else:
-            reply_to(self._pack(reply), False)
+            reply_to(batch.reply(), False)
 
-    def _run_batch(
-        self, operations: list[tuple[str, wire.Message]], waiting: dict[int, wire.Lookup] | None
-    ) -> wire.Message:
-        """Run the operations one after another. Lookups that wait are put into `waiting`, by index.
-        With `waiting` None they are refused: a batch that writes has a single reply to remember,
-        which cannot depend on later writes."""
-        rows = 0
-        replies: list[wire.Message] = []
-        tickets: dict[int, int] = {}
-        for kind, body in operations:
-            try:
-                if kind == "lookup":
-                    lookup = wire.parse_lookup(body)
-                    rows += lookup.rows
-                    self.limits.check("rows", rows)
-                    if not lookup.timeout_ns:
-                        replies.append(self._read(lookup))
-                    elif waiting is not None:
-                        waiting[len(replies)] = lookup
-                        replies.append({})
-                    else:
-                        raise InvalidArgumentException(
-                            "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
-                            "send it in a batch of its own",
-                            field="timeout_ns",
-                        )
-                elif kind == "commit":
-                    commit = wire.parse_commit(body)
-                    rows += commit.rows
-                    self.limits.check("rows", rows)
-                    self._future.check(commit)
-                    stored, ticket = self._commit(commit)
-                    if ticket != NO_TICKET:
-                        tickets[len(replies)] = ticket
-                    replies.append(wire.commit_reply(stored))
-                else:
-                    replies.append(self._run_info(body))
-            except Exception as error:
-                replies.append({"error": wire.encode_error(self._typed(error))})
-        try:
-            self._links.wait(max(tickets.values(), default=NO_TICKET))  # once for all commits
-        except NotDurable as error:
-            for index in tickets:
-                replies[index] = {"error": wire.encode_error(error)}
-        return {"replies": replies}
+    def failure(self, error: Exception) -> wire.Message:
+        """The error as the reply to an operation of a batch has it."""
+        return {"error": wire.encode_error(self._typed(error))}
 
     def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if message.get("what") == "hello":  # of a client from before this family
             self._reply_to_hello(message, reply_to)
         else:
-            reply_to(self._pack(self._run_info(message)), False)
+            budget = self.limits.budget()
+            reply_to(self._pack_within(self._info.reply(message, budget)), False)
 
     def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if "clock_ns" in message:
@@ -339,10 +313,11 @@ class Service:
             self.clocks.client_told(reply_to.client, *told)
         reply_to(self._pack({"value": self._hello(message)}), False)
 
-    def _run_info(self, message: wire.Message) -> wire.Message:
+    def info(self, message: wire.Message, budget: Budget) -> wire.Message:
+        """The fields of the reply to an info request."""
         if wire.text(message, "what") == "hello":
             return {"value": self._hello(message)}
-        return {"value": self._info.value(message)}
+        return self._info.reply(message, budget)
 
     def _counters(self) -> dict[str, int]:
         counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
@@ -353,15 +328,18 @@ class Service:
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
-        return ({} if access is None else {"access": access}) | {
-            "tree": self.name,
-            "instance": self.instance,
-            "server_version": version("zenoh-tf"),
-            "clock_ns": time.monotonic_ns(),
-            "limits": self.limits.as_dict(),
-        }
+        known = self._identity | {"clock_ns": time.monotonic_ns()}
+        return known if access is None else known | {"access": access}
 
-    def _run_admin(self, message: wire.Message) -> wire.Message:
+    def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        def run(expires_ns: int) -> tuple[bytes, bytes]:
+            self._reply_cache.expiry(expires_ns)  # again, as late as can be
+            reply = self._pack(self._administer(message))
+            return reply, reply
+
+        self._writes.run(message, reply_to, run)
+
+    def _administer(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
         if what == "clear":
             ticket = self._links.clear(wire.flag(message, "keep_static", True))
@@ -370,7 +348,7 @@ class Service:
             ticket = self._links.reset()
             self._admin_log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
-            name = wire.text(message, "name")
+            name = wire.name(message, "name", self.limits.name_bytes)
             ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
             self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:

@@ -281,6 +281,7 @@ def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = N
         drop_old=commit.drop_old,
         read_names=commit.read_names,
         read_versions=commit.read_versions,
+        expires_ns=commit.expires_ns,
         max_stamp_ns=max_stamp_ns,
     )
 

@@ -17,12 +17,18 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf._core import ParkedLookups, WakeQueue, park_lookups
-from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
+from zenoh_tf._core import Budget, ParkedLookups, WakeQueue, park_lookups
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    LimitExceeded,
+    ServerUnavailable,
+    TransformException,
+)
 
+from .fair_share import FairShare
 from .limits import Limits
 
 if TYPE_CHECKING:
@@ -30,7 +36,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("zenoh_tf.server")
 
-_JOIN_TIMEOUT_S = 1.0
+_JOIN_TIMEOUT_S: Final = 1.0
+_RETRY_AFTER_S: Final = 1.0
 
 
 class _Request:
@@ -38,10 +45,14 @@ class _Request:
 
     def __init__(
         self,
+        client: str,
+        budget: Budget,
         count: int,
         settle: Callable[[list[Rows]], None],
-        fail: Callable[[TransformException], None],
+        fail: Callable[[Exception], None],
     ) -> None:
+        self.client = client
+        self.budget = budget
         self._results: list[Rows | None] = [None] * count
         self._left = count
         self._settle = settle
@@ -56,9 +67,10 @@ class _Request:
         if last:
             self._settle([result for result in self._results if result is not None])
 
-    def fail(self, error: TransformException) -> None:
+    def fail(self, error: Exception) -> None:
+        """Does nothing if the request has failed before."""
         with self._lock:
-            first, self._left = self._left > 0, -1
+            first, self._left = self._left >= 0, -1
         if first:
             self._fail(error)
 
@@ -67,6 +79,7 @@ class _Request:
 class _Waiting:
     rows: ParkedLookups
     lookup: wire.Lookup
+    links: int
     index: int  # in its request
     request: _Request
     since_s: float
@@ -83,8 +96,10 @@ class Waiters:
         self._queue = WakeQueue()
         self._tokens = itertools.count()
         self._lock = threading.Lock()
+        # Guarded by the lock.
         self._waiting: dict[int, _Waiting] = {}  # by token
-        self._rows = 0  # of all waiting lookups
+        self._rows = FairShare(limits, "waiters")
+        self._links = FairShare(limits, "waiter_links")
         self._stopping = False
         self._thread = threading.Thread(target=self._serve, name="waiters", daemon=True)
         self._thread.start()
@@ -92,33 +107,35 @@ class Waiters:
     def ask(
         self,
         lookups: Sequence[wire.Lookup],
+        client: str,
+        budget: Budget,
         settle: Callable[[list[Rows]], None],
-        fail: Callable[[TransformException], None],
+        fail: Callable[[Exception], None],
     ) -> None:
         """Start waiting. Calls `settle` with the results of all lookups, from any thread, or
-        `fail` if the server stops first.
+        `fail` if `settle` raises or the server stops first. The lookups end without a result that
+        anyone sees when `client` is gone.
 
         A lookup is done when each of its rows has an answer or can never have one, at its
         deadline at the latest. Each row is a transaction of its own.
 
         Raises:
-            LimitExceeded: Too many lookups wait.
+            LimitExceeded: A time-out is too long, or the lookups never fit.
+            ServerBusy: The client's share of waiting lookups is used up.
             ServerUnavailable: The server is stopping.
         """
-        request = _Request(len(lookups), settle, fail)
+        for lookup in lookups:
+            self._check(lookup)
+        with self._lock:  # before anything is made for the rows
+            self._rows.check(client, sum(lookup.rows for lookup in lookups), _RETRY_AFTER_S)
+        request = _Request(client, budget, len(lookups), settle, fail)
         now_s = time.monotonic()
         started = {}
         for index, lookup in enumerate(lookups):
             token = next(self._tokens)
             rows = self._rows_of(lookup, token)
-            started[token] = _Waiting(rows, lookup, index, request, now_s)
-        with self._lock:
-            if self._stopping:
-                raise ServerUnavailable("the server is stopping")
-            count = self._rows + sum(lookup.rows for lookup in lookups)
-            self._limits.check("waiters", count)
-            self._rows = count
-            self._waiting |= started
+            started[token] = _Waiting(rows, lookup, rows.links(), index, request, now_s)
+        self._add(client, started)
         for token, waiting in started.items():
             if waiting.rows.start():
                 self._finish(token)
@@ -126,23 +143,54 @@ class Waiters:
                 timeout_s = waiting.lookup.timeout_ns * 1e-9
                 self._loop.call_soon_threadsafe(self._start_timer, token, timeout_s)
 
+    def client_gone(self, client: str) -> None:
+        """Drop what the client waits for. Returns at once, and works on a thread of its own."""
+        with self._lock:
+            tokens = [
+                token
+                for token, waiting in self._waiting.items()
+                if waiting.request.client == client
+            ]
+        if tokens:
+            threading.Thread(
+                target=self._fail,
+                args=(tokens, "the client is gone"),
+                name="client-gone",
+                daemon=True,
+            ).start()
+
     def close(self) -> None:
         """Fail all waiting lookups with ServerUnavailable, and end the thread."""
         with self._lock:
             self._stopping = True
             tokens = list(self._waiting)
         self._queue.close()
-        for token in tokens:
-            if waiting := self._take(token):
-                waiting.request.fail(ServerUnavailable("the server is stopping"))
+        self._fail(tokens, "the server is stopping")
         self._thread.join(_JOIN_TIMEOUT_S)
 
-    def _rows_of(self, lookup: wire.Lookup, token: int) -> ParkedLookups:
+    def _fail(self, tokens: list[int], reason: str) -> None:
+        for token in tokens:
+            if waiting := self._take(token):
+                waiting.request.fail(ServerUnavailable(reason))
+
+    def _check(self, lookup: wire.Lookup) -> None:
         if lookup.atomic or lookup.versions:
             raise InvalidArgumentException(
                 "a lookup with `atomic` or `versions` cannot wait: leave out timeout_ns",
                 field="timeout_ns",
             )
+        longest_s = self._limits.wait_s
+        if lookup.timeout_ns > longest_s * 1_000_000_000:
+            timeout_s = lookup.timeout_ns * 1e-9
+            raise LimitExceeded(
+                f"timeout_s is {timeout_s:g} s: the server lets a lookup wait for {longest_s} s "
+                "at most (--max-wait-s)",
+                field="timeout_s",
+                limit=longest_s,
+                value=timeout_s,
+            )
+
+    def _rows_of(self, lookup: wire.Lookup, token: int) -> ParkedLookups:
         return park_lookups(
             self._tree,
             self._queue,
@@ -154,7 +202,21 @@ class Waiters:
             lookup.stamp,
             lookup.fixed,
             lookup.source_stamp,
+            # The tree counts what the lookups watch in fact, also when frames move meanwhile.
+            self._limits.waiter_links,
         )
+
+    def _add(self, client: str, started: dict[int, _Waiting]) -> None:
+        rows = sum(waiting.lookup.rows for waiting in started.values())
+        links = sum(waiting.links for waiting in started.values())
+        with self._lock:
+            if self._stopping:
+                raise ServerUnavailable("the server is stopping")
+            self._rows.check(client, rows, _RETRY_AFTER_S)
+            self._links.check(client, links, _RETRY_AFTER_S)
+            self._rows.take(client, rows)
+            self._links.take(client, links)
+            self._waiting |= started
 
     def _serve(self) -> None:
         while (tokens := self._queue.take()) is not None:
@@ -167,19 +229,29 @@ class Waiters:
             waiting = self._waiting.pop(token, None)
             if waiting is None:
                 return None
-            self._rows -= waiting.lookup.rows
+            client = waiting.request.client
+            self._rows.give_back(client, waiting.lookup.rows)
+            self._links.give_back(client, waiting.links)
         waiting.rows.cancel()
         if waiting.timer is not None:
             self._loop.call_soon_threadsafe(waiting.timer.cancel)
         return waiting
 
     def _finish(self, token: int) -> None:
+        """Reply to a lookup that has waited, if this was the last one of its request. Never raises:
+        an error is the reply."""
         if waiting := self._take(token):
             try:
-                rows = waiting.rows.result(time.monotonic() - waiting.since_s)
+                rows = waiting.rows.result(
+                    time.monotonic() - waiting.since_s,
+                    waiting.lookup.errors,
+                    waiting.request.budget,
+                )
                 waiting.request.settle(waiting.index, rows)
-            except Exception:  # no lookup may end the thread
-                log.exception("internal error while replying to a lookup that has waited")
+            except Exception as error:
+                if not isinstance(error, TransformException):
+                    log.exception("internal error while replying to a lookup that has waited")
+                waiting.request.fail(error)
 
     def _start_timer(self, token: int, timeout_s: float) -> None:
         if waiting := self._waiting.get(token):

@@ -136,6 +136,8 @@ nb::object make_array(const std::size_t (&shape)[N], Fill&& fill) {
 void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
             bool release_gil);
 
+void bind_budget(nb::module_& m);
+void bind_message_size(nb::module_& m);
 void bind_transform(nb::module_& m);
 void bind_apply(nb::class_<Pose>& transform);
 void bind_stamped(nb::module_& m);

@@ -57,8 +57,8 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
                        std::optional<Column<Version>> read_versions,
                        std::optional<std::int64_t> expires, std::optional<Stamp> max_stamp) {
   std::vector<std::string_view> texts, read_texts;
-  const std::vector<nb::object> objects = names_of(names, texts, "names");
-  const std::vector<nb::object> read_objects = names_of(read_names, read_texts, "read_names");
+  const std::vector<nb::object> objects = names_of(tree, names, texts, "names");
+  const std::vector<nb::object> read_objects = names_of(tree, read_names, read_texts, "read_names");
   const std::size_t n = parent.shape(0);
   fit(child, n, "child");
   fit(stamp, n, "stamp_ns");

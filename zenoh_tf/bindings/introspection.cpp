@@ -1,5 +1,7 @@
 // Introspection: frames, links, authorities and counters.
-#include "bindings.hpp"
+#include <algorithm>
+
+#include "budget.hpp"
 
 namespace ztf {
 
@@ -33,6 +35,25 @@ nb::list frames(const Tree& tree) {
   for (FrameId id = 1, n = tree.size(); id <= n; ++id)
     if (!tree.removed(id)) out.append(name_or_none(tree, id));
   return out;
+}
+
+// (names, after of the next page or None): the frames whose ids are above `after`, at most `most`.
+// An id stays with a name until the frame is removed, so a frame that exists all the time is on one
+// page exactly.
+nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most, Budget& budget) {
+  nb::list out;
+  std::uint64_t bytes = 0;
+  const FrameId n = tree.size();
+  auto id = static_cast<FrameId>(std::min<std::uint64_t>(after, n));
+  while (id < n && out.size() < most) {
+    if (tree.removed(++id)) continue;
+    const std::string name = tree.name(id);
+    bytes += name.size() + 5;
+    if (bytes > budget.reply_bytes.left()) budget.reply_bytes.exhausted();
+    out.append(nb::str(name.data(), name.size()));
+  }
+  while (id < n && tree.removed(id + 1)) ++id;
+  return nb::make_tuple(out, id < n ? nb::object(nb::int_(id)) : nb::none());
 }
 
 nb::object text(std::string_view value) { return nb::str(value.data(), value.size()); }
@@ -111,6 +132,20 @@ nb::list authority_records(const Tree& tree) {
     out.append(record);
   }
   return out;
+}
+
+// The links from the frames to their roots, by the newest parents; unknown frames have none.
+std::uint64_t links(const Tree& tree, nb::handle frames) {
+  std::uint64_t total = 0;
+  for (const nb::handle name : tuple_of(frames)) {
+    const std::string_view text = text_of(name, "frame");
+    const GilReleasedOnWait released;
+    std::uint32_t depth = 0;
+    for (FrameId id = tree.find(text); id != 0 && depth <= tree.options().max_depth; ++depth)
+      id = tree.parent(id, kNoStamp);
+    total += depth;
+  }
+  return total;
 }
 
 nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
@@ -210,6 +245,9 @@ void bind_introspection(nb::class_<Tree>& tree) {
       .def("chain", &chain, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats, ZTF_DOC(Tree_stats))
+      .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("budget"))
+      .def("_frame_count", [](const Tree& t) { return t.size(); })
+      .def("_links", &links, nb::arg("frames"))
       .def("_frame_record", &frame_record, nb::arg("name"))
       .def("_authority_records", &authority_records)
       .def("_take_events", &take_events);

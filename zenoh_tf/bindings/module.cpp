@@ -7,6 +7,8 @@ NB_MODULE(_core, m) {
   nanobind::set_leak_warnings(false);
   ztf::bind_transform(m);
   ztf::bind_stamped(m);
+  ztf::bind_budget(m);
   ztf::bind_tree(m);
   ztf::bind_parked_lookups(m);
+  ztf::bind_message_size(m);
 }

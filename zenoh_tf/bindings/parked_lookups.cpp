@@ -23,6 +23,8 @@ namespace {
 
 class ParkedLookups;
 
+constexpr std::uint64_t kMostLinks = 1'000'000'000;  // more are not counted
+
 struct ParkedRow final : Waiter {
   ParkedRow(ParkedLookups& lookups, const Query& query, std::string_view target,
             std::string_view source, std::string_view fixed, bool has_invalid_name)
@@ -35,6 +37,7 @@ struct ParkedRow final : Waiter {
   ParkedLookups& lookups;
   const bool has_invalid_name;
   std::atomic<bool> complete{false};
+  bool refused = false;  // all waiting lookups watch as many frames as they may; before `complete`
   // While the row is in the queue, under the queue's mutex. Links in the row itself, so that a
   // wake-up allocates nothing and cannot fail.
   ParkedRow* next_woken = nullptr;
@@ -73,12 +76,14 @@ class WakeQueue {
 // Lookups of one request; complete once every row has an answer or can have none.
 class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
  public:
-  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t token)
+  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t token,
+                std::size_t max_links)
       : tree_object_(std::move(tree)),
         tree_(nb::cast<const Tree&>(tree_object_)),
         queue_(queue),
         rows_(std::move(rows)),
         token_(token),
+        max_links_(max_links),
         incomplete_(rows_.queries.size() + 1) {
     for (std::size_t i = 0; i < rows_.queries.size(); ++i) {
       const auto [target, source, fixed] = rows_.names[i];
@@ -107,17 +112,26 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
     for (ParkedRow& row : parked_) tree_.wait_list().cancel(row);
   }
   // As of _read_rows; rows that still wait fail as they would now.
-  nb::tuple result(double waited_s);
+  nb::tuple result(double waited_s, bool errors, Budget* budget);
+  // How many frames the rows will watch at most.
+  [[nodiscard]] std::uint64_t links() const { return rows_.links(tree_, kMostLinks); }
 
   [[nodiscard]] std::uint64_t token() const noexcept { return token_; }
   [[nodiscard]] WakeQueue& queue() const noexcept { return queue_; }
 
  private:
   bool look_up(ParkedRow& row) {
-    if (!tree_.wait_list().lookup_or_park(row)) return false;
+    try {
+      if (!tree_.wait_list().lookup_or_park(row, max_links_)) return false;
+    } catch (const Rejected&) {
+      row.refused = true;
+    } catch (const std::bad_alloc&) {
+      row.refused = true;
+    }
     row.complete.store(true, std::memory_order_release);
     return true;
   }
+  [[nodiscard]] std::string refusal() const;
   void look_up_now(std::size_t i, Answer& answer) {
     const auto [target, source, fixed] = rows_.names[i];
     Query& query = rows_.queries[i];
@@ -132,6 +146,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   WakeQueue& queue_;
   ReadRows rows_;
   const std::uint64_t token_;
+  const std::size_t max_links_;   // of all waiting lookups of the tree
   std::deque<ParkedRow> parked_;  // a deque, since rows must not move
   // Rows, and one for start(): so exactly one caller sees it reach 0.
   std::atomic<std::size_t> incomplete_;
@@ -142,12 +157,16 @@ void ParkedRow::notify() noexcept {
   if (auto owner = lookups.weak_from_this().lock()) lookups.queue().push(*this, std::move(owner));
 }
 
-nb::tuple ParkedLookups::result(double waited_s) {
+nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
   std::vector<Answer> answers(parked_.size());
   std::vector<std::string> notes(parked_.size());
   for (std::size_t i = 0; i < parked_.size(); ++i) {
     if (parked_[i].complete.load(std::memory_order_acquire)) {
       answers[i] = parked_[i].answer();
+      if (parked_[i].refused) {
+        answers[i].failure.code = Code::limit;
+        notes[i] = refusal();
+      }
       rows_.queries[i] = parked_[i].query();
     } else if (!parked_[i].has_invalid_name) {
       look_up_now(i, answers[i]);
@@ -156,7 +175,12 @@ nb::tuple ParkedLookups::result(double waited_s) {
       answers[i].failure.code = Code::invalid_argument;
     }
   }
-  return reply(tree_, rows_, answers, notes, nb::none());
+  return reply(tree_, rows_, answers, {notes, errors, budget}, nb::none());
+}
+
+std::string ParkedLookups::refusal() const {
+  return "the lookup cannot wait: all waiting lookups watch " + std::to_string(max_links_) +
+         " frames, the limit (--max-waiter-links)";
 }
 
 void WakeQueue::close() {
@@ -216,22 +240,25 @@ void bind_parked_lookups(nb::module_& m) {
       .def("start", &ParkedLookups::start, ZTF_DOC(ParkedLookups_start),
            nb::call_guard<GilReleased>())
       .def("cancel", &ParkedLookups::cancel)
-      .def("result", &ParkedLookups::result, ZTF_DOC(ParkedLookups_result), nb::arg("waited_s"));
+      .def("links", &ParkedLookups::links, nb::call_guard<GilReleased>())
+      .def("result", &ParkedLookups::result, ZTF_DOC(ParkedLookups_result), nb::arg("waited_s"),
+           nb::arg("errors") = true, nb::arg("budget").none() = nb::none());
   m.def(
       "park_lookups",
       [](nb::object tree, WakeQueue& queue, std::uint64_t token, nb::handle names,
          const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
-         const std::optional<Column<Stamp>>& source_stamp) {
+         const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links) {
         ReadRows rows(nb::cast<const Tree&>(tree), names, op, target, source, stamp, fixed,
                       source_stamp);
-        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token);
+        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token,
+                                               max_links);
       },
       nb::arg("tree"), nb::arg("queue"), nb::arg("token"), nb::arg("names"), nb::arg("op"),
       nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
       nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
-      nb::keep_alive<0, 2>());
+      nb::arg("max_links") = static_cast<std::size_t>(-1), nb::keep_alive<0, 2>());
 }
 
 }  // namespace ztf

@@ -12,13 +12,42 @@ namespace {
 
 constexpr std::size_t kReleaseFrom = 16;  // rows from which releasing the GIL pays
 
+constexpr std::size_t kMaxQuoted = 64;      // bytes of a name in an error about its length
+constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
+
+// Each frame once, in the version that was read first: if a later row read another version, the
+// frame has changed, and the transaction conflicts in any case.
+class FirstReads {
+ public:
+  void add(const ReadSet& reads) {
+    for (const ReadVersion& read : reads) {
+      if (read.frame >= seen_.size()) seen_.resize(2 * std::size_t{read.frame} + 64);
+      if (seen_[read.frame]) continue;
+      seen_[read.frame] = true;
+      list_.push_back(read);
+    }
+  }
+  [[nodiscard]] const std::vector<ReadVersion>& list() const noexcept { return list_; }
+
+ private:
+  std::vector<bool> seen_;  // by frame
+  std::vector<ReadVersion> list_;
+};
+
 // The read set: names of frames and their versions. A frame that does not exist has version 0:
 // a transaction conflicts if it is created.
 nb::object versions_of(const Tree& tree, const ReadRows& rows,
-                       const std::vector<ReadVersion>& read_set) {
+                       const std::vector<ReadVersion>& read_set, Budget* budget) {
+  if (budget) {
+    std::uint64_t bytes = 0;
+    for (const ReadVersion& r : read_set) bytes += tree.name(r.frame).size() + 11;
+    for (std::size_t i = 0; i < rows.ids.size(); ++i)
+      if (rows.ids[i] == 0) bytes += rows.texts[i].size() + 11;
+    budget->reply_bytes.take(bytes);
+  }
   nb::list read_names;
   for (const ReadVersion& r : read_set) {
-    const std::string_view name = tree.name(r.frame);
+    const std::string name = tree.name(r.frame);
     read_names.append(nb::str(name.data(), name.size()));
   }
   std::size_t unknown = 0;
@@ -34,41 +63,62 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
                         }));
 }
 
+// Looks the rows up, and collects what they read if `read_set` is not null. Throws Rejected if an
+// atomic lookup, or the read set, has more than `max_reads` frames.
+void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
+             std::vector<Answer>& answers, FirstReads* read_set) {
+  ReadSet reads;
+  if (atomic) {
+    do tree.lookup_transaction(rows.queries, answers, reads, max_reads);
+    while (!rows.refresh_ids(tree));
+    if (read_set) read_set->add(reads);
+  } else if (!read_set) {
+    tree.lookup_batch(rows.queries, answers);
+  } else {
+    for (std::size_t i = 0; i < answers.size(); ++i) {
+      tree.lookup_transaction({&rows.queries[i], 1}, {&answers[i], 1}, reads);
+      read_set->add(reads);
+      if (read_set->list().size() > max_reads)
+        throw Rejected{.code = Code::limit, .message = "the read set has too many frames"};
+    }
+  }
+}
+
 nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_t>& op,
                     const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
                     const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
-                    const std::optional<Column<Stamp>>& source_stamp, bool atomic, bool versions) {
+                    const std::optional<Column<Stamp>>& source_stamp, bool atomic, bool versions,
+                    bool errors, Budget* budget) {
   ReadRows rows(tree, names, op, target, source, stamp, fixed, source_stamp);
-  std::vector<Query>& queries = rows.queries;
-  const std::size_t n = queries.size();
+  const std::size_t n = rows.queries.size();
   if (versions)  // one instant per row, so that its versions belong together
-    for (Query& q : queries)
+    for (Query& q : rows.queries)
       if (q.op == Op::latest) q.op = Op::latest_xact;
   std::vector<Answer> answers(n);
-  std::vector<ReadVersion> read_set;
+  FirstReads read_set;
+  std::uint64_t links = 0;
+  const std::uint64_t max_links = budget ? budget->links.left() : 0;
+  const std::size_t max_reads = budget ? budget->read_set.limit() : Tree::kNoReadLimit;
   const auto run = [&] {
-    ReadSet reads;
-    if (atomic) {
-      do tree.lookup_transaction(queries, answers, reads);
-      while (!rows.refresh_ids(tree));
-      if (versions) read_set.assign(reads.begin(), reads.end());
-    } else if (!versions) {
-      tree.lookup_batch(queries, answers);
-    } else {
-      for (std::size_t i = 0; i < n; ++i) {
-        tree.lookup_transaction({&queries[i], 1}, {&answers[i], 1}, reads);
-        read_set.insert(read_set.end(), reads.begin(), reads.end());
-      }
-    }
+    if (budget) links = rows.links(tree, max_links);
+    if (links <= max_links)
+      look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
   };
-  if (n >= kReleaseFrom) {
-    const GilReleased released;
-    run();
-  } else {
-    const GilReleasedOnWait released;
-    run();
+  try {
+    if (n >= kReleaseFrom) {
+      const GilReleased released;
+      run();
+    } else {
+      const GilReleasedOnWait released;
+      run();
+    }
+  } catch (const Rejected&) {
+    if (budget) budget->read_set.exhausted();
+    throw;
   }
-  return reply(tree, rows, answers, {}, versions ? versions_of(tree, rows, read_set) : nb::none());
+  if (budget) budget->links.take(links);
+  const nb::object reads = versions ? versions_of(tree, rows, read_set.list(), budget) : nb::none();
+  return reply(tree, rows, answers, {{}, errors, budget}, reads);
 }
 
 nb::object status_column(const std::vector<Answer>& answers) {
@@ -91,13 +141,44 @@ nb::object pose_column(const std::vector<Answer>& answers) {
   });
 }
 
+[[noreturn]] void raise_too_long(const Tree& tree, std::string_view name) {
+  std::size_t end = kMaxQuoted;
+  while (end > 0 && (static_cast<unsigned char>(name[end]) & 0xc0) == 0x80) --end;
+  nb::dict facts;
+  facts["field"] = "max_name_bytes";
+  facts["limit"] = tree.options().max_name_bytes;
+  facts["value"] = name.size();
+  raise(make_error(Code::limit,
+                   "the name " + quoted(std::string(name.substr(0, end)) + "...") + " has " +
+                       std::to_string(name.size()) + " bytes: the limit is " +
+                       std::to_string(tree.options().max_name_bytes) + " (max_name_bytes)",
+                   facts));
+}
+
+// True if the two rows fail alike, so that they can share an error.
+bool same_failure(const ReadRows& rows, const std::vector<Answer>& answers, std::size_t i,
+                  std::size_t j) {
+  const Failure &a = answers[i].failure, &b = answers[j].failure;
+  const ReadRows::Names &x = rows.names[i], &y = rows.names[j];
+  return a.code == b.code && a.stamp == b.stamp && a.frame == b.frame && a.oldest == b.oldest &&
+         a.newest == b.newest && a.target == b.target && a.source == b.source &&
+         a.parent == b.parent && a.target_root == b.target_root && a.source_root == b.source_root &&
+         x.target == y.target && x.source == y.source && x.fixed == y.fixed &&
+         rows.queries[i].op == rows.queries[j].op;
+}
+
 }  // namespace
 
-std::vector<nb::object> names_of(nb::handle names, std::vector<std::string_view>& texts,
-                                 const char* field) {
+std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
+                                 std::vector<std::string_view>& texts, const char* field) {
+  // A commit strips one '/' in front.
+  const std::size_t most = std::size_t{tree.options().max_name_bytes} + 1;
   std::vector<nb::object> objects;
   for (const nb::handle item : tuple_of(names)) {
-    texts.push_back(text_of(item, field));
+    const std::string_view text = text_of(item, field);
+    if (text.size() > most) [[unlikely]]
+      raise_too_long(tree, text);
+    texts.push_back(text);
     objects.push_back(nb::borrow(item));
   }
   return objects;
@@ -115,7 +196,7 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
                    const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
                    const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
                    const std::optional<Column<Stamp>>& source_stamp)
-    : name_objects(names_of(name_list, texts, "names")), invalid_name(name_objects.size()) {
+    : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
   for (std::size_t i = 0; i < name_objects.size(); ++i) {
     try {
       ids.push_back(frame_of(tree, name_objects[i], "frame"));
@@ -173,6 +254,26 @@ bool ReadRows::refresh_ids(const Tree& tree) {
   return unchanged;
 }
 
+std::uint64_t ReadRows::links(const Tree& tree, std::uint64_t most) const {
+  constexpr std::uint32_t kUnknown = 0xffffffff;
+  std::vector<std::uint32_t> depths(ids.size(), kUnknown);
+  const auto depth_of = [&](std::uint32_t name) {
+    std::uint32_t& depth = depths[name];
+    if (depth == kUnknown) {
+      depth = 0;
+      for (FrameId id = ids[name]; id != 0 && depth <= tree.options().max_depth; ++depth)
+        id = tree.parent(id, kNoStamp);
+    }
+    return depth;
+  };
+  std::uint64_t total = 0;
+  for (std::size_t i = 0; i < queries.size() && total <= most; ++i) {
+    total += 1 + depth_of(names[i].target) + depth_of(names[i].source);
+    if (queries[i].op == Op::full) total += 2 * depth_of(names[i].fixed);
+  }
+  return total;
+}
+
 bool ReadRows::has_invalid_name(std::size_t row) const {
   const auto [target, source, fixed] = names[row];
   return invalid_name[target] || invalid_name[source] ||
@@ -191,24 +292,45 @@ nb::object ReadRows::name_error(const Tree& tree, std::size_t row) const {
   return nb::object();
 }
 
+// The error of a row that failed.
+nb::object error_of_row(const Tree& tree, const ReadRows& rows, std::size_t i, const Answer& a,
+                        const std::string& note) {
+  if (rows.has_invalid_name(i)) return rows.name_error(tree, i);
+  if (a.failure.code == Code::limit) {  // only of a waiting lookup
+    nb::dict facts;
+    facts["field"] = "waiter_links";
+    return make_error(Code::limit, note, facts);
+  }
+  auto [target, source, fixed] = rows.names[i];
+  // A full lookup failed in one of its halves: source in fixed, or fixed in target.
+  if (rows.queries[i].op == Op::full)
+    (a.failure.target == rows.queries[i].fixed ? target : source) = fixed;
+  return make_error(tree, a.failure, rows.name_objects[target], rows.name_objects[source], note);
+}
+
 nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
-                const std::vector<std::string>& notes, const nb::object& reads) {
+                const FailureReport& report, const nb::object& reads) {
   nb::list failures;
+  nb::object error;
+  std::size_t error_row = 0;
+  std::uint64_t bytes = 0;
+  bool details = report.errors;
   for (std::size_t i = 0; i < answers.size(); ++i) {
     Answer& a = answers[i];
     if (a.failure.code == Code::ok) [[likely]]
       continue;
-    nb::object error;
-    if (rows.has_invalid_name(i)) {
-      a.failure.code = Code::invalid_argument;
-      error = rows.name_error(tree, i);
-    } else {
-      auto [target, source, fixed] = rows.names[i];
-      // A full lookup failed in one of its halves: source in fixed, or fixed in target.
-      if (rows.queries[i].op == Op::full)
-        (a.failure.target == rows.queries[i].fixed ? target : source) = fixed;
-      error = make_error(tree, a.failure, rows.name_objects[target], rows.name_objects[source],
-                         notes.empty() ? std::string() : notes[i]);
+    if (rows.has_invalid_name(i)) a.failure.code = Code::invalid_argument;
+    if (!details) continue;
+    if (!error.is_valid() || !report.notes.empty() || !same_failure(rows, answers, i, error_row)) {
+      error = error_of_row(tree, rows, i, a, report.notes.empty() ? "" : report.notes[i]);
+      error_row = i;
+      // The message holds the names and numbers that are also facts.
+      bytes = kErrorBytes + 2 * nb::cast<std::string>(nb::str(error)).size();
+    }
+    if (report.budget) {
+      details = bytes <= report.budget->error_bytes;
+      if (!details) continue;
+      report.budget->error_bytes -= bytes;
     }
     failures.append(nb::make_tuple(i, error));
   }
@@ -229,7 +351,8 @@ void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
   tree.def("_read_rows", &read_rows, nb::arg("names"), nb::arg("op"), nb::arg("target"),
            nb::arg("source"), nb::arg("stamp_ns"), nb::arg("fixed").none() = nb::none(),
            nb::arg("source_stamp_ns").none() = nb::none(), nb::kw_only(), nb::arg("atomic") = false,
-           nb::arg("versions") = false);
+           nb::arg("versions") = false, nb::arg("errors") = true,
+           nb::arg("budget").none() = nb::none());
 }
 
 }  // namespace ztf

@@ -4,13 +4,14 @@
 // Thread safety: everything here requires the GIL, except ReadRows::refresh_ids.
 #pragma once
 
-#include "bindings.hpp"
+#include "budget.hpp"
 
 namespace ztf {
 
-// Fills `texts` with the UTF-8 of the names. Returns the names, which keep the texts alive.
-std::vector<nb::object> names_of(nb::handle names, std::vector<std::string_view>& texts,
-                                 const char* field);
+// Fills `texts` with the UTF-8 of the names. Returns the names, which keep the texts alive. Raises
+// LimitExceeded for a name that is too long for the tree, and quotes only its beginning.
+std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
+                                 std::vector<std::string_view>& texts, const char* field);
 // `index`, which must be below the number of names.
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field);
 
@@ -43,6 +44,10 @@ struct ReadRows {
   // id that the queries used: otherwise their answers may be from before a frame was created.
   [[nodiscard]] bool refresh_ids(const Tree& tree);
 
+  // The links that the rows climb at most, by the newest parents; if that is more than `most`, any
+  // number above it. Costs a walk for each name that a row uses.
+  [[nodiscard]] std::uint64_t links(const Tree& tree, std::uint64_t most) const;
+
   [[nodiscard]] bool has_invalid_name(std::size_t row) const;
   // The error of a row that has an invalid name.
   [[nodiscard]] nb::object name_error(const Tree& tree, std::size_t row) const;
@@ -51,9 +56,16 @@ struct ReadRows {
   void set_query_ids();
 };
 
+// How the failures of a reply are reported.
+struct FailureReport {
+  // Empty, or for each row what to append to its message.
+  const std::vector<std::string>& notes;
+  bool errors = true;        // false: only by their status
+  Budget* budget = nullptr;  // beyond its `error_bytes`, rows that fail have only their status
+};
+
 // (status, stamps, newest stamps, poses, [(row, error)], reads). Poses of failed rows are NaN.
-// `notes` is empty, or has for each row what to append to its message.
 nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
-                const std::vector<std::string>& notes, const nb::object& reads);
+                const FailureReport& report, const nb::object& reads);
 
 }  // namespace ztf

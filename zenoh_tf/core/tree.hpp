@@ -110,6 +110,8 @@ enum class PlanOutcome : std::uint8_t;
 
 class Tree {
  public:
+  static constexpr std::size_t kNoReadLimit = static_cast<std::size_t>(-1);
+
   explicit Tree(const Options& options);
   Tree(const Tree&) = delete;
   Tree& operator=(const Tree&) = delete;
@@ -128,9 +130,10 @@ class Tree {
   // frames at many times then take a fraction of the time.
   void lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const;
   // All queries in one transaction, at one instant. Sets `reads` to the frames that the answers
-  // rest on, with their versions.
-  void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
-                          ReadSet& reads) const;
+  // rest on, with their versions. Throws Rejected if more than `max_reads` frames are read, each
+  // counted for every query that reads it.
+  void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads,
+                          std::size_t max_reads = kNoReadLimit) const;
 
   // Stores all rows, or throws Rejected or bad_alloc and stores none. Sets stored[i] to what it did
   // with row i (RowResult); only drop_old allows that a row is not stored. Requires stored.size()

@@ -37,10 +37,13 @@ void Tree::lookup_guarded(const Query& query, Answer& answer) const {
 }
 
 void Tree::lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
-                              ReadSet& reads) const {
+                              ReadSet& reads, std::size_t max_reads) const {
   read(reads, [&](auto& reader) {
-    for (std::size_t i = 0; i < queries.size(); ++i)
+    for (std::size_t i = 0; i < queries.size(); ++i) {
       if (!reader.answer(queries[i], answers[i])) return false;
+      if (reads.size() > max_reads) [[unlikely]]
+        throw Rejected{.code = Code::limit, .message = "the lookup reads too many frames"};
+    }
     return true;
   });
 }

@@ -41,7 +41,7 @@ class WaitList::WokenList {
   Waiter** end_ = &first_;
 };
 
-bool WaitList::lookup_or_park(Waiter& waiter) {
+bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
   // Copied, because a parked waiter may belong to another thread.
   const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
   for (;;) {
@@ -57,7 +57,7 @@ bool WaitList::lookup_or_park(Waiter& waiter) {
     {
       const auto lock = lock_announced(mutex_);
       try {
-        park(waiter, reads);  // step W1 (wait_list.hpp)
+        park(waiter, reads, max_links);  // step W1 (wait_list.hpp)
       } catch (...) {
         if (waiter.parked_) unpark(waiter);
         throw;
@@ -80,12 +80,15 @@ bool WaitList::cancel(Waiter& waiter) {
   return true;
 }
 
-void WaitList::park(Waiter& waiter, const ReadSet& reads) {
+void WaitList::park(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
   SmallVector<FrameId, 64> frames;
   for (const ReadVersion& read : reads) frames.push_back(read.frame);
   std::sort(frames.begin(), frames.end());
   const FrameId* const end = std::unique(frames.begin(), frames.end());
-  waiter.on_frames_.reserve(frames.size());
+  const auto links = static_cast<std::size_t>(end - frames.begin());
+  if (links > max_links || links_ > max_links - links)
+    throw Rejected{.code = Code::limit, .message = "waiting lookups watch too many frames"};
+  waiter.on_frames_.reserve(links);
   waiter.on_names_.reserve(3);
   waiter.parked_ = true;
   size_.fetch_add(1, std::memory_order_seq_cst);
@@ -119,6 +122,7 @@ void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
     erase_if_empty(at);
     throw;
   }
+  ++links_;
   tree_.add_waiter(frame);
 }
 
@@ -139,6 +143,7 @@ void WaitList::unpark(Waiter& waiter) noexcept {
     tree_.remove_waiter(parked.frame);
   }
   for (const auto& entry : waiter.on_names_) names_.erase(entry);
+  links_ -= waiter.on_frames_.size();
   waiter.on_frames_.clear();
   waiter.on_names_.clear();
   waiter.parked_ = false;

@@ -93,8 +93,9 @@ class WaitList {
 
   // Runs the lookup. Returns true if it is done: it succeeded, or failed for good. Returns false if
   // the waiter is parked: notify() will be called once, when a commit may have changed the result.
-  // Throws bad_alloc; then the waiter is not parked.
-  bool lookup_or_park(Waiter& waiter);
+  // Throws bad_alloc, and Rejected if all waiters together would be parked on more than `max_links`
+  // frames; then the waiter is not parked.
+  bool lookup_or_park(Waiter& waiter, std::size_t max_links = static_cast<std::size_t>(-1));
   // Returns whether the waiter was still parked. If so, notify() will not be called any more.
   bool cancel(Waiter& waiter);
 
@@ -125,7 +126,7 @@ class WaitList {
   class WokenList;
   using Frames = std::unordered_map<FrameId, FrameWaiters>;
 
-  void park(Waiter& waiter, const ReadSet& reads);
+  void park(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
   void park_on_frame(Waiter& waiter, FrameId frame);
   void park_on_name(Waiter& waiter, FrameId id, std::string_view name);
   void unpark(Waiter& waiter) noexcept;
@@ -135,6 +136,7 @@ class WaitList {
   const Tree& tree_;
   std::atomic<std::size_t> size_{0};  // parked waiters
   std::mutex mutex_;                  // guards what follows
+  std::size_t links_ = 0;             // frames that waiters are parked on, counted for each waiter
   Frames frames_;
   Waiter::ByName names_;
 };

@@ -4,7 +4,14 @@
 and `calls` batches, info and admin requests. docs/protocol.md describes it for other languages.
 """
 
-from .calls import batch_body, call_body, parse_batch, parse_batch_reply, parse_value
+from .calls import (
+    batch_body,
+    batch_reply,
+    call_body,
+    parse_batch,
+    parse_batch_reply,
+    parse_value,
+)
 from .commit import (
     Commit,
     Write,
@@ -24,11 +31,13 @@ from .error_codec import (
 from .fields import (
     F64,
     MAX_MESSAGE_BYTES,
+    MAX_REPLY_BYTES,
     VERSION,
     Message,
     column,
     flag,
     integer,
+    name,
     pack,
     raw,
     text,
@@ -60,6 +69,7 @@ from .lookup import (
 __all__ = [
     "F64",
     "MAX_MESSAGE_BYTES",
+    "MAX_REPLY_BYTES",
     "NO_STAMP",
     "OP_AT",
     "OP_COMMON",
@@ -77,6 +87,7 @@ __all__ = [
     "Write",
     "as_transform_exception",
     "batch_body",
+    "batch_reply",
     "call_body",
     "column",
     "commit_body",
@@ -88,6 +99,7 @@ __all__ = [
     "integer",
     "lookup_body",
     "lookup_reply",
+    "name",
     "one_answer",
     "one_read",
     "pack",

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+import msgpack
+
 from ..text import quoted
 from .error_codec import raise_error
-from .fields import Message, items, malformed
+from .fields import VERSION, Message, items, malformed
 
 #: What an operation of a batch may be.
 KINDS: Final = ("lookup", "commit", "info")
@@ -31,12 +33,25 @@ def parse_batch(body: Message) -> list[tuple[str, Message]]:
         if type(entry) is not list or len(entry) != 2 or type(entry[1]) is not dict:
             raise malformed(f"operations[{index}]", "a pair of kind and body")
         kind, operation = entry
-        if kind not in KINDS:
+        if type(kind) is not str or kind not in KINDS:
             raise malformed(
                 f"operations[{index}]", f"one of {', '.join(KINDS)}, not {quoted(kind)}"
             )
         operations.append((kind, operation))
     return operations
+
+
+def batch_reply(replies: Sequence[bytes], instance: str) -> bytes:
+    """The bytes of the reply to a batch, from those of its operations' replies."""
+    packer = msgpack.Packer()
+    return b"".join(
+        (
+            packer.pack_map_header(3),
+            *map(packer.pack, ("v", VERSION, "instance", instance, "replies")),
+            packer.pack_array_header(len(replies)),
+            *replies,
+        )
+    )
 
 
 def parse_batch_reply(reply: Message, count: int) -> list[Message]:

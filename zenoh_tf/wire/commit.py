@@ -75,6 +75,7 @@ class Commit:
     announce: bool = False  # static: store only what nobody has changed or removed since
     read_names: list[str] = field(default_factory=list)
     read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
+    expires_ns: int | None = None  # on the server's clock; it is not sent here but with `Write`
 
     @property
     def rows(self) -> int:

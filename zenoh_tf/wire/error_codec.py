@@ -9,11 +9,21 @@ from ..errors import BY_CODE, FACTS, InvalidArgumentException, TransformExceptio
 from .fields import Message, integer, malformed, mapping, text
 
 _FACT_TYPES = (str, int, float, type(None))
+#: Characters of an error's message and of each fact; names have less.
+_MAX_MESSAGE = 4000
+_MAX_FACT = 1000
 
 
 def encode_error(error: TransformException) -> Message:
-    """The map that carries an error."""
-    return {"code": error.code, "message": str(error), "facts": error.facts}
+    """The map that carries an error. Texts that are far too long are cut off."""
+    message = str(error)
+    facts = error.facts
+    if len(message) > _MAX_MESSAGE:
+        message = message[:_MAX_MESSAGE] + "..."
+        for name, value in facts.items():
+            if isinstance(value, str) and len(value) > _MAX_FACT:
+                facts[name] = value[:_MAX_FACT] + "..."
+    return {"code": error.code, "message": message, "facts": facts}
 
 
 def decode_error(message: Any, field: str = "error") -> TransformException:

@@ -15,6 +15,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import decoded_size
 from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
 from ..text import quoted
 
@@ -26,6 +27,8 @@ MAX_MAP_KEYS: Final = 256
 MAX_LIST: Final = 1 << 20
 #: Largest message by default; `--max-message-bytes` of the server changes it.
 MAX_MESSAGE_BYTES: Final = 16 << 20
+#: Largest reply. The server's replies are far smaller (`--max-reply-bytes`).
+MAX_REPLY_BYTES: Final = 256 << 20
 
 U8: Final = np.dtype("u1")
 U32: Final = np.dtype("<u4")
@@ -34,6 +37,9 @@ I64: Final = np.dtype("<i8")
 F64: Final = np.dtype("<f8")
 
 Message = dict[str, Any]
+
+_NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
+_IN_STEPS_FROM: Final = 64 * 1024  # bytes of a message
 
 
 class _Packers(threading.local):
@@ -64,11 +70,14 @@ def pack(message: Mapping[str, Any]) -> bytes:
         ) from error
 
 
-def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
-    """The map of a message.
+def unpack(
+    payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES, max_decoded_bytes: int | None = None
+) -> Message:
+    """The map of a message. Refuses it before it is decoded, if that would cost too much.
 
     Raises:
-        LimitExceeded: The payload has more than `max_bytes`.
+        LimitExceeded: The payload has more than `max_bytes`, or takes more than
+            `max_decoded_bytes` of memory when it is decoded.
         ProtocolError: It is not a message, or of another version of the protocol.
     """
     if len(payload) > max_bytes:
@@ -79,8 +88,12 @@ def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
             limit=max_bytes,
             value=len(payload),
         )
+    _check_cost(payload, max_decoded_bytes)
     try:
-        message = _unpack(payload, "strict")
+        if len(payload) < _IN_STEPS_FROM:
+            message = _unpack(payload, "strict")
+        else:
+            message = _unpack_in_steps(payload)
     except UnicodeDecodeError as error:
         raise ProtocolError(
             "the message has text that is not UTF-8", field=_field_not_utf8(payload)
@@ -103,6 +116,22 @@ def unpack(payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES) -> Message:
     return message
 
 
+def _check_cost(payload: bytes, max_bytes: int | None) -> None:
+    """Raise an error for a message that is cut short, nested too deeply, or too dear to decode."""
+    size = decoded_size(payload)
+    if size < 0:
+        reason = "nested too deeply" if size == _NESTED_TOO_DEEPLY else "cut short or not msgpack"
+        raise ProtocolError(f"the message is not a msgpack map: it is {reason}", field="message")
+    if max_bytes is not None and size > max_bytes:
+        raise LimitExceeded(
+            f"the message takes {size} bytes when it is decoded: the limit is {max_bytes} "
+            "(--max-decoded-bytes); send fewer rows at once",
+            field="decoded_bytes",
+            limit=max_bytes,
+            value=size,
+        )
+
+
 def _unpack(payload: bytes, unicode_errors: str) -> Any:
     size = len(payload)
     return msgpack.unpackb(
@@ -114,6 +143,38 @@ def _unpack(payload: bytes, unicode_errors: str) -> Any:
         max_map_len=MAX_MAP_KEYS,
         max_ext_len=0,
     )
+
+
+def _unpack_in_steps(payload: bytes) -> Message:
+    """As `_unpack`, of a map. Other threads get the interpreter between the operations of a batch,
+    which one call of msgpack decodes without a break."""
+    unpacker = msgpack.Unpacker(
+        raw=False,
+        strict_map_key=True,
+        max_buffer_size=len(payload),
+        max_array_len=MAX_LIST,
+        max_map_len=MAX_MAP_KEYS,
+        max_ext_len=0,
+    )
+    unpacker.feed(payload)
+    keys = unpacker.read_map_header()
+    if keys > MAX_MAP_KEYS:
+        raise ValueError(f"{keys} exceeds max_map_len({MAX_MAP_KEYS})")
+    message: Message = {}
+    for _ in range(keys):
+        key = unpacker.unpack()
+        if type(key) is not str:
+            raise ValueError(f"{type(key).__name__} is not allowed for map key")
+        if key == "operations":
+            count = unpacker.read_array_header()
+            if count > MAX_LIST:
+                raise ValueError(f"{count} exceeds max_array_len({MAX_LIST})")
+            message[key] = [unpacker.unpack() for _ in range(count)]
+        else:
+            message[key] = unpacker.unpack()
+    if unpacker.tell() != len(payload):
+        raise ValueError("it has extra data")
+    return message
 
 
 def _field_not_utf8(payload: bytes) -> str:
@@ -163,6 +224,24 @@ def text(message: Message, field: str, default: str | None = None) -> str:
     value = message.get(field, default)
     if type(value) is not str:
         raise malformed(field, "text")
+    return value
+
+
+def name(message: Message, field: str, max_bytes: int) -> str:
+    """A text of at most `max_bytes` in UTF-8.
+
+    Raises:
+        LimitExceeded: It is longer.
+    """
+    value = text(message, field)
+    if len(value) * 4 > max_bytes and (size := len(value.encode())) > max_bytes:
+        raise LimitExceeded(
+            f"{field} is {quoted(value)} of {size} bytes: the limit is {max_bytes} "
+            "(--max-name-bytes)",
+            field="name_bytes",
+            limit=max_bytes,
+            value=size,
+        )
     return value
 
 

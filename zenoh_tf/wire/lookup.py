@@ -149,7 +149,7 @@ def parse_one_read(body: Message) -> tuple[str, str, int, int] | None:
     op, target, source = body.get("op"), body.get("target"), body.get("source")
     names, stamp = body.get("names"), body.get("stamp")
     if (
-        len(body) == 6
+        len(body) == (6 if "v" in body else 5)
         and type(op) is type(target) is type(source) is type(stamp) is bytes
         and (len(op), len(target), len(source), len(stamp)) == (1, 4, 4, 8)
         and op[0] < OP_FULL
