@@ -12,6 +12,7 @@ import contextlib
 import logging
 import secrets
 import threading
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -22,6 +23,8 @@ from zenoh_tf.errors import InvalidArgumentException
 
 log = logging.getLogger("zenoh_tf.server")
 
+#: As many clients that are gone are remembered. Their links close within seconds.
+_MAX_GONE: Final = 4096
 #: The client of every query whose sender is not known.
 UNKNOWN: Final = ""
 
@@ -35,6 +38,7 @@ class Clients:
         self._max_clients = max_clients
         self._lock = threading.Lock()
         self._connected: set[str] = set()
+        self._gone: OrderedDict[str, None] = OrderedDict()  # the latest last
         self._when_gone: list[Callable[[str], None]] = []
         self._subscriber: zenoh.Subscriber[Any] | None = None
 
@@ -52,6 +56,10 @@ class Clients:
     def known(self, client: str) -> str:
         """The client's id if it is connected, or this server itself, else UNKNOWN."""
         return client if client in self._connected or client == self.own else UNKNOWN
+
+    def has_been_known(self, client: str) -> bool:
+        """True if the client is or was connected, though its link may still be there."""
+        return client in self._connected or client in self._gone
 
     def when_gone(self, callback: Callable[[str], None]) -> None:
         """Call `callback` with the id of each client that goes, on a thread of Zenoh."""
@@ -78,7 +86,10 @@ class Clients:
         with self._lock:
             if client not in self._connected:
                 return
+            self._gone[client] = None
             self._connected.remove(client)
+            if len(self._gone) > _MAX_GONE:
+                self._gone.popitem(last=False)
         log.debug("client %s is gone", client, extra={"client": client})
         for callback in self._when_gone:
             try:

@@ -1,8 +1,8 @@
 """How much a client's link takes without blocking, and which links a reply may go to.
 
 A client that has said who it is, and is connected, has links of its own. The reply to any other
-query may go to each link that is no known client's, for example to a router with clients behind
-it: it is sent when all of those take more. The server's queries to itself have no link.
+query may go to each link that never was a known client's, for example to a router with clients
+behind it: it is sent when all of those take more. The server's queries to itself have no link.
 
 Thread safety: all methods.
 """
@@ -80,5 +80,7 @@ class OutboxLinks:
             return []
         if client and self._sockets.of_peer(client):
             return [client]
+        # The link of a client that is gone may stay for seconds, and take nothing: a new client,
+        # whose token has not arrived yet, must not wait for it.
         peers = self._sockets.peers()
-        return [peer for peer in peers if not self._clients.known(peer)] or peers
+        return [peer for peer in peers if not self._clients.has_been_known(peer)]

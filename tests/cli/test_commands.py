@@ -280,7 +280,15 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
     reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
-    assert {*commands} == reading | {"set", "remove", "clear", "reset", "replay"}
+    assert {*commands} == reading | {
+        "calibration",
+        "certificates",
+        "clear",
+        "remove",
+        "replay",
+        "reset",
+        "set",
+    }
     for command in commands:
         assert "--connect" in succeeds(zenoh_tf(command, "--help"))
 
