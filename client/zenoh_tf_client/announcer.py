@@ -58,6 +58,7 @@ class Announcer:
         self._closed = threading.Event()
         self._next_try_s = 0.0
         self._retry_s = _PERIOD_S
+        connection.calls.add_owner(self)
         with connection.calls:
             # Not a callback: Zenoh would run it on a thread of its own, also while Python ends.
             self._servers: zenoh.Subscriber[Any] = (

@@ -14,6 +14,7 @@ from zenoh_tf.errors import ServerUnavailable
 from .announcer import Announcer
 from .connection import Connection
 from .publisher import Publisher, message
+from .session_calls import is_forked, raise_if_forked
 
 
 class Broadcaster:
@@ -119,6 +120,7 @@ class Broadcaster:
         Example:
             ``wheels.send_static(StampedTransform("base", "camera", 0, X_base_camera))``
         """
+        raise_if_forked()
         rows = _rows(stampeds)
         with self._lock:
             if self._closed:
@@ -130,6 +132,8 @@ class Broadcaster:
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
+        if is_forked():
+            return
         with self._lock:
             if self._closed:
                 return

@@ -107,6 +107,7 @@ class Connection:
         deadline_s = time.monotonic() + timeout_s
         self.session = self._open()
         self.calls = SessionCalls(self.session.close)
+        self.calls.add_owner(self)
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
         self._client_id = client_id = str(self.session.zid())

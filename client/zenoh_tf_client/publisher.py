@@ -27,6 +27,7 @@ class Publisher:
         """Raises ServerUnavailable if the connection is closed."""
         self._lock = threading.Lock()
         self._calls = connection.calls
+        self._calls.add_owner(self)
         with self._calls:
             self._publisher: zenoh.Publisher | None = connection.session.declare_publisher(
                 key,

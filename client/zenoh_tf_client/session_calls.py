@@ -66,12 +66,12 @@ class SessionCalls:
         self._changed = threading.Condition(threading.RLock())
         self._inside = 0
         self._closed = False
+        self._owners: weakref.WeakSet[object] = weakref.WeakSet()
         with _all_lock:
             _all.add(self)
 
     def __enter__(self) -> None:
-        if _forked:  # before the lock, which a thread of the parent may have held
-            raise ServerUnavailable(_FORKED_MESSAGE)
+        raise_if_forked()  # before the lock
         with self._changed:
             if not self._closed and not _is_daemon_at_exit():
                 self._inside += 1
@@ -90,6 +90,15 @@ class SessionCalls:
             if self._closed and self._inside == 0:
                 self._changed.notify_all()
         _pause_at_exit()
+
+    def add_owner(self, owner: object) -> None:
+        """Note an object that has objects of Zenoh's: a forked child must not free them."""
+        self._owners.add(owner)
+
+    def never_free(self) -> None:
+        """Leak the session and what its owners have: to free them waits for Zenoh's threads."""
+        for leaked in (self, *self._owners):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(leaked))
 
     @property
     def closed(self) -> bool:
@@ -129,6 +138,18 @@ class SessionCalls:
 
 #: The calls that open sessions. Zenoh cannot interrupt them, so at exit they are waited for.
 OPENING = SessionCalls(lambda: None, "the program is ending")
+
+
+def is_forked() -> bool:
+    """True in a child that was forked after its parent had used Zenoh. Any lock may be held for
+    ever there, by a thread that only the parent has."""
+    return _forked
+
+
+def raise_if_forked() -> None:
+    """Raise ServerUnavailable in such a child; to be called before any lock is taken."""
+    if _forked:
+        raise ServerUnavailable(_FORKED_MESSAGE)
 
 
 def note_zenoh_use() -> None:
@@ -172,12 +193,7 @@ def _after_fork() -> None:
         return
     _forked = True
     for calls in list(_all):
-        _never_free(calls)
-
-
-def _never_free(thing: object) -> None:
-    """Leak an object with all that it refers to: to free a session waits for Zenoh's threads."""
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
+        calls.never_free()
 
 
 os.register_at_fork(after_in_child=_after_fork)

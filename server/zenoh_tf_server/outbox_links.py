@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from .clients import Clients
+from .clients import UNKNOWN, Clients
 from .link_sockets import LinkSocket, LinkSockets
 
 #: This much may be sent to a link that takes more: Zenoh's own queue has room for two batches of
@@ -45,6 +45,10 @@ class OutboxLinks:
                 return 0
             room = min(room, UNCHECKED_ROOM + link.free_bytes())
         return room
+
+    def is_gone(self, client: str) -> bool:
+        """True if this is the id of a client that is connected no more."""
+        return client != UNKNOWN and not self._clients.known(client)
 
     def is_empty(self, client: str) -> bool:
         """True if all that was sent has arrived at the client's machine."""

@@ -257,6 +257,8 @@ class Replies:
             self._wake.send(b"x")
 
     def _new_outbox(self, client: str) -> _Outbox:
+        if self._links.is_gone(client):  # a late reply, after which nobody would forget it
+            return _Outbox(client)
         with self._lock:
             return self._outboxes.setdefault(client, _Outbox(client))
 
@@ -352,10 +354,13 @@ class Replies:
 
     def _is_done(self, outbox: _Outbox) -> bool:
         with outbox.lock:
-            if not outbox.queue:
-                outbox.busy = False
-                outbox.stuck_since_s = 0.0
-            return not outbox.busy
+            if outbox.queue:
+                return False
+            outbox.busy = False
+            outbox.stuck_since_s = 0.0
+        if self._links.is_gone(outbox.client):
+            self.forget(outbox.client)
+        return True
 
     def _send_blindly(self, outbox: _Outbox) -> None:
         """Send all, and block where Zenoh blocks. On a thread of the outbox's own."""
