@@ -77,10 +77,10 @@ class Operations:
         """The tree is claimed and served."""
         if self._metrics is not None:
             self._metrics.serving(server)
-        if self._probes:
-            self._health.serving(server)
         tree = server.service.name
         service_manager.notify(READY=1, STATUS=f"serves tree {quoted(tree)}")
+        if self._probes:  # after READY: a sign of life before it would tell nothing
+            self._health.serving(server)
         log.info(
             "instance %s serves tree %s",
             server.instance,
