@@ -114,15 +114,6 @@ class ClockOffsets:
         nothing = dict.fromkeys(("clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"))
         return [{**record, **known.get(record["name"], nothing)} for record in records]
 
-    def client_records(self) -> list[dict[str, Any]]:
-        """A record for each client that has told its clock."""
-        with self._lock:
-            return [
-                {"client": name, "clock_offset_min_s": least, "clock_offset_max_s": greatest}
-                for name, window in self._clients.items()
-                for least, greatest in [window.interval_s()]
-            ]
-
     def suspicious(self) -> list[tuple[str, str]]:
         """Authorities and clients whose clock seems wrong: whose, and why."""
         with self._lock:
