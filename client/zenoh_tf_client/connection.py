@@ -12,7 +12,7 @@ import random
 import threading
 import time
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import zenoh
 
@@ -27,12 +27,15 @@ from zenoh_tf.errors import (
     ServerUnavailable,
 )
 
-from . import requests
+from . import info_requests
 from .access import Access
 from .opening import open_session
 from .queries import NoReply, Queries
+from .request import Request
 from .served_trees import no_server_message, served_trees
 from .session_calls import SessionCalls
+
+T = TypeVar("T")
 
 _HELLO_PERIOD_S: Final = 0.05
 #: If other trees are served, the wait for one that is not ends after this time.
@@ -142,6 +145,12 @@ class Connection:
     def hello(self) -> ServerInfo:
         """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
         return self._hello(self.timeout_s)
+
+    def call(self, request: Request[T]) -> T:
+        """Send a request; return its result, or raise its error or those of `read` and `write`."""
+        if request.writes:
+            return request.parse(self.write(request.kind, request.body()))
+        return request.parse(self.read(request.kind, request.body(), request.wait_s))
 
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
         """Return the reply to a request that changes nothing.
@@ -283,7 +292,7 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> ServerInfo:
-        request = requests.hello(
+        request = info_requests.hello(
             self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
         )
         begin_ns = time.monotonic_ns()
