@@ -102,9 +102,11 @@ def _greeting(settings: Settings, instance: str) -> str:
     # Options of an endpoint are left out: with TLS they hold the private key's path.
     endpoints = [zenoh_config.address(each) for each in settings.connect or settings.listen]
     how = "joined" if settings.connect else "listens on"
-    endpoint = shlex.quote(endpoints[0])
-    return (
+    greeting = (
         f"zenoh-tf-server {version('zenoh-tf')} (instance {instance}) serves tree "
-        f"{settings.tree!r}, {how} {', '.join(endpoints)}; try: "
-        f"zenoh-tf --connect {endpoint} --tree {shlex.quote(settings.tree)} frames"
+        f"{settings.tree!r}, {how} {', '.join(endpoints)}"
     )
+    if not settings.security.is_open:
+        return greeting  # the server does not know the files and names that a client would use
+    command = ("zenoh-tf", "--connect", endpoints[0], "--tree", settings.tree, "frames")
+    return f"{greeting}; try: {shlex.join(command)}"
