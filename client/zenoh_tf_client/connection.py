@@ -163,7 +163,8 @@ class Connection:
         timeout_s = self.timeout_s + wait_s
         reply = self._query_until_served(key, payload, timeout_s)
         if isinstance(reply, NoReply):
-            self._check_new_rules(operation, body)
+            if reply.at_once:
+                self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
         return reply
