@@ -33,7 +33,8 @@ from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
 from .request_guard import RequestGuard
 from .state_file import Stored
-from .static_links import NO_TICKET, StaticLinks, apply
+from .static_links import NO_TICKET, StaticLinks
+from .tree_commits import apply
 from .waiters import Waiters
 from .writes import Writes
 
@@ -244,7 +245,7 @@ class Service:
         """The fields of the reply to a commit, and the ticket of its durability."""
         self._future.check(commit)
         commit.expires_ns = expires_ns
-        stored, ticket = self._store(commit)
+        stored, ticket = self._store(commit, by_call=True)
         return wire.commit_reply(stored), ticket
 
     def wait_until_durable(self, ticket: int) -> None:
@@ -254,14 +255,16 @@ class Service:
     def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
         """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
         `max_stamp_ns`. Static links are stored soon after."""
-        return self._store(commit, max_stamp_ns)[0]
+        return self._store(commit, max_stamp_ns, by_call=False)[0]
 
-    def _store(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
+    def _store(
+        self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
+    ) -> tuple[Any, int]:
         """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
         self._check_names(commit.names)
         self._check_names(commit.read_names)
         if commit.static:
-            return self._links.commit(commit)
+            return self._links.commit(commit, by_call=by_call)
         stored = apply(self.tree, commit, max_stamp_ns)
         return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
@@ -333,23 +336,22 @@ class Service:
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
-            self._reply_cache.expiry(expires_ns)  # again, as late as can be
-            reply = self._pack(self._administer(message))
+            reply = self._pack(self._administer(message, expires_ns))
             return reply, reply
 
         self._writes.run(message, reply_to, run)
 
-    def _administer(self, message: wire.Message) -> wire.Message:
+    def _administer(self, message: wire.Message, expires_ns: int) -> wire.Message:
         what = wire.text(message, "what")
         if what == "clear":
-            ticket = self._links.clear(wire.flag(message, "keep_static", True))
+            ticket = self._links.clear(wire.flag(message, "keep_static", True), expires_ns)
             self._admin_log.info("clear", "cleared the tree")
         elif what == "reset":
-            ticket = self._links.reset()
+            ticket = self._links.reset(expires_ns)
             self._admin_log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.name(message, "name", self.limits.name_bytes)
-            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
+            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"), expires_ns)
             self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
             raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
