@@ -307,9 +307,7 @@ class Tree:
         than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...
-
     # --- internals of zenoh_tf and of the server
-
     def _velocity_record(
         self,
         tracking_frame: str,
@@ -353,8 +351,7 @@ class Tree:
         # A later dynamic row: InvalidArgumentException, field "stamp"; with drop_old it is dropped.
         max_stamp_ns: int | None = None,
     ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old, 2 dropped as from the future
-    # The same as without the underscore, with an expiry as `_commit_rows` has one.
-    def _clear(self, keep_static: bool, expires_ns: int) -> None: ...
+    def _clear(self, keep_static: bool, expires_ns: int) -> None: ...  # expires as _commit_rows
     def _reset(self, expires_ns: int) -> None: ...
     def _remove_frame(self, name: str, subtree: bool, expires_ns: int) -> None: ...
     def _lookup_columns(

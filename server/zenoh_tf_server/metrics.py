@@ -115,7 +115,7 @@ class Metrics:
         for name, limit in service.limits.as_dict().items():
             yield metric_table.LIMIT, (name,), float(limit)
         yield from _from_stats(service.stats())
-        for name, fields in self._authorities.values(service.authorities()).items():
+        for name, fields in self._authorities.values(service.info_requests.authorities()).items():
             for field, value in fields.items():
                 yield FROM_AUTHORITIES[field], (name,), value
         yield from _from_requests(server)
