@@ -131,6 +131,7 @@ class Service:
     def client_gone(self, client: str) -> None:
         """Release what a client holds that is not connected any more."""
         self.waiters.client_gone(client)
+        self.clocks.client_gone(client)
 
     def _pack(self, reply: wire.Message) -> bytes:
         reply["v"] = wire.VERSION
