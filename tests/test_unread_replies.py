@@ -43,6 +43,12 @@ class ReaderProcess:
         self._say("ask")
         assert self._line() == "sent"
 
+    def ask_and_freeze(self) -> None:
+        """Ask, and read nothing of the replies."""
+        self._say("ask and freeze")
+        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
+        assert self._line() == "sent"
+
     def freeze(self) -> None:
         self.process.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
@@ -154,21 +160,24 @@ def test_a_client_killed_in_the_middle_of_replies(
 def test_requests_of_a_client_with_many_unread_replies_are_refused(
     start_server: StartServer, start_reader: StartReader
 ) -> None:
-    server = start_server("--max-unread-reply-bytes", "8000000")
+    # Room for 7 of 20 replies. The refusals, which hold their requests of 2 MB, do not add up to
+    # twice the limit, at which the client would be cut off.
+    server = start_server("--max-unread-reply-bytes", "60000000")
     with server.connect(30.0) as tf:
         fill(tf)
-        reader = start_reader(server, count=24)
-        reader.ask()
-        reader.freeze()
-        tf.lookup_transform("map", "base")  # another client is not refused
-        time.sleep(3.0)
+        reader = start_reader(server, count=20)
+        reader.ask_and_freeze()
+        while (counters := tf.stats())["unread_reply_bytes"] < 60_000_000:
+            tf.lookup_transform("map", "base")  # another client is not refused
+        while counters["pending_queries"]:
+            counters = tf.stats()
         reader.thaw()
         answered, refused = reader.counts()
-        assert answered + refused == 24
+        assert answered + refused == 20
         assert answered >= 1
         assert refused >= 1
         reader.ask()  # it is served again
-        assert sum(reader.counts()) == 48
+        assert sum(reader.counts()) == 40
         assert tf.can_transform("map", "base")
 
 
