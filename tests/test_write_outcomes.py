@@ -173,3 +173,15 @@ def test_a_write_that_stalls_runs_once_or_never(server: ServerProcess, wires: Ra
             }
             if row in stored:
                 assert wires.query("lookup", wire.pack(at))["status"] == b"\0"
+
+
+def test_an_id_of_a_write_of_another_kind_is_refused(wires: Raw) -> None:
+    used = os.urandom(16)
+    assert wires.query("commit", wire.pack(write(5, id=used)))["stored"] == b"\1"
+    reply = wires.query("batch", mixed(2, 6, id=used))
+    assert "the id is that of another write" in str(error_of(reply))
+    assert error_of(reply).field == "id"
+    one, two = os.urandom(16), [("commit", write(7)), ("commit", write(8))]
+    assert "replies" in wires.query("batch", mixed(1, 6, id=one))
+    more = wires.query("batch", wire.pack(wire.batch_body(two, {"id": one})))
+    assert "a batch with 1 transactions" in str(error_of(more))

@@ -87,7 +87,8 @@ class Batch:
         self._replies: list[bytes] = []
         #: Lookups that wait, by the index of their operation. They run when the others have.
         self.waiting: dict[int, wire.Lookup] = {}
-        self.writes = any(kind == "commit" for kind, _ in self._list)
+        #: How many of the operations write.
+        self.commits = sum(kind == "commit" for kind, _ in self._list)
         self._budget.take_reply(len(self._list) * len(NO_ROOM))
 
     @property
@@ -98,10 +99,8 @@ class Batch:
     @property
     def most_outcome_bytes(self) -> int:
         """An upper bound of the length of `outcome`."""
-        commits = sum(kind == "commit" for kind, _ in self._list)
-        return commits * len(NO_ROOM) + min(
-            self._error_bytes, commits * self._limits.name_bytes * 8
-        )
+        errors = min(self._error_bytes, self.commits * self._limits.name_bytes * 8)
+        return self.commits * len(NO_ROOM) + errors
 
     def run(self, expires_ns: int | None) -> None:
         """Run all operations; commits only before `expires_ns`."""
@@ -170,7 +169,7 @@ class Batch:
         self._count(lookup.rows)
         if not lookup.timeout_ns:
             return self._operations.read(lookup, self._budget)
-        if self.writes:
+        if self.commits:
             raise InvalidArgumentException(
                 "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
                 "send it in a batch of its own",
@@ -190,7 +189,8 @@ class Batch:
 
     def _fit(self, reply: wire.Message) -> bytes:
         """The reply's bytes, or those of an error if they have no room."""
-        data = wire.pack(reply)
+        is_long = len(reply.get("status", b"")) > 1
+        data = wire.pack_in_steps(reply) if is_long else wire.pack(reply)
         extra = len(data) - len(NO_ROOM)
         if extra > 0:
             try:

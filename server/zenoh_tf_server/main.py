@@ -20,7 +20,7 @@ from zenoh_tf.text import printable
 
 from . import flags, logs, security
 from .metrics import MetricsMissing
-from .network import NetworkError
+from .network import NetworkError, set_receive_threads
 from .operations import Operations
 from .server import Server, Settings
 from .state_file import StateError
@@ -46,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warning = None if settings.connect else security.exposure(settings.security, settings.listen)
     if warning is not None:
         log.warning(warning)
+    set_receive_threads()
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))

@@ -147,7 +147,9 @@ class Service:
 
     def _pack_within(self, reply: wire.Message) -> bytes:
         """Raises LimitExceeded for more bytes than a reply may have."""
-        data = self._pack(reply)
+        reply["v"] = wire.VERSION
+        reply["instance"] = self.instance
+        data = wire.pack_in_steps(reply)
         self.limits.check("reply_bytes", len(data))
         return data
 
@@ -238,7 +240,7 @@ class Service:
             reply = self._pack(stored)
             return reply, reply
 
-        self._writes.run(message, reply_to, run)
+        self._writes.run(message, reply_to, "a transaction", run)
 
     def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
         """The fields of the reply to a commit, and the ticket of its durability."""
@@ -274,7 +276,7 @@ class Service:
 
     def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         batch = Batch(message, self.limits, self.instance, self)
-        if batch.writes:
+        if batch.commits:
 
             def run(expires_ns: int) -> tuple[bytes, bytes]:
                 batch.run(expires_ns)
@@ -284,7 +286,8 @@ class Service:
                 batch.run_reads(outcome)
                 return batch.reply()
 
-            self._writes.run(message, reply_to, run, repeat, batch.most_outcome_bytes)
+            what = f"a batch with {batch.commits} transactions"
+            self._writes.run(message, reply_to, what, run, repeat, batch.most_outcome_bytes)
             return
         batch.run(None)
         if batch.waiting:
@@ -337,7 +340,7 @@ class Service:
             reply = self._pack(self._administer(message))
             return reply, reply
 
-        self._writes.run(message, reply_to, run)
+        self._writes.run(message, reply_to, "an administrative operation", run)
 
     def _administer(self, message: wire.Message) -> wire.Message:
         what = wire.text(message, "what")
