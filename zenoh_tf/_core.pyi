@@ -2,8 +2,7 @@
 
 The two stubs, this one and `_transform.pyi`, are the one source of signatures and docstrings. The
 build compiles them into the module (bindings/stub_docs.py), so help() shows what editors show.
-`X_target_source` is the pose of source in target, in metres. A pose row is
-(x, y, z, qx, qy, qz, qw).
+`X_target_source` is the pose of source in target, in metres. Pose rows: x y z qx qy qz qw.
 """
 
 from collections.abc import Sequence
