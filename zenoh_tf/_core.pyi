@@ -46,6 +46,7 @@ def columns_of(
     NDArray[np.int64],
     NDArray[np.float64],
 ]: ...
+def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 
 class Budget:
