@@ -213,8 +213,7 @@ class Tree {
   void reset(std::int64_t expires_ns = kNeverExpires);
   // Drops a frame with its link, history and name, and with `subtree` all its descendants, at one
   // instant. Throws Rejected if it is unknown, or, without `subtree`, has children.
-  void remove_frame(std::string_view name, bool subtree,
-                    std::int64_t expires_ns = kNeverExpires);
+  void remove_frame(std::string_view name, bool subtree, std::int64_t expires_ns = kNeverExpires);
 
   // True if a later commit could make a lookup succeed that failed so.
   [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
