@@ -29,14 +29,18 @@ class TcpProxy:
         self._delay_s = 0.0
         self._bytes_per_s = 0.0
         self._connections: set[asyncio.StreamWriter] = set()
+        self._accepted: list[socket.socket] = []
         self._tasks: set[asyncio.Task[None]] = set()
         self._loop = asyncio.new_event_loop()
         self._flows = asyncio.Event()
         self._flows.set()
         self._thread = threading.Thread(target=self._loop.run_forever, name="proxy", daemon=True)
         self._thread.start()
-        self._server = self._await(asyncio.start_server(self._accept, "127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
+        # Accepts by itself: asyncio leaves a connection open that it accepts while it is cancelled.
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        self._call(lambda: self._loop.add_reader(self._listener, self._accept))
+        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
 
     def __enter__(self) -> Self:
         return self
@@ -87,11 +91,16 @@ class TcpProxy:
         self._loop.call_soon_threadsafe(action)
 
     async def _stop(self) -> None:
-        self._server.close()
+        self._loop.remove_reader(self._listener)
+        self._listener.close()
+        while tasks := list(self._tasks):  # one that connects may have begun others
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
         self._close_all(reset=True)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.sleep(0)  # transports close their sockets one turn later
+        for peer in self._accepted:  # of tasks that were cancelled before they began
+            peer.close()
 
     def _close_all(self, *, reset: bool) -> None:
         for writer in self._connections:
@@ -103,17 +112,29 @@ class TcpProxy:
             else:
                 writer.close()
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _accept(self) -> None:
+        peer, _ = self._listener.accept()
+        peer.setblocking(False)
+        self._accepted = [one for one in self._accepted if one.fileno() >= 0] + [peer]
+        self._begin(self._connect(peer))
+
+    async def _connect(self, peer: socket.socket) -> None:
+        reader, writer = await asyncio.open_connection(sock=peer)
+        self._connections.add(writer)
         try:
             there_reader, there_writer = await asyncio.open_connection(*self._target)
         except OSError:  # as if nothing listened here
+            self._connections.discard(writer)
             writer.transport.abort()
             return
-        for source, sink in ((reader, there_writer), (there_reader, writer)):
-            self._connections.add(sink)
-            task = asyncio.get_running_loop().create_task(self._pump(source, sink))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+        self._connections.add(there_writer)
+        self._begin(self._pump(reader, there_writer))
+        self._begin(self._pump(there_reader, writer))
 
     async def _pump(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
         try:

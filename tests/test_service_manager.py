@@ -83,7 +83,7 @@ def test_a_server_that_cannot_start_is_never_ready(
     server = start_server()
     assert receive(manager).startswith("READY=1")
     command = [sys.executable, "-m", "zenoh_tf_server", "--listen", server.endpoint]
-    assert subprocess.run(command, capture_output=True, timeout=30, check=False).returncode == 2
+    assert subprocess.run(command, capture_output=True, timeout=50, check=False).returncode == 2
     assert server.stop() == 0
     assert receive(manager) == "STOPPING=1"
 
@@ -202,7 +202,7 @@ def test_the_units_flags_are_flags_of_the_server() -> None:
     program, *arguments = unit()["Service"]["ExecStart"].split()
     assert program.endswith("/zenoh-tf-server")
     options = flags.parser().parse_args(arguments)
-    flags.check(flags.parser(), options)
+    flags.complete(flags.parser(), options)
     assert options.log_format == "json" and options.metrics
 
 
@@ -214,7 +214,7 @@ def test_the_unit_is_valid(tmp_path: Path) -> None:
     program = unit()["Service"]["ExecStart"].split()[0]
     copy.write_text(UNIT.read_text().replace(f"ExecStart={program}", f"ExecStart={sys.executable}"))
     done = subprocess.run(
-        [analyze, "verify", copy], capture_output=True, text=True, timeout=30, check=False
+        [analyze, "verify", copy], capture_output=True, text=True, timeout=50, check=False
     )
     problems = [line for line in done.stderr.splitlines() if UNIT.name in line]
     assert not problems

@@ -21,6 +21,7 @@ from zenoh_tf.errors import LookupException, OutcomeUnknown, ServerUnavailable
 from zenoh_tf_client import TransformClient
 
 from .conftest import StartServer, free_endpoint
+from .seed import seed
 
 KILLS = int(os.environ.get("STATE_KILLS", "10"))
 WRITERS = 3
@@ -99,9 +100,9 @@ def static_x(tf: TransformClient, frame: str) -> int | None:
 
 @pytest.mark.timeout(60 + 20 * KILLS)
 def test_acknowledged_statics_survive_kills(start_server: StartServer, tmp_path: Path) -> None:
-    seed = int(os.environ.get("SEED", random.SystemRandom().randrange(1 << 32)))
-    print(f"SEED={seed}")
-    chance = random.Random(seed)
+    number = seed("STATE_KILLS" in os.environ)
+    print(f"SEED={number}")
+    chance = random.Random(number)
     folder, endpoint = tmp_path / "state", free_endpoint()
     flags = ("--state-dir", str(folder))
     writers = [Writer(number, random.Random(chance.random())) for number in range(WRITERS)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import socket
 import threading
 import time
@@ -115,3 +116,15 @@ def test_a_connection_to_nothing_ends() -> None:
             contextlib.suppress(ConnectionResetError),
         ):
             assert connection.recv(1) == b""
+
+
+def test_a_proxy_closes_while_connections_begin() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as target:
+        for _ in range(20):
+            with contextlib.ExitStack() as opened:
+                with TcpProxy(f"tcp/127.0.0.1:{target.getsockname()[1]}") as proxy:
+                    port = int(proxy.endpoint.rpartition(":")[2])
+                    for _ in range(5):
+                        connection = socket.create_connection(("127.0.0.1", port), timeout=10)
+                        opened.enter_context(connection)
+                gc.collect()  # what is left open is reported here

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from zenoh_tf.errors import ServerBusy, TimeoutException
+from zenoh_tf.errors import InvalidArgumentException, ServerBusy, TimeoutException
 
 from .fair_share import FairShare
 from .limits import Limits
@@ -47,6 +47,7 @@ OnRepeat = Callable[[bytes, bool], None]
 @dataclass(slots=True)
 class _Entry:
     client: str
+    what: str  # the write is
     until_ns: int
     size: int  # that count against the limit: first those reserved, then those of the outcome
     outcome: bytes | None = None  # None while the write runs
@@ -70,14 +71,17 @@ class ReplyCache:
         self,
         request_id: bytes,
         client: str,
+        what: str,
         expires_ns: int | None,
         reserve: int,
         on_repeat: OnRepeat,
     ) -> int | None:
         """Return the write's expiry: the caller must run it before then, and call `finish`. None:
         this is a repeat, and `on_repeat` gets the first outcome, now or when the write ends.
+        `what`: the kind of write; a repeat is of the same kind, or its sender reuses an id.
 
         Raises:
+            InvalidArgumentException: The id is that of a write of another kind.
             TimeoutException: The expiry has passed.
             LimitExceeded: The expiry is too far ahead.
             ServerBusy: The client's share is used up, or too many repeats wait for the write.
@@ -85,7 +89,12 @@ class ReplyCache:
         with self._lock:
             entry = self._entries.get(request_id)
             if entry is None:
-                return self._begin(request_id, client, expires_ns, reserve)
+                return self._begin(request_id, client, what, expires_ns, reserve)
+            if entry.what != what:
+                raise InvalidArgumentException(
+                    f"the id is that of another write, {entry.what}: this one, {what}, did not run",
+                    field="id",
+                )
             if entry.outcome is None:
                 if len(entry.waiting) >= _MAX_REPEATS:
                     raise ServerBusy(
@@ -103,9 +112,9 @@ class ReplyCache:
             entry = self._entries[request_id]
             entry.outcome, entry.failed = outcome, failed
             waiting, entry.waiting = entry.waiting, []
-            self._bytes.give_back(entry.client, entry.size)
-            entry.size = _OVERHEAD_BYTES + len(outcome)
-            self._bytes.take(entry.client, entry.size)
+            size = _OVERHEAD_BYTES + len(outcome)
+            self._bytes.take(entry.client, size - entry.size)
+            entry.size = size
             heapq.heappush(self._finished, (entry.until_ns, request_id))
         for on_repeat in waiting:
             on_repeat(outcome, failed)
@@ -132,13 +141,16 @@ class ReplyCache:
             raise self._limits.exceeded("expiry_s", (expires_ns - now_ns) // _NS)
         return expires_ns
 
-    def _begin(self, request_id: bytes, client: str, expires_ns: int | None, reserve: int) -> int:
+    def _begin(
+        self, request_id: bytes, client: str, what: str, expires_ns: int | None, reserve: int
+    ) -> int:
         until_ns = self.expiry(expires_ns)
         self._forget_expired()
-        self._count.check(client, 1, self._retry_after_s())
+        retry_after_s = self._retry_after_s()
+        self._count.check(client, 1, retry_after_s)
         size = _OVERHEAD_BYTES + reserve
-        self._bytes.check(client, size, self._retry_after_s())
-        self._entries[request_id] = _Entry(client, until_ns, size)
+        self._bytes.check(client, size, retry_after_s)
+        self._entries[request_id] = _Entry(client, what, until_ns, size)
         self._count.take(client, 1)
         self._bytes.take(client, size)
         return until_ns

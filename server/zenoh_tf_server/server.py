@@ -80,8 +80,11 @@ class Server:
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
-            guard.certificate_of = network.certificates(session)
+            guard = RequestGuard(
+                settings.security.rules,
+                admin=settings.security.admin,
+                certificate_of=network.certificates(session),
+            )
             self.service = service = Service(
                 tree,
                 settings.tree,
@@ -92,6 +95,7 @@ class Server:
                 guard,
                 settings.future,
             )
+            service.info_requests.addresses = network.addresses(session)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)

@@ -33,17 +33,19 @@ class Writes:
         self,
         message: wire.Message,
         reply_to: ReplyCallback,
+        what: str,
         run: Run,
         repeat: Repeat = lambda outcome: outcome,
         reserve: int = 0,
     ) -> None:
-        """Run a write and reply, or reply with its outcome if this is a repeat. `reserve`: bytes
-        that its outcome may have, where that is much.
+        """Run a write and reply, or reply with its outcome if this is a repeat. `what`: the
+        kind of write. `reserve`: bytes that its outcome may have, where that is much.
 
         Raises:
             ServerRestarted: It is meant for another instance.
             TimeoutException: Its expiry has passed.
             LimitExceeded: Its expiry is too far ahead.
+            InvalidArgumentException: Its id is that of a write of another kind.
             ServerBusy: Too much is remembered for its client.
         """
         write = wire.parse_write(message)
@@ -66,7 +68,7 @@ class Writes:
             reply_to(reply, failed)
 
         expires_ns = self._cache.begin(
-            write.id, reply_to.client, write.expires_ns, reserve, on_repeat
+            write.id, reply_to.client, what, write.expires_ns, reserve, on_repeat
         )
         if expires_ns is None:
             return

@@ -7,7 +7,6 @@ the plan of a run.
 from __future__ import annotations
 
 import os
-import random
 import sys
 from pathlib import Path
 
@@ -16,12 +15,13 @@ import pytest
 
 from ..history.checker import describe, find_anomaly
 from ..history.history import COMMITTED, History, Liveliness, liveliness
+from ..seed import seed
 from .faults import FAULTS, Fault, faulty_server, faulty_text
 from .merge import Merged
 from .run import Chaos
 
 LONG = int(os.environ.get("CHAOS", "0"))
-SEED = int(os.environ.get("SEED", random.SystemRandom().randrange(1 << 32)))
+SEED = seed(LONG)
 SHORT = 1000
 #: A faulty server is given so many runs of so many transactions.
 FAULTY_RUNS, FAULTY = 6, 3000

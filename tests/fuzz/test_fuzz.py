@@ -7,19 +7,19 @@
 from __future__ import annotations
 
 import os
-import random
 import sys
 
 import pytest
 
 from ..attack.processes import Server
+from ..seed import seed
 from .corpus import first_inputs, kept, mutated
 from .network import play
 from .targets import TARGETS
 
 LONG = int(os.environ.get("FUZZ", "0"))
 MESSAGES = LONG or 3000
-SEED = int(os.environ.get("SEED", random.SystemRandom().randrange(1 << 32)))
+SEED = seed(LONG)
 #: Bounds on the log: at most one line per source and period, and each is cut.
 LONGEST_LINE = 4000
 LOG_BYTES = 2_000_000

@@ -36,14 +36,13 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
         cache-time = 30
         one-authority-per-frame = true
         log-level = "debug"
+        users = "people"
         [limits]
         rows = 1000
         max-frames = 5
         [tls]
         certificate = "server.pem"
         ca = "/etc/ca.pem"
-        [users]
-        file = "people"
         [[access]]
         users = ["nav"]
         may = ["read"]
@@ -137,7 +136,7 @@ def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None
         [sys.executable, "-m", "zenoh_tf_server", "--config", str(path)],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=50,
         check=False,
     )
     assert done.returncode == 2

@@ -11,4 +11,5 @@ NB_MODULE(_core, m) {
   ztf::bind_tree(m);
   ztf::bind_parked_lookups(m);
   ztf::bind_message_size(m);
+  ztf::bind_join_buffers(m);
 }
