@@ -15,7 +15,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 
 from zenoh_tf import StampedTransform, Transform, TransformException
-from zenoh_tf_client import Transaction, TransformClient
+from zenoh_tf_client import Broadcaster, Transaction, TransformClient
 
 from ..attack import messages
 from ..fuzz.seeds import Mutator
@@ -47,17 +47,22 @@ def churn(endpoint: str) -> Callable[[], object]:
 
 
 def sensors(endpoint: str) -> Callable[[], object]:
-    """Ten sensors of 50 Hz; now and then one is replaced by another with a new name."""
-    tf = TransformClient.connect(endpoint, timeout_s=20.0)
+    """Ten sensors of 50 Hz, each with its own connection, as in a process of its own; one after
+    another is replaced by one with a new name, until the server knows no more names."""
     number = itertools.count()
-    running = deque(tf.broadcaster(f"sensor {next(number)}") for _ in range(10))
+
+    def connect() -> tuple[TransformClient, Broadcaster]:
+        tf = TransformClient.connect(endpoint, timeout_s=20.0)
+        return tf, tf.broadcaster(f"sensor {next(number)}")
+
+    running = deque(connect() for _ in range(10))
 
     def step() -> None:
-        for index, sensor in enumerate(running):
+        for index, (_, sensor) in enumerate(running):
             sensor.send(_link("world", f"sensed {index}"))
-        if random.random() < 0.02:
-            running.popleft().close()
-            running.append(tf.broadcaster(f"sensor {next(number)}"))
+        if random.random() < 0.1:
+            running.popleft()[0].close()
+            running.append(connect())
         time.sleep(0.02)
 
     return step
