@@ -5,22 +5,32 @@
 
 #include "commit_validation.hpp"
 #include "history_insert.hpp"
+#include "host.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
 
 Tree::Tree(const Options& options)
     : options_(options),
-      frame_array_(std::size_t{options.max_frames} + 1),
-      frames_(frame_array_.begin()),
-      ring_arena_(options.max_memory_bytes),
-      empty_ring_(Ring::make_empty(ring_arena_)),
-      events_(std::size_t{options.max_frames} + 1),
+      region_(options),
+      frames_(region_.frames()),
+      ring_arena_(region_, options.max_memory_bytes),
+      events_(region_.events()),
       waiters_(std::size_t{options.max_frames} + 1),
       topology_index_(std::size_t{options.max_frames} + 1),
       authority_counters_(options.max_authorities),
-      names_(options.max_frames),
-      authorities_(options.max_authorities) {}
+      ever_reparented_(region_.header().ever_reparented),
+      names_(region_.header().names, region_.names(), options.max_frames, region_),
+      authorities_(region_.header().authorities, region_.authorities(), options.max_authorities,
+                   region_) {}
+
+bool Tree::extend_lease(std::int64_t duration_ns) noexcept {
+  // The clock is read first: a thread that is stopped in between promises too little.
+  const std::int64_t now = monotonic_ns();
+  const std::int64_t until = duration_ns > 0 ? now + duration_ns : 0;
+  const std::int64_t before = region_.header().lease_ns.exchange(until, std::memory_order_seq_cst);
+  return now < before;
+}
 
 std::unique_lock<std::mutex> Tree::lock_giant() const {
   return options_.concurrency == Concurrency::giant ? lock_announced(giant_)
@@ -91,9 +101,9 @@ void Tree::drop_frames(const FrameList& frames) {
     clear_frame(id);
     topology_index_.set_height(id, 0);  // its children are gone, too
     frame.authority.store(0, std::memory_order_release);
-    if (const Ring ring = frame.ring.load(std::memory_order_relaxed); ring && !ring.is_empty()) {
+    if (const Ring ring = frame.ring.load(std::memory_order_relaxed)) {
       rings.push_back(ring);
-      frame.ring.store(empty_ring_, std::memory_order_release);
+      frame.ring.store(Ring(), std::memory_order_release);
     }
     names_.hide(id);
   }

@@ -25,34 +25,17 @@
 #include "frame_info.hpp"
 #include "guards.hpp"
 #include "history.hpp"
+#include "layout.hpp"
 #include "name_table.hpp"
+#include "options.hpp"
 #include "query.hpp"
+#include "region.hpp"
 #include "topology_index.hpp"
 #include "velocity.hpp"
 #include "wait_list.hpp"
 #include "zeroed_array.hpp"
 
 namespace ztf {
-
-struct Options {
-  std::uint64_t cache_ns = 10'000'000'000;  // less than 2^63
-  Concurrency concurrency = Concurrency::optimistic;
-  std::uint32_t max_frames = 1u << 20;
-  std::uint32_t max_samples_per_frame = 1u << 16;
-  std::uint32_t max_name_bytes = 255;
-  // The most links between a frame and its root: a commit that puts a frame deeper is rejected.
-  std::uint32_t max_depth = 1000;
-  // If there are more, those that own no frame are forgotten, the least recently used first.
-  std::uint32_t max_authorities = 4096;
-  // Most bytes of all rings of samples; 0: no limit. A ring that is not used any more counts until
-  // a frame needs one of its capacity.
-  std::uint64_t max_memory_bytes = 0;
-  bool one_authority_per_frame = false;
-  // Two commits in a row whose rows of a frame are too old mean that time was set back, if the
-  // second's are newer: it clears the frame's history and stores its rows. Without this option it
-  // does so only if the history ends ahead of the real-time clock (CommitPlan::restarts_history).
-  bool clear_on_time_jump = false;
-};
 
 // One transform to be written. parent and child are indices into CommitRequest::names, and less
 // than its size.
@@ -101,7 +84,8 @@ struct Rejected {
   std::int64_t limit = -1, value = -1;
 };
 
-template <class Guard>
+class FrameAccess;
+template <class Guard, class Access>
 class Reader;
 class CommitPlan;
 class CommitExecution;
@@ -191,6 +175,13 @@ class Tree {
     waiters_[frame].fetch_sub(1, std::memory_order_seq_cst);
   }
 
+  // The file descriptor of the tree's region, which belongs to the tree; -1 without
+  // Options::shared.
+  [[nodiscard]] int descriptor() const noexcept { return region_.descriptor(); }
+  // Allows readers in other processes to believe what they read for that long from now, and returns
+  // whether they still were allowed to. If not, another server may have taken over. 0 ends it.
+  bool extend_lease(std::int64_t duration_ns) noexcept;
+
   // The bytes of all rings of samples, those that wait to be used again included.
   [[nodiscard]] std::uint64_t memory_bytes() const { return ring_arena_.bytes(); }
   [[nodiscard]] std::uint64_t commits() const noexcept { return commit_count_.sum(); }
@@ -205,7 +196,7 @@ class Tree {
   friend class WriteLocks;
 
   template <class Guard>
-  Reader<Guard> reader(Guard& guard) const noexcept;
+  Reader<Guard, FrameAccess> reader(Guard& guard) const noexcept;
   template <class Body>
   void read(ReadSet& reads, Body&& body) const;
 
@@ -239,15 +230,14 @@ class Tree {
   void notify_waiters_of(const FrameList& changed) const noexcept;
 
   const Options options_;
-  const ZeroedArray<Frame> frame_array_;
+  Region region_;
   Frame* const frames_;
   RingArena ring_arena_;
-  const Ring empty_ring_;  // of frames that were removed
-  const ZeroedArray<FrameEvents> events_;
+  FrameEvents* const events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
   TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
-  std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
+  std::atomic<bool>& ever_reparented_;  // some frame once had samples of two parents
   NameTable names_;
   NameTable authorities_;
   // How often authorities were forgotten. Changes only while all frames are locked.

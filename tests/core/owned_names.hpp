@@ -1,0 +1,24 @@
+// A name table with memory of its own.
+//
+// Thread safety: NameTable's.
+#pragma once
+
+#include "layout.hpp"
+#include "name_table.hpp"
+
+namespace ztf {
+
+struct OwnedRegion {
+  explicit OwnedRegion(std::uint32_t max_names)
+      : region(Options{.max_frames = max_names, .max_authorities = 1}) {}
+  Region region;
+};
+
+class OwnedNames : OwnedRegion, public NameTable {
+ public:
+  explicit OwnedNames(std::uint32_t max_names)
+      : OwnedRegion(max_names),
+        NameTable(region.header().names, region.names(), max_names, region) {}
+};
+
+}  // namespace ztf
