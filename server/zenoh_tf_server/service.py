@@ -147,7 +147,9 @@ class Service:
 
     def _pack_within(self, reply: wire.Message) -> bytes:
         """Raises LimitExceeded for more bytes than a reply may have."""
-        data = self._pack(reply)
+        reply["v"] = wire.VERSION
+        reply["instance"] = self.instance
+        data = wire.pack_in_steps(reply)
         self.limits.check("reply_bytes", len(data))
         return data
 

@@ -32,7 +32,7 @@ TEST(a_mapped_tree_never_shows_a_torn_state) {
                         .max_memory_bytes = 1 << 24,
                         .shared = true});
     CHECK_EQ(world.refusal(arms(0, 0)), Code::ok);
-    world.tree.extend_lease(kLong);
+    world.tree.begin_lease(kLong);
     const SharedTree tree(world.tree.descriptor());
     const std::string left = "l" + std::to_string(kLinks), right = "r" + std::to_string(kLinks);
     const FrameId root = tree.find("root"), l = tree.find(left), r = tree.find(right);
@@ -86,7 +86,7 @@ TEST(a_mapped_tree_never_shows_a_torn_state) {
 
 TEST(names_are_found_while_their_table_grows) {
   World world(Options{.max_memory_bytes = 1 << 24, .shared = true});
-  world.tree.extend_lease(kLong);
+  world.tree.begin_lease(kLong);
   const SharedTree tree(world.tree.descriptor());
   const auto name_of = [](int n) {
     return std::string(n % 2 ? 0 : 40, 'x') + "frame" + std::to_string(n);

@@ -40,7 +40,7 @@ std::string refusal(int descriptor) {
   try {
     const SharedTree tree(descriptor);
   } catch (const RegionRefused& refused) {
-    return refused.reason;
+    return refused.what();
   }
   return {};
 }
@@ -79,7 +79,7 @@ TEST(a_mapped_tree_answers_as_its_owner) {
   for_each_concurrency([](Concurrency c) {
     World world(shared({.cache_ns = 1'000'000, .concurrency = c}));
     fill(world);
-    CHECK(!world.tree.extend_lease(kLong));
+    world.tree.begin_lease(kLong);
     const SharedTree first(world.tree.descriptor()), second(world.tree.descriptor());
     world.set(name_of(3), name_of(40), 3000, some_pose(9));  // after the mapping; reparents
     std::vector<Query> queries;
@@ -126,7 +126,7 @@ TEST(a_mapped_tree_answers_as_its_owner) {
 TEST(a_mapped_tree_samples_one_pair_at_many_times) {
   World world(shared({.cache_ns = 1'000'000}));
   fill(world);
-  world.tree.extend_lease(kLong);
+  world.tree.begin_lease(kLong);
   const SharedTree tree(world.tree.descriptor());
   std::vector<Query> queries;
   for (Stamp stamp = 990; stamp < 1400; stamp += 3)
@@ -141,7 +141,7 @@ TEST(velocities_are_the_owners) {
   World world(shared());
   for (Stamp stamp = 0; stamp < 10; ++stamp)
     world.set("map", "base", stamp * 1'000'000'000, at_x(2.0 * static_cast<double>(stamp)));
-  world.tree.extend_lease(kLong);
+  world.tree.begin_lease(kLong);
   const SharedTree tree(world.tree.descriptor());
   const FrameId map = tree.find("map"), base = tree.find("base");
   VelocityAnswer answer;
@@ -167,13 +167,19 @@ TEST(nothing_is_answered_without_a_lease) {
     CHECK(unanswered([&] { (void)tree.info(query.source); }) == expected);
   };
   check_all(Reason::lapsed);
-  CHECK(!world.tree.extend_lease(kLong));
+  CHECK(!world.tree.extend_lease(kLong));  // none has begun
+  check_all(Reason::lapsed);
+  world.tree.begin_lease(kLong);
+  check_all(std::nullopt);
+  CHECK(world.tree.extend_lease(kLong));
   check_all(std::nullopt);
   CHECK(world.tree.extend_lease(1));
   check_all(Reason::lapsed);
-  CHECK(!world.tree.extend_lease(kLong));  // it had lapsed
+  CHECK(!world.tree.extend_lease(kLong));  // another server may have taken over
+  check_all(Reason::lapsed);
+  world.tree.begin_lease(kLong);
   check_all(std::nullopt);
-  CHECK(world.tree.extend_lease(0));
+  world.tree.begin_lease(0);
   check_all(Reason::lapsed);
 }
 
@@ -183,7 +189,7 @@ TEST(a_lease_that_nears_its_end_counts_to_the_end) {
   const SharedTree tree(world.tree.descriptor());
   // Within the margin of the coarse clock, the exact one decides.
   const std::int64_t begin = monotonic_ns();
-  world.tree.extend_lease(90'000'000);
+  world.tree.begin_lease(90'000'000);
   const auto reason = unanswered([&] { tree.check_lease(); });
   if (monotonic_ns() - begin < 80'000'000) CHECK(!reason);
 }
@@ -191,7 +197,7 @@ TEST(a_lease_that_nears_its_end_counts_to_the_end) {
 TEST(the_tree_of_an_owner_that_has_ended_is_not_believed) {
   auto world = std::make_unique<World>(shared());
   world->set("map", "base", 5, at_x(1));
-  world->tree.extend_lease(kLong);
+  world->tree.begin_lease(kLong);
   const SharedTree tree(world->tree.descriptor());
   const Query query{Op::latest_xact, tree.find("map"), tree.find("base")};
   world.reset();

@@ -10,11 +10,14 @@
 #include <nanobind/stl/string_view.h>
 #include <nanobind/stl/vector.h>
 
+#include <functional>
+#include <memory>
 #include <optional>
 #include <string_view>
 #include <utility>
 
 #include "docs.hpp"
+#include "shared_tree.hpp"
 #include "tree.hpp"
 
 // A method's signature and docstring, from the stubs.
@@ -43,8 +46,15 @@ struct LatestTransform : StampedTransform {
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
 nb::object make_error(const Rejected& rejected);
 // The error of a lookup of `source` in `target`; `note` is appended to its message.
-nb::object make_error(const Tree& tree, const Failure& failure, nb::handle target,
-                      nb::handle source, const std::string& note = "");
+nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
+                      const Failure& failure, nb::handle target, nb::handle source,
+                      const std::string& note);
+template <class AnyTree>
+nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle target,
+                      nb::handle source, const std::string& note = "") {
+  return make_error([&](FrameId id) { return tree.name(id); }, tree.options().max_depth, failure,
+                    target, source, note);
+}
 // The note of a lookup that timed out.
 std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
@@ -87,10 +97,32 @@ class GilReleasedOnWait final : private LongWait {
   PyThreadState* state_ = nullptr;
 };
 
-// Tree::lookup, for threads that hold the GIL.
-inline void lookup_holding_gil(const Tree& tree, const Query& query, Answer& answer) {
-  const GilReleasedOnWait released;
-  tree.lookup(query, answer);
+using FrameRef = Tree::FrameRef;
+
+// A query, and the frames of its names as they were found.
+struct NamedQuery : Query {
+  FrameRef target_ref, source_ref, fixed_ref = {};
+
+  // False if one of the names has lost its id since: then the answer may be another frame's.
+  template <class AnyTree>
+  [[nodiscard]] bool is_current(const AnyTree& tree) const noexcept {
+    return tree.is_current(target_ref) && tree.is_current(source_ref) && tree.is_current(fixed_ref);
+  }
+};
+
+// The tree's lookup of the query that find_names() returns, for threads that hold the GIL. Finds
+// the names again if one has lost its id meanwhile. Returns the query that was answered.
+template <class AnyTree, class FindNames>
+NamedQuery lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_names) {
+  for (;;) {
+    const NamedQuery query = find_names();
+    {
+      const GilReleasedOnWait released;
+      tree.lookup(query, answer);
+    }
+    if (query.is_current(tree)) [[likely]]
+      return query;
+  }
 }
 
 // --- arguments; `field` names the argument in InvalidArgumentException
@@ -99,9 +131,19 @@ inline void lookup_holding_gil(const Tree& tree, const Query& query, Answer& ans
 std::string quoted(std::string_view name);
 // A str's UTF-8; valid as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
+// The same, of a name that a frame may have; raises for others.
+std::string_view frame_name_of(nb::handle name, const char* field);
 // A frame's id, 0 if there is none. Raises for names that no frame can have.
-FrameId frame_of(const Tree& tree, nb::handle name, const char* field);
-Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
+template <class AnyTree>
+FrameRef frame_of(const AnyTree& tree, nb::handle name, const char* field) {
+  return tree.find_ref(frame_name_of(name, field));
+}
+template <class AnyTree>
+NamedQuery query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source) {
+  const FrameRef target_ref = frame_of(tree, target, "target_frame");
+  const FrameRef source_ref = frame_of(tree, source, "source_frame");
+  return {{op, target_ref.id, source_ref.id}, target_ref, source_ref};
+}
 // An int as a stamp; kNoStamp for None.
 Stamp stamp_of(nb::handle stamp, const char* field);
 // Exactly n numbers of a sequence.
@@ -119,15 +161,23 @@ template <class T>
 using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using PoseColumn = nb::ndarray<const double, nb::shape<-1, 7>, nb::c_contig, nb::device::cpu>;
 
+// A numpy array that owns `storage`.
+template <class T, std::size_t N>
+nb::object array_of(std::unique_ptr<T[]> storage, const std::size_t (&shape)[N]) {
+  T* const data = storage.get();
+  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+  (void)storage.release();
+  return nb::cast(nb::ndarray<nb::numpy, T>(data, N, shape, owner));
+}
+
 // A new numpy array; `fill` gets its storage.
 template <class T, std::size_t N, class Fill>
 nb::object make_array(const std::size_t (&shape)[N], Fill&& fill) {
   std::size_t size = 1;
   for (const std::size_t n : shape) size *= n;
-  T* data = new T[size ? size : 1];
-  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
-  fill(data);
-  return nb::cast(nb::ndarray<nb::numpy, T>(data, N, shape, owner));
+  auto storage = std::make_unique_for_overwrite<T[]>(size);
+  fill(storage.get());
+  return array_of(std::move(storage), shape);
 }
 
 // --- the tree
@@ -137,6 +187,7 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
             bool release_gil);
 
 void bind_budget(nb::module_& m);
+void bind_join_buffers(nb::module_& m);
 void bind_message_size(nb::module_& m);
 void bind_transform(nb::module_& m);
 void bind_apply(nb::class_<Pose>& transform);
@@ -148,5 +199,14 @@ void bind_commit(nb::module_& m, nb::class_<Tree>& tree);
 void bind_parked_lookups(nb::module_& m);
 void bind_introspection(nb::class_<Tree>& tree);
 void bind_velocity(nb::class_<Tree>& tree);
+void bind_lookups(nb::class_<Tree>& tree);
+
+// The same of a tree in another process: each method returns AskServer if it cannot answer.
+void bind_shared_tree(nb::module_& m);
+void bind_lookups(nb::class_<SharedTree>& tree);
+void bind_lookup_columns(nb::class_<SharedTree>& tree);
+void bind_read_rows(nb::class_<SharedTree>& tree);
+void bind_introspection(nb::class_<SharedTree>& tree);
+void bind_velocity(nb::class_<SharedTree>& tree);
 
 }  // namespace ztf

@@ -1,6 +1,8 @@
-// Introspection: frames, links, authorities and counters.
+// Introspection: frames, links, authorities and counters. Of a tree in another process, frames and
+// links.
 #include <algorithm>
 
+#include "ask_server.hpp"
 #include "budget.hpp"
 
 namespace ztf {
@@ -8,8 +10,9 @@ namespace ztf {
 namespace {
 
 // The id of a frame that must exist.
-FrameId known(const Tree& tree, nb::handle name) {
-  const FrameId id = frame_of(tree, name, "frame");
+template <class AnyTree>
+FrameId known(const AnyTree& tree, nb::handle name) {
+  const FrameId id = frame_of(tree, name, "frame").id;
   if (id == 0) {
     nb::dict facts;
     facts["frame"] = name;
@@ -19,21 +22,25 @@ FrameId known(const Tree& tree, nb::handle name) {
   return id;
 }
 
-FrameInfo info_holding_gil(const Tree& tree, FrameId id) {
+template <class AnyTree>
+FrameInfo info_holding_gil(const AnyTree& tree, FrameId id) {
   const GilReleasedOnWait released;
   return tree.info(id);
 }
 
-nb::object name_or_none(const Tree& tree, FrameId id) {
+template <class AnyTree>
+nb::object name_or_none(const AnyTree& tree, FrameId id) {
   if (id == 0) return nb::none();
   const std::string name = tree.name(id);
   return nb::str(name.data(), name.size());
 }
 
-nb::list frames(const Tree& tree) {
+template <class AnyTree>
+nb::list frames(const AnyTree& tree) {
   nb::list out;
   for (FrameId id = 1, n = tree.size(); id <= n; ++id)
     if (!tree.removed(id)) out.append(name_or_none(tree, id));
+  if constexpr (std::is_same_v<AnyTree, SharedTree>) tree.check_lease();
   return out;
 }
 
@@ -58,7 +65,8 @@ nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most,
 
 nb::object text(std::string_view value) { return nb::str(value.data(), value.size()); }
 
-nb::object last_change(const Tree& tree, const FrameInfo& info) {
+template <class AnyTree>
+nb::object last_change(const AnyTree& tree, const FrameInfo& info) {
   using Change = FrameEvents::Change;
   if (info.change == Change::none) return nb::none();
   nb::dict out;
@@ -78,7 +86,8 @@ T load(const std::atomic<T>& counter) {
 }
 
 // The fields of zenoh_tf.FrameInfo.
-nb::dict frame_record(const Tree& tree, nb::handle name) {
+template <class AnyTree>
+nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
   const FrameInfo info = info_holding_gil(tree, id);
   const FrameEvents& events = tree.events(id);
@@ -104,6 +113,11 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   out["time_jumps"] = load(events.time_jumps);
   out["last_change"] = last_change(tree, info);
   return out;
+}
+
+template <class AnyTree>
+nb::dict frame_record(const AnyTree& tree, nb::handle name) {
+  return tree.read_names([&] { return read_frame_record(tree, name); });
 }
 
 // The fields of zenoh_tf.AuthorityInfo, in the order of first commits.
@@ -148,18 +162,22 @@ std::uint64_t links(const Tree& tree, nb::handle frames) {
   return total;
 }
 
-nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
-  const FrameId id = known(tree, frame);
+template <class AnyTree>
+nb::object parent(const AnyTree& tree, nb::handle frame, nb::handle stamp) {
   const Stamp at = stamp_of(stamp, "stamp_ns");
-  FrameId found;
-  {
-    const GilReleasedOnWait released;
-    found = tree.parent(id, at);
-  }
-  return name_or_none(tree, found);
+  return tree.read_names([&] {
+    const FrameId id = known(tree, frame);
+    FrameId found;
+    {
+      const GilReleasedOnWait released;
+      found = tree.parent(id, at);
+    }
+    return name_or_none(tree, found);
+  });
 }
 
-nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+template <class AnyTree>
+nb::list read_chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
   Query query = query_of(tree, Op::at, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   std::vector<FrameId> ids;
@@ -174,7 +192,12 @@ nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handl
   return out;
 }
 
-nb::dict stats(const Tree& tree) {
+template <class AnyTree>
+nb::list chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+  return tree.read_names([&] { return read_chain(tree, target, source, stamp); });
+}
+
+nb::dict read_stats(const Tree& tree) {
   std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0, frames = 0;
   std::optional<GilReleased> released(std::in_place);
   for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
@@ -190,6 +213,9 @@ nb::dict stats(const Tree& tree) {
     evicted += info.evicted;
   }
   released.reset();
+  rewritten += tree.totals_of_freed().rewritten;
+  dropped += tree.totals_of_freed().dropped;
+  evicted += tree.totals_of_freed().evicted;
   nb::dict out;
   out["frames"] = frames;
   out["static_links"] = statics;
@@ -205,10 +231,18 @@ nb::dict stats(const Tree& tree) {
   return out;
 }
 
+nb::dict stats(const Tree& tree) {
+  // If frames lose their names all the time, some of their events may count twice.
+  return tree.read_names([&] { return read_stats(tree); }, 3);
+}
+
 // What happened since the last call: maps, and how many events found no room.
 nb::tuple take_events(Tree& tree) {
   using Kind = TreeEvent::Kind;
-  const auto [events, lost] = tree.take_events();
+  const auto [events, lost] = [&] {
+    const GilReleasedOnWait released;
+    return tree.take_events();
+  }();
   const auto stamp = [](Stamp value) {
     return value == kNoStamp ? nb::none() : nb::object(nb::int_(value));
   };
@@ -216,18 +250,21 @@ nb::tuple take_events(Tree& tree) {
   const auto authority = [&](AuthorityId id) {
     return text(id <= tree.authorities() ? tree.authority(id) : std::string_view());
   };
+  const auto name_or_none = [](const std::string& name) {
+    return name.empty() ? nb::none() : text(name);
+  };
   nb::list out;
-  for (const TreeEvent& event : events) {
+  for (const auto& [event, frame, parent, parent_before] : events) {
     nb::dict record;
     record["kind"] = event.kind == Kind::late        ? "late"
                      : event.kind == Kind::time_jump ? "time_jump"
                      : event.kind == Kind::conflict  ? "conflict"
                                                      : "reparented";
-    record["frame"] = name_or_none(tree, event.frame);
+    record["frame"] = name_or_none(frame);
     record["authority"] = authority(event.authority);
     record["authority_before"] = authority(event.authority_before);
-    record["parent"] = name_or_none(tree, tree.info(event.frame).parent);
-    record["parent_before"] = name_or_none(tree, event.parent_before);
+    record["parent"] = name_or_none(parent);
+    record["parent_before"] = name_or_none(parent_before);
     record["stamp_ns"] = stamp(event.stamp);
     record["newest_stamp_ns"] = stamp(event.newest);
     record["count"] = event.count;
@@ -239,18 +276,27 @@ nb::tuple take_events(Tree& tree) {
 }  // namespace
 
 void bind_introspection(nb::class_<Tree>& tree) {
-  tree.def("frames", &frames, ZTF_DOC(Tree_frames))
-      .def("parent", &parent, ZTF_DOC(Tree_parent), nb::arg("frame"),
+  tree.def("frames", &frames<Tree>, ZTF_DOC(Tree_frames))
+      .def("parent", &parent<Tree>, ZTF_DOC(Tree_parent), nb::arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", &chain, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
+      .def("chain", &chain<Tree>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats, ZTF_DOC(Tree_stats))
       .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("budget"))
       .def("_frame_count", [](const Tree& t) { return t.size(); })
       .def("_links", &links, nb::arg("frames"))
-      .def("_frame_record", &frame_record, nb::arg("name"))
+      .def("_frame_record", &frame_record<Tree>, nb::arg("name"))
       .def("_authority_records", &authority_records)
       .def("_take_events", &take_events);
+}
+
+void bind_introspection(nb::class_<SharedTree>& tree) {
+  tree.def("frames", or_ask_server<&frames<SharedTree>>)
+      .def("parent", or_ask_server<&parent<SharedTree>>, nb::arg("frame"),
+           nb::arg("stamp_ns").none() = nb::none())
+      .def("chain", or_ask_server<&chain<SharedTree>>, nb::arg("target"), nb::arg("source"),
+           nb::arg("stamp_ns").none() = nb::none())
+      .def("_frame_record", or_ask_server<&frame_record<SharedTree>>, nb::arg("name"));
 }
 
 }  // namespace ztf

@@ -134,11 +134,12 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   [[nodiscard]] std::string refusal() const;
   void look_up_now(std::size_t i, Answer& answer) {
     const auto [target, source, fixed] = rows_.names[i];
-    Query& query = rows_.queries[i];
-    query.target = tree_.find(rows_.texts[target]);
-    query.source = tree_.find(rows_.texts[source]);
-    if (query.op == Op::full) query.fixed = tree_.find(rows_.texts[fixed]);
-    lookup_holding_gil(tree_, query, answer);
+    for (const std::uint32_t name : {target, source, fixed})
+      rows_.frames[name] = tree_.find_ref(rows_.texts[name]);
+    rows_.look_up_row(tree_, i, [&](const Query& query) {
+      const GilReleasedOnWait released;
+      tree_.lookup(query, answer);
+    });
   }
 
   const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive
@@ -175,7 +176,8 @@ nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
       answers[i].failure.code = Code::invalid_argument;
     }
   }
-  return reply(tree_, rows_, answers, {notes, errors, budget}, nb::none());
+  const FailureReport report{notes, errors, budget};
+  return reply(tree_, rows_, AnswerColumns(rows_, answers, report), report, nb::none());
 }
 
 std::string ParkedLookups::refusal() const {
@@ -250,8 +252,9 @@ void bind_parked_lookups(nb::module_& m) {
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
          const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links) {
-        ReadRows rows(nb::cast<const Tree&>(tree), names, op, target, source, stamp, fixed,
-                      source_stamp);
+        const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+        ReadRows rows(nb::cast<const Tree&>(tree), names, columns);
+        rejected_as_error([&] { rows.set(columns); });
         return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token,
                                                max_links);
       },

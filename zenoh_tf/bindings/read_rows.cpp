@@ -1,10 +1,12 @@
 // Tree._read_rows: lookups of every kind as columns, for the server.
 //
-// GIL: many rows release it. Names are resolved before, under it.
+// GIL: many rows release it, once for all that is done row by row, so that other threads wait for
+// none of it. Names are resolved before, under it, and errors are made after.
 #include "read_rows.hpp"
 
 #include <algorithm>
-#include <limits>
+
+#include "ask_server.hpp"
 
 namespace ztf {
 
@@ -12,8 +14,7 @@ namespace {
 
 constexpr std::size_t kReleaseFrom = 16;  // rows from which releasing the GIL pays
 
-constexpr std::size_t kMaxQuoted = 64;      // bytes of a name in an error about its length
-constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
+constexpr std::size_t kMaxQuoted = 64;  // bytes of a name in an error about its length
 
 // Each frame once, in the version that was read first: if a later row read another version, the
 // frame has changed, and the transaction conflicts in any case.
@@ -36,13 +37,14 @@ class FirstReads {
 
 // The read set: names of frames and their versions. A frame that does not exist has version 0:
 // a transaction conflicts if it is created.
-nb::object versions_of(const Tree& tree, const ReadRows& rows,
+template <class AnyTree>
+nb::object versions_of(const AnyTree& tree, const ReadRows& rows,
                        const std::vector<ReadVersion>& read_set, Budget* budget) {
   if (budget) {
     std::uint64_t bytes = 0;
     for (const ReadVersion& r : read_set) bytes += tree.name(r.frame).size() + 11;
-    for (std::size_t i = 0; i < rows.ids.size(); ++i)
-      if (rows.ids[i] == 0) bytes += rows.texts[i].size() + 11;
+    for (std::size_t i = 0; i < rows.frames.size(); ++i)
+      if (rows.frames[i].id == 0) bytes += rows.texts[i].size() + 11;
     budget->reply_bytes.take(bytes);
   }
   nb::list read_names;
@@ -51,8 +53,8 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
     read_names.append(nb::str(name.data(), name.size()));
   }
   std::size_t unknown = 0;
-  for (std::size_t i = 0; i < rows.ids.size(); ++i)
-    if (rows.ids[i] == 0 && !rows.invalid_name[i]) {
+  for (std::size_t i = 0; i < rows.frames.size(); ++i)
+    if (rows.frames[i].id == 0 && !rows.invalid_name[i]) {
       read_names.append(rows.name_objects[i]);
       ++unknown;
     }
@@ -65,18 +67,30 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
 
 // Looks the rows up, and collects what they read if `read_set` is not null. Throws Rejected if an
 // atomic lookup, or the read set, has more than `max_reads` frames.
-void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
+template <class AnyTree>
+void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
              std::vector<Answer>& answers, FirstReads* read_set) {
   ReadSet reads;
   if (atomic) {
     do tree.lookup_transaction(rows.queries, answers, reads, max_reads);
-    while (!rows.refresh_ids(tree));
+    while (!rows.find_names_again(tree));
     if (read_set) read_set->add(reads);
   } else if (!read_set) {
     tree.lookup_batch(rows.queries, answers);
+    std::vector<bool> lost(rows.frames.size());
+    for (std::size_t i = 0; i < lost.size(); ++i) lost[i] = !tree.is_current(rows.frames[i]);
+    if (std::find(lost.begin(), lost.end(), true) == lost.end()) [[likely]]
+      return;
+    for (std::size_t i = 0; i < answers.size(); ++i) {
+      const auto [target, source, fixed] = rows.names[i];
+      if (lost[target] || lost[source] || lost[fixed])
+        rows.look_up_row(tree, i, [&](const Query& query) { tree.lookup(query, answers[i]); });
+    }
   } else {
     for (std::size_t i = 0; i < answers.size(); ++i) {
-      tree.lookup_transaction({&rows.queries[i], 1}, {&answers[i], 1}, reads);
+      rows.look_up_row(tree, i, [&](const Query& query) {
+        tree.lookup_transaction({&query, 1}, {&answers[i], 1}, reads);
+      });
       read_set->add(reads);
       if (read_set->list().size() > max_reads)
         throw Rejected{.code = Code::limit, .message = "the read set has too many frames"};
@@ -84,64 +98,54 @@ void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_read
   }
 }
 
-nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_t>& op,
+template <class AnyTree>
+nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uint8_t>& op,
                     const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
                     const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
                     const std::optional<Column<Stamp>>& source_stamp, bool atomic, bool versions,
                     bool errors, Budget* budget) {
-  ReadRows rows(tree, names, op, target, source, stamp, fixed, source_stamp);
-  const std::size_t n = rows.queries.size();
-  if (versions)  // one instant per row, so that its versions belong together
-    for (Query& q : rows.queries)
-      if (q.op == Op::latest) q.op = Op::latest_xact;
-  std::vector<Answer> answers(n);
+  const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+  ReadRows rows(tree, names, columns);
+  const FailureReport report{{}, errors, budget};
   FirstReads read_set;
   std::uint64_t links = 0;
   const std::uint64_t max_links = budget ? budget->links.left() : 0;
   const std::size_t max_reads = budget ? budget->read_set.limit() : Tree::kNoReadLimit;
+  std::optional<AnswerColumns> answered;
   const auto run = [&] {
+    rows.set(columns);
+    if (versions)  // one instant per row, so that its versions belong together
+      for (Query& q : rows.queries)
+        if (q.op == Op::latest) q.op = Op::latest_xact;
     if (budget) links = rows.links(tree, max_links);
-    if (links <= max_links)
-      look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
+    if (links > max_links) return;
+    std::vector<Answer> answers(rows.queries.size());
+    look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
+    answered.emplace(rows, answers, report);
   };
   try {
-    if (n >= kReleaseFrom) {
+    if (op.shape(0) >= kReleaseFrom) {
       const GilReleased released;
       run();
     } else {
       const GilReleasedOnWait released;
       run();
     }
-  } catch (const Rejected&) {
-    if (budget) budget->read_set.exhausted();
-    throw;
+  } catch (const Rejected& rejected) {
+    if (budget && rejected.code == Code::limit) budget->read_set.exhausted();
+    raise(make_error(rejected));
   }
   if (budget) budget->links.take(links);
   const nb::object reads = versions ? versions_of(tree, rows, read_set.list(), budget) : nb::none();
-  return reply(tree, rows, answers, {{}, errors, budget}, reads);
+  return reply(tree, rows, std::move(*answered), report, reads);
 }
 
-nb::object status_column(const std::vector<Answer>& answers) {
-  return make_array<std::uint8_t>({answers.size()}, [&](std::uint8_t* d) {
-    for (const Answer& a : answers) *d++ = static_cast<std::uint8_t>(a.failure.code);
-  });
+Rejected malformed(std::string message, const char* field) {
+  return {.code = Code::invalid_argument, .message = std::move(message), .field = field};
 }
 
-nb::object stamp_column(const std::vector<Answer>& answers, Stamp Answer::* member) {
-  return make_array<Stamp>({answers.size()}, [&](Stamp* d) {
-    for (const Answer& a : answers) *d++ = a.*member;
-  });
-}
-
-nb::object pose_column(const std::vector<Answer>& answers) {
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  return make_array<double>({answers.size(), 7}, [&](double* d) {
-    for (const Answer& a : answers)
-      d = a.failure.code == Code::ok ? std::copy_n(&a.pose.x, 7, d) : std::fill_n(d, 7, nan);
-  });
-}
-
-[[noreturn]] void raise_too_long(const Tree& tree, std::string_view name) {
+template <class AnyTree>
+[[noreturn]] void raise_too_long(const AnyTree& tree, std::string_view name) {
   std::size_t end = kMaxQuoted;
   while (end > 0 && (static_cast<unsigned char>(name[end]) & 0xc0) == 0x80) --end;
   nb::dict facts;
@@ -155,21 +159,10 @@ nb::object pose_column(const std::vector<Answer>& answers) {
                    facts));
 }
 
-// True if the two rows fail alike, so that they can share an error.
-bool same_failure(const ReadRows& rows, const std::vector<Answer>& answers, std::size_t i,
-                  std::size_t j) {
-  const Failure &a = answers[i].failure, &b = answers[j].failure;
-  const ReadRows::Names &x = rows.names[i], &y = rows.names[j];
-  return a.code == b.code && a.stamp == b.stamp && a.frame == b.frame && a.oldest == b.oldest &&
-         a.newest == b.newest && a.target == b.target && a.source == b.source &&
-         a.parent == b.parent && a.target_root == b.target_root && a.source_root == b.source_root &&
-         x.target == y.target && x.source == y.source && x.fixed == y.fixed &&
-         rows.queries[i].op == rows.queries[j].op;
-}
-
 }  // namespace
 
-std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
+template <class AnyTree>
+std::vector<nb::object> names_of(const AnyTree& tree, nb::handle names,
                                  std::vector<std::string_view>& texts, const char* field) {
   // A commit strips one '/' in front.
   const std::size_t most = std::size_t{tree.options().max_name_bytes} + 1;
@@ -186,82 +179,101 @@ std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
 
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field) {
   if (index >= names)
-    raise_invalid(std::string(field) + " has the index " + std::to_string(index) +
-                      ", but there are " + std::to_string(names) + " names",
-                  field);
+    throw malformed(std::string(field) + " has the index " + std::to_string(index) +
+                        ", but there are " + std::to_string(names) + " names",
+                    field);
   return index;
 }
 
-ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uint8_t>& op,
-                   const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
-                   const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
-                   const std::optional<Column<Stamp>>& source_stamp)
+template <class AnyTree>
+ReadRows::ReadRows(const AnyTree& tree, nb::handle name_list, const ReadColumns& columns)
     : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
   for (std::size_t i = 0; i < name_objects.size(); ++i) {
     try {
-      ids.push_back(frame_of(tree, name_objects[i], "frame"));
+      frames.push_back(frame_of(tree, name_objects[i], "frame"));
     } catch (nb::python_error&) {
       invalid_name[i] = true;
-      ids.push_back(0);
+      frames.emplace_back();
     }
   }
-  const std::size_t n = op.shape(0);
-  fit(target, n, "target");
-  fit(source, n, "source");
-  fit(stamp, n, "stamp_ns");
-  if (fixed) fit(*fixed, n, "fixed");
-  if (source_stamp) fit(*source_stamp, n, "source_stamp_ns");
+  const std::size_t n = columns.op.shape(0);
+  fit(columns.target, n, "target");
+  fit(columns.source, n, "source");
+  fit(columns.stamp, n, "stamp_ns");
+  if (columns.fixed) fit(*columns.fixed, n, "fixed");
+  if (columns.source_stamp) fit(*columns.source_stamp, n, "source_stamp_ns");
+}
+
+void ReadRows::set(const ReadColumns& columns) {
+  const std::size_t n = columns.op.shape(0);
   queries.resize(n);
   names.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     Query& q = queries[i];
-    if (op(i) >= kOps)
-      raise_invalid("op must be below " + std::to_string(kOps) + ", not " + std::to_string(op(i)),
-                    "op");
-    q.op = static_cast<Op>(op(i));
-    names[i] = {checked(target(i), ids.size(), "target"), checked(source(i), ids.size(), "source"),
-                0};
-    q.stamp = stamp(i);
+    const std::uint8_t op = columns.op(i);
+    if (op >= kOps)
+      throw malformed("op must be below " + std::to_string(kOps) + ", not " + std::to_string(op),
+                      "op");
+    q.op = static_cast<Op>(op);
+    names[i] = {checked(columns.target(i), frames.size(), "target"),
+                checked(columns.source(i), frames.size(), "source"), 0};
+    q.stamp = columns.stamp(i);
     if (q.op == Op::at && q.stamp == kNoStamp)
-      raise_invalid("stamp_ns is -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
-                    "stamp_ns");
+      throw malformed("stamp_ns is -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
+                      "stamp_ns");
     if (q.op == Op::full) {
-      if (!fixed || !source_stamp)
-        raise_invalid("a full lookup needs fixed and source_stamp_ns", "fixed");
-      names[i].fixed = checked((*fixed)(i), ids.size(), "fixed");
-      q.source_stamp = (*source_stamp)(i);
+      if (!columns.fixed || !columns.source_stamp)
+        throw malformed("a full lookup needs fixed and source_stamp_ns", "fixed");
+      names[i].fixed = checked((*columns.fixed)(i), frames.size(), "fixed");
+      q.source_stamp = (*columns.source_stamp)(i);
     }
   }
   set_query_ids();
 }
 
 void ReadRows::set_query_ids() {
-  for (std::size_t i = 0; i < queries.size(); ++i) {
-    queries[i].target = ids[names[i].target];
-    queries[i].source = ids[names[i].source];
-    if (queries[i].op == Op::full) queries[i].fixed = ids[names[i].fixed];
-  }
+  for (std::size_t i = 0; i < queries.size(); ++i) set_query_ids(i);
 }
 
-bool ReadRows::refresh_ids(const Tree& tree) {
+void ReadRows::set_query_ids(std::size_t row) {
+  Query& query = queries[row];
+  query.target = frames[names[row].target].id;
+  query.source = frames[names[row].source].id;
+  if (query.op == Op::full) query.fixed = frames[names[row].fixed].id;
+}
+
+template <class AnyTree>
+bool ReadRows::find_names_again(const AnyTree& tree) {
   bool unchanged = true;
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    const FrameId id = invalid_name[i] ? 0 : tree.find(texts[i]);
-    unchanged &= id == ids[i];
-    ids[i] = id;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const FrameRef frame = invalid_name[i] ? FrameRef() : tree.find_ref(texts[i]);
+    unchanged &= frame == frames[i];
+    frames[i] = frame;
   }
   if (!unchanged) set_query_ids();
   return unchanged;
 }
 
-std::uint64_t ReadRows::links(const Tree& tree, std::uint64_t most) const {
+template <class AnyTree>
+bool ReadRows::find_lost_names(const AnyTree& tree, std::size_t row) {
+  bool none = true;
+  for (const std::uint32_t name : {names[row].target, names[row].source, names[row].fixed}) {
+    if (tree.is_current(frames[name])) continue;
+    frames[name] = tree.find_ref(texts[name]);
+    none = false;
+  }
+  return none;
+}
+
+template <class AnyTree>
+std::uint64_t ReadRows::links(const AnyTree& tree, std::uint64_t most) const {
   constexpr std::uint32_t kUnknown = 0xffffffff;
-  std::vector<std::uint32_t> depths(ids.size(), kUnknown);
+  std::vector<std::uint32_t> depths(frames.size(), kUnknown);
   const auto depth_of = [&](std::uint32_t name) {
     std::uint32_t& depth = depths[name];
     if (depth == kUnknown) {
       depth = 0;
-      for (FrameId id = ids[name]; id != 0 && depth <= tree.options().max_depth; ++depth)
+      for (FrameId id = frames[name].id; id != 0 && depth <= tree.options().max_depth; ++depth)
         id = tree.parent(id, kNoStamp);
     }
     return depth;
@@ -280,65 +292,6 @@ bool ReadRows::has_invalid_name(std::size_t row) const {
          (queries[row].op == Op::full && invalid_name[fixed]);
 }
 
-nb::object ReadRows::name_error(const Tree& tree, std::size_t row) const {
-  const auto [target, source, fixed] = names[row];
-  try {
-    (void)frame_of(tree, name_objects[target], "target_frame");
-    (void)frame_of(tree, name_objects[source], "source_frame");
-    (void)frame_of(tree, name_objects[fixed], "fixed_frame");
-  } catch (nb::python_error& error) {
-    return nb::borrow(error.value());
-  }
-  return nb::object();
-}
-
-// The error of a row that failed.
-nb::object error_of_row(const Tree& tree, const ReadRows& rows, std::size_t i, const Answer& a,
-                        const std::string& note) {
-  if (rows.has_invalid_name(i)) return rows.name_error(tree, i);
-  if (a.failure.code == Code::limit) {  // only of a waiting lookup
-    nb::dict facts;
-    facts["field"] = "waiter_links";
-    return make_error(Code::limit, note, facts);
-  }
-  auto [target, source, fixed] = rows.names[i];
-  // A full lookup failed in one of its halves: source in fixed, or fixed in target.
-  if (rows.queries[i].op == Op::full)
-    (a.failure.target == rows.queries[i].fixed ? target : source) = fixed;
-  return make_error(tree, a.failure, rows.name_objects[target], rows.name_objects[source], note);
-}
-
-nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
-                const FailureReport& report, const nb::object& reads) {
-  nb::list failures;
-  nb::object error;
-  std::size_t error_row = 0;
-  std::uint64_t bytes = 0;
-  bool details = report.errors;
-  for (std::size_t i = 0; i < answers.size(); ++i) {
-    Answer& a = answers[i];
-    if (a.failure.code == Code::ok) [[likely]]
-      continue;
-    if (rows.has_invalid_name(i)) a.failure.code = Code::invalid_argument;
-    if (!details) continue;
-    if (!error.is_valid() || !report.notes.empty() || !same_failure(rows, answers, i, error_row)) {
-      error = error_of_row(tree, rows, i, a, report.notes.empty() ? "" : report.notes[i]);
-      error_row = i;
-      // The message holds the names and numbers that are also facts.
-      bytes = kErrorBytes + 2 * nb::cast<std::string>(nb::str(error)).size();
-    }
-    if (report.budget) {
-      details = bytes <= report.budget->error_bytes;
-      if (!details) continue;
-      report.budget->error_bytes -= bytes;
-    }
-    failures.append(nb::make_tuple(i, error));
-  }
-  return nb::make_tuple(status_column(answers), stamp_column(answers, &Answer::stamp),
-                        stamp_column(answers, &Answer::newest), pose_column(answers), failures,
-                        reads);
-}
-
 void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
   m.attr("OP_AT") = static_cast<int>(Op::at);
   m.attr("OP_COMMON") = static_cast<int>(Op::latest_common);
@@ -348,11 +301,25 @@ void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
   m.attr("OP_FULL") = static_cast<int>(Op::full);
   m.attr("NO_STAMP") = kNoStamp;
 
-  tree.def("_read_rows", &read_rows, nb::arg("names"), nb::arg("op"), nb::arg("target"),
+  tree.def("_read_rows", &read_rows<Tree>, nb::arg("names"), nb::arg("op"), nb::arg("target"),
            nb::arg("source"), nb::arg("stamp_ns"), nb::arg("fixed").none() = nb::none(),
            nb::arg("source_stamp_ns").none() = nb::none(), nb::kw_only(), nb::arg("atomic") = false,
            nb::arg("versions") = false, nb::arg("errors") = true,
            nb::arg("budget").none() = nb::none());
 }
+
+void bind_read_rows(nb::class_<SharedTree>& tree) {
+  tree.def("_read_rows", or_ask_server<&read_rows<SharedTree>>, nb::arg("names"), nb::arg("op"),
+           nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
+           nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
+           nb::kw_only(), nb::arg("atomic") = false, nb::arg("versions") = false,
+           nb::arg("errors") = true, nb::arg("budget").none() = nb::none());
+}
+
+// What the other files use.
+template std::vector<nb::object> names_of(const Tree&, nb::handle, std::vector<std::string_view>&,
+                                          const char*);
+template ReadRows::ReadRows(const Tree&, nb::handle, const ReadColumns&);
+template std::uint64_t ReadRows::links(const Tree&, std::uint64_t) const;
 
 }  // namespace ztf

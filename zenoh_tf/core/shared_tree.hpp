@@ -9,6 +9,7 @@
 #pragma once
 
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,8 +22,8 @@
 namespace ztf {
 
 // Thrown if a file descriptor is not that of a region that this process can read.
-struct RegionRefused {
-  std::string reason;
+struct RegionRefused : std::runtime_error {
+  using std::runtime_error::runtime_error;
 };
 
 // A region of another process, mapped read-only and checked.
@@ -89,6 +90,19 @@ class SharedTree {
 
   // Throws Unanswered if the lease has lapsed.
   void check_lease() const;
+  // As Tree::read_names(); gives up as reads do.
+  template <class Read>
+  auto read_names(Read&& read) const {
+    const std::atomic<std::uint64_t>& freed = region_.header().ids_freed;
+    for (Patience patience; patience.wait();) {
+      const std::uint64_t before = freed.load(std::memory_order_acquire);
+      if (before % 2 != 0) continue;
+      auto result = read();
+      if (freed.load(std::memory_order_acquire) == before) return result;
+    }
+    throw Unanswered{Unanswered::Reason::busy};
+  }
+
   // The time of CLOCK_MONOTONIC at which it lapses, as it is now.
   [[nodiscard]] std::int64_t lease_ns() const noexcept {
     return region_.header().lease_ns.load(std::memory_order_acquire);

@@ -22,14 +22,21 @@ Tree::Tree(const Options& options)
       ever_reparented_(region_.header().ever_reparented),
       names_(region_.header().names, region_.names(), options.max_frames, region_),
       authorities_(region_.header().authorities, region_.authorities(), options.max_authorities,
-                   region_) {}
+                   region_),
+      ids_freed_(region_.header().ids_freed) {}
+
+// The clock is read before the store: a thread that is stopped in between promises too little.
+void Tree::begin_lease(std::int64_t duration_ns) noexcept {
+  const std::int64_t until = duration_ns > 0 ? monotonic_ns() + duration_ns : 0;
+  region_.header().lease_ns.store(until, std::memory_order_seq_cst);
+}
 
 bool Tree::extend_lease(std::int64_t duration_ns) noexcept {
-  // The clock is read first: a thread that is stopped in between promises too little.
+  std::atomic<std::int64_t>& lease = region_.header().lease_ns;
   const std::int64_t now = monotonic_ns();
-  const std::int64_t until = duration_ns > 0 ? now + duration_ns : 0;
-  const std::int64_t before = region_.header().lease_ns.exchange(until, std::memory_order_seq_cst);
-  return now < before;
+  if (now >= lease.load(std::memory_order_relaxed)) return false;
+  lease.store(now + duration_ns, std::memory_order_seq_cst);
+  return true;
 }
 
 std::unique_lock<std::mutex> Tree::lock_giant() const {

@@ -7,10 +7,12 @@
 // one frame's writer lock for a moment. That cannot deadlock, because no thread takes the list's
 // mutex while it holds a frame's lock. Lookups take none of these mutexes but the giant one.
 // Invariants
-// 1. Frames are never freed or moved: an id stays valid for the tree's life.
+// 1. Frames are never freed or moved: an id stays valid for the tree's life. It may pass from a
+//    removed name to a new one (tree_names.cpp), which is_current() notices.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
 //    topology mutex and has checked that no cycle closes.
 // 3. A rejected commit leaves nothing behind, not even a name.
+// 4. The versions of a name only grow, also if it comes back under another id.
 #pragma once
 
 #include <memory>
@@ -84,6 +86,11 @@ struct Rejected {
   std::int64_t limit = -1, value = -1;
 };
 
+// Rare events of several frames (FrameEvents).
+struct FrameTotals {
+  std::atomic<std::uint64_t> rewritten{0}, dropped{0}, evicted{0};
+};
+
 class FrameAccess;
 template <class Guard, class Access>
 class Reader;
@@ -102,6 +109,28 @@ class Tree {
 
   // Returns the frame's id; 0 if no frame has that name.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
+  using FrameRef = NameTable::Ref;
+  // The same, so that is_current() can tell after a read whether the id still belonged to the name.
+  // A lookup's answer belongs to the names if their Refs were found before the lookup and are
+  // current after it; if not, look the names up again. It succeeds unless one of them was removed.
+  [[nodiscard]] FrameRef find_ref(std::string_view name) const noexcept {
+    return names_.find_ref(name);
+  }
+  // Whether the id has had that name all the time since (name_table.hpp). The frame may be removed,
+  // and may have come back.
+  [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
+  // Calls read() until no id passed to another name, or authority, during the call. So all ids
+  // that it reads belong to the names that it finds for them. After so many attempts it takes the
+  // result as it is.
+  template <class Read>
+  auto read_names(Read&& read, int attempts = std::numeric_limits<int>::max()) const {
+    for (Backoff backoff;; backoff.wait()) {
+      const std::uint64_t before = ids_freed_.load(std::memory_order_acquire);
+      if (before % 2 != 0) continue;
+      auto result = read();
+      if (ids_freed_.load(std::memory_order_acquire) == before || --attempts == 0) return result;
+    }
+  }
   // Throws bad_alloc.
   [[nodiscard]] std::string name(FrameId id) const { return names_.name(id); }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
@@ -148,14 +177,20 @@ class Tree {
   // How many rows were dropped because they were later than CommitRequest::max_stamp.
   [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
 
-  // Returns what happened since the last call (event_log.hpp).
-  auto take_events() { return event_log_.take(); }
+  // What happened to frames that have lost their names.
+  [[nodiscard]] const FrameTotals& totals_of_freed() const noexcept { return totals_of_freed_; }
+
+  struct NamedEvent {
+    TreeEvent event;
+    std::string frame, parent, parent_before;  // empty: none
+  };
+  // Returns what happened since the last call, and how many events found no room (event_log.hpp).
+  std::pair<std::vector<NamedEvent>, std::uint64_t> take_events();
 
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
   void clear(bool keep_static);
-  // Drops all frames with their links, histories and names, at one instant. Authorities, counters
-  // and the ids of names stay: a name that returns gets its id again, and all ids count against the
-  // limit of frames.
+  // Drops all frames with their links, histories and names, at one instant. Authorities and
+  // counters stay. The ids pass to new names once no others are left.
   void reset();
   // Drops a frame with its link, history and name, and with `subtree` all its descendants, at one
   // instant. Throws Rejected if it is unknown, or, without `subtree`, has children.
@@ -178,9 +213,12 @@ class Tree {
   // The file descriptor of the tree's region, which belongs to the tree; -1 without
   // Options::shared.
   [[nodiscard]] int descriptor() const noexcept { return region_.descriptor(); }
-  // Allows readers in other processes to believe what they read for that long from now, and returns
-  // whether they still were allowed to. If not, another server may have taken over. 0 ends it.
-  bool extend_lease(std::int64_t duration_ns) noexcept;
+  // Begins a lease of that length from now: until its end, readers in other processes believe what
+  // they read. Requires that no other server has taken over. 0 ends the lease.
+  void begin_lease(std::int64_t duration_ns) noexcept;
+  // Moves the end of the lease, unless it has lapsed: then returns false, as another server may
+  // have taken over. Both are for one thread at a time.
+  [[nodiscard]] bool extend_lease(std::int64_t duration_ns) noexcept;
 
   // The bytes of all rings of samples, those that wait to be used again included.
   [[nodiscard]] std::uint64_t memory_bytes() const { return ring_arena_.bytes(); }
@@ -204,6 +242,11 @@ class Tree {
   std::size_t lookup_block(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
+  // Gives the ids of all removed names to new ones. Requires the topology mutex, and no frame's
+  // lock. Throws bad_alloc.
+  void free_removed_names();
+  [[nodiscard]] bool refers_to_removed(FrameId id) const noexcept;
+  void forget_removed_parents(FrameId id) noexcept;
   // Makes room for a new authority: forgets those that own no frame, up to half of all, the least
   // recently used first. Requires the topology mutex. Throws bad_alloc.
   void forget_authorities();
@@ -240,8 +283,11 @@ class Tree {
   std::atomic<bool>& ever_reparented_;  // some frame once had samples of two parents
   NameTable names_;
   NameTable authorities_;
-  // How often authorities were forgotten. Changes only while all frames are locked.
-  std::atomic<std::uint64_t> authorities_forgotten_{0};
+  // Counts, twice each, how often ids of removed names or forgotten authorities were freed. Odd
+  // while that goes on. Changes only under the topology mutex (FreeingIds).
+  std::atomic<std::uint64_t>& ids_freed_;
+  Version version_base_ = 0;  // of frames with a new name; guarded by the topology mutex
+  FrameTotals totals_of_freed_;
   mutable std::mutex giant_;
   std::mutex topology_;
   ShardedCounter commit_count_;
@@ -249,6 +295,19 @@ class Tree {
   EventLog event_log_;
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
+};
+
+// Makes the counter of freed ids odd in its scope.
+class FreeingIds {
+ public:
+  explicit FreeingIds(std::atomic<std::uint64_t>& counter) noexcept : counter_(counter) { add(); }
+  ~FreeingIds() { add(); }
+  FreeingIds(const FreeingIds&) = delete;
+  FreeingIds& operator=(const FreeingIds&) = delete;
+
+ private:
+  void add() noexcept { counter_.fetch_add(1, std::memory_order_seq_cst); }
+  std::atomic<std::uint64_t>& counter_;
 };
 
 }  // namespace ztf

@@ -70,6 +70,13 @@ class WriteLocks {
     readers_may_read_ = false;
   }
 
+  // Unlocks all frames, and gives each a new version, which is `least` or later.
+  void release_from(Version least) noexcept {
+    for (ReadVersion& locked : locked_)
+      locked.version = std::max(locked.version, least - SeqLock::kIncrement);
+    release(frames_);
+  }
+
   // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a
   // subset of the locked frames, ascending.
   void release(const FrameList& changed) noexcept {
