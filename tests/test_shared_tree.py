@@ -46,7 +46,7 @@ class Owner:
         mine, its = socket.socketpair()
         with mine, its:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "tests.shared_owner"], stdin=its, cwd=ROOT
+                [sys.executable, "-m", "tests.shared_owner"], stdin=its.fileno(), cwd=ROOT
             )
             mine.settimeout(60)
             _, [fd], _, _ = socket.recv_fds(mine, 16, 1)
@@ -109,7 +109,7 @@ def test_a_killed_owner_is_not_believed(owner: Owner) -> None:
         lambda: owner.tree.chain(torn.ROOT, torn.LEAF),
         lambda: owner.tree.parent(torn.LEAF),
         lambda: owner.tree.frame(torn.LEAF),
-        lambda: owner.tree.frames(),
+        owner.tree.frames,
         lambda: owner.tree.lookup_transforms(torn.ROOT, torn.LEAF, None),
         lambda: owner.tree.lookup_velocity(torn.LEAF, torn.ROOT),
     ):
@@ -197,11 +197,13 @@ def test_a_transaction_reads_here_and_is_validated_by_the_owner() -> None:
         return rows[5]
 
     def commit(names: list[str], versions: np.ndarray) -> None:
+        newest = tree.frame("base").newest_stamp_ns
+        assert newest is not None
         tree._commit_rows(
             ["map", "base"],
             np.array([0], "u4"),
             np.array([1], "u4"),
-            np.array([tree.frame("base").newest_stamp_ns + 1], "i8"),
+            np.array([newest + 1], "i8"),
             np.array([[0, 0, 0, 0, 0, 0, 1]], "f8"),
             read_names=names,
             read_versions=versions,

@@ -6,14 +6,17 @@ build compiles them into the module (bindings/stub_docs.py), so help() shows wha
 (x, y, z, qx, qy, qz, qw).
 """
 
-import enum
 from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from zenoh_tf._shared import AskServer as AskServer
+from zenoh_tf._shared import RegionRefused as RegionRefused
+from zenoh_tf._shared import SharedTree as SharedTree
 from zenoh_tf._transform import LatestTransform as LatestTransform
+from zenoh_tf._transform import Rows as Rows
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
 
@@ -25,17 +28,6 @@ OP_LATEST_XACT: int  # the same, atomically
 OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
 OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
 NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
-
-#: The answers of `Tree._read_rows`.
-Rows = tuple[
-    NDArray[np.uint8],  # status: 0 or errors.BY_CODE
-    # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
-    NDArray[np.int64],
-    NDArray[np.int64],  # newest_stamp_ns (latest forms only)
-    NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
-    list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
-    tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
-]
 
 # Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
 def columns_of(
@@ -80,10 +72,7 @@ class Tree:
         _instance: str = "",  # which server this is, for these processes
     ) -> None: ...
     def _region_fd(self) -> int: ...  # belongs to the tree; -1 if it is not shared
-    # Other processes believe what they read until the lease ends. Begin one only if no other server
-    # has taken over; 0 ends it. To extend one that has lapsed does nothing and returns False, as
-    # another server may have taken over. Both are for one thread at a time.
-    def _begin_lease(self, duration_s: float) -> None: ...
+    def _begin_lease(self, duration_s: float) -> None: ...  # see zenoh_tf.shared_tree
     def _extend_lease(self, duration_s: float) -> bool: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
@@ -375,88 +364,6 @@ class Tree:
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
-
-class RegionRefused(ValueError): ...
-
-class AskServer(enum.Enum):
-    BUSY = ...
-    LAPSED = ...
-    WAITING = ...
-    UNREADABLE = ...
-
-class SharedTree:
-    # A tree of another process; see zenoh_tf.shared_tree.
-    def __init__(self, fd: int) -> None: ...  # does not keep it; RegionRefused says why not
-    @property
-    def instance(self) -> str: ...
-    @property
-    def max_name_bytes(self) -> int: ...
-    @property
-    def max_depth(self) -> int: ...
-    @property
-    def lease_left_s(self) -> float: ...
-
-    # As Tree's, or AskServer.
-    def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> StampedTransform | AskServer: ...
-    def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-        timeout_s: float = 0.0,
-    ) -> StampedTransform | AskServer: ...
-    def can_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> bool | AskServer: ...
-    def lookup_latest_transform(self, target: str, source: str) -> LatestTransform | AskServer: ...
-    def lookup_latest_transform_xact(
-        self, target: str, source: str
-    ) -> LatestTransform | AskServer: ...
-    def lookup_latest_transforms_xact(
-        self, pairs: Sequence[tuple[str, str]]
-    ) -> list[LatestTransform] | AskServer: ...
-    def latest_common_time(self, a: str, b: str) -> int | AskServer | None: ...
-    def frames(self) -> list[str] | AskServer: ...
-    def parent(self, frame: str, stamp_ns: int | None = None) -> str | AskServer | None: ...
-    def chain(
-        self, target: str, source: str, stamp_ns: int | None = None
-    ) -> list[str] | AskServer: ...
-    def _velocity_record(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None,
-        averaging_interval_ns: int,
-        reference_frame: str | None,
-        reference_point: Sequence[float] | NDArray[np.float64],
-        reference_point_frame: str | None,
-    ) -> dict[str, Any] | AskServer: ...
-    def _read_rows(
-        self,
-        names: Sequence[str],
-        op: NDArray[np.uint8],
-        target: NDArray[np.uint32],
-        source: NDArray[np.uint32],
-        stamp_ns: NDArray[np.int64],
-        fixed: NDArray[np.uint32] | None = None,
-        source_stamp_ns: NDArray[np.int64] | None = None,
-        *,
-        atomic: bool = False,
-        versions: bool = False,
-        errors: bool = True,
-        budget: Budget | None = None,
-    ) -> Rows | AskServer: ...
-    def _lookup_columns(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
-    def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...
 
 class WakeQueue:
     """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""

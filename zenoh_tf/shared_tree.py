@@ -1,9 +1,13 @@
 """A tree of another process on this host, read through shared memory.
 
-The owner is a `TransformTree` made with `_shared=True`; it hands out the file descriptor
-`_region_fd()`, begins a lease with `_begin_lease(seconds)`, and extends it with
-`_extend_lease(seconds)` as long as it lives. Internal: `zenoh_tf_server` is to share its tree so,
-and `zenoh_tf_client` to read it.
+The owner is a `TransformTree` made with `_shared=True`, which raises OSError where the host cannot.
+It hands out the file descriptor `_region_fd()`, which stays the tree's. Others believe what they
+read until its lease ends, so it begins one with `_begin_lease(seconds)` once no other server can
+have taken over, and moves the end with `_extend_lease(seconds)` as long as it lives. Where the
+lease has lapsed, that does nothing and returns False, as another server may have taken over.
+`_begin_lease(0)` ends it. Both are for one thread at a time.
+
+Internal: for `zenoh_tf_server`, which shares its tree, and `zenoh_tf_client`, which reads it.
 
 Reads write nothing, wait for nobody for long, and never return what the owner's successor may have
 changed. Where that leaves no answer they return an `AskServer`, which says why.

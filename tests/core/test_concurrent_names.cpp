@@ -2,7 +2,7 @@
 #include <random>
 
 #include "check.hpp"
-#include "owned_names.hpp"
+#include "owned_memory.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "fixture.hpp"
+#include "owned_memory.hpp"
 #include "pose4.hpp"
 
 using namespace ztf;
@@ -66,15 +67,13 @@ class History {
   }
   [[nodiscard]] std::vector<Sent> newest_first() const {
     std::vector<Sent> all;
-    const std::uint32_t first = frame->first.load();
-    for (std::uint32_t i = frame->count.load(); i-- > 0;)
-      all.push_back(
-          {frame->ring.load().stamp(first + i), parent_at(*frame, frame->ring.load(), first + i)});
+    const Ring ring = frame->ring.load();
+    for (std::uint32_t i = frame->count.load(), first = frame->first.load(); i-- > 0;)
+      all.push_back({ring.stamp(first + i), parent_at(*frame, ring, first + i)});
     return all;
   }
 
-  std::unique_ptr<Region> region = std::make_unique<Region>(Options{.max_frames = 2});
-  std::unique_ptr<RingArena> memory = std::make_unique<RingArena>(*region, 0);
+  std::unique_ptr<OwnedArena> memory = std::make_unique<OwnedArena>();
   std::unique_ptr<Frame> frame;
   HistoryLimits limits;
 };
@@ -388,8 +387,7 @@ TEST(a_merge_equals_inserting_one_by_one) {
 }
 
 TEST(a_ring_that_was_given_back_is_used_again) {
-  Region region(Options{.max_frames = 2});
-  RingArena memory(region, 0);
+  OwnedArena memory;
   const Ring a = Ring::make(8, memory), b = Ring::make(8, memory), c = Ring::make(16, memory);
   const std::uint64_t bytes = memory.bytes();
   a.give_back(memory);

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "owned_names.hpp"
+#include "owned_memory.hpp"
 
 using namespace ztf;
 

@@ -1,10 +1,11 @@
-// A name table with memory of its own.
+// A name table, and an arena of rings, with memory of their own.
 //
-// Thread safety: NameTable's.
+// Thread safety: NameTable's and RingArena's.
 #pragma once
 
 #include "layout.hpp"
 #include "name_table.hpp"
+#include "ring_arena.hpp"
 
 namespace ztf {
 
@@ -19,6 +20,11 @@ class OwnedNames : OwnedRegion, public NameTable {
   explicit OwnedNames(std::uint32_t max_names)
       : OwnedRegion(max_names),
         NameTable(region.header().names, region.names(), max_names, region) {}
+};
+
+class OwnedArena : OwnedRegion, public RingArena {
+ public:
+  OwnedArena() : OwnedRegion(2), RingArena(region, 0) {}
 };
 
 }  // namespace ztf
