@@ -95,6 +95,7 @@ class Server:
                 guard,
                 settings.future,
             )
+            service.info_requests.addresses = network.addresses(session)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)

@@ -292,6 +292,19 @@ bool ReadRows::has_invalid_name(std::size_t row) const {
          (queries[row].op == Op::full && invalid_name[fixed]);
 }
 
+template <class AnyTree>
+nb::object ReadRows::name_error(const AnyTree& tree, std::size_t row) const {
+  const auto [target, source, fixed] = names[row];
+  try {
+    (void)frame_of(tree, name_objects[target], "target_frame");
+    (void)frame_of(tree, name_objects[source], "source_frame");
+    (void)frame_of(tree, name_objects[fixed], "fixed_frame");
+  } catch (nb::python_error& error) {
+    return nb::borrow(error.value());
+  }
+  return nb::object();
+}
+
 void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
   m.attr("OP_AT") = static_cast<int>(Op::at);
   m.attr("OP_COMMON") = static_cast<int>(Op::latest_common);
@@ -321,5 +334,7 @@ template std::vector<nb::object> names_of(const Tree&, nb::handle, std::vector<s
                                           const char*);
 template ReadRows::ReadRows(const Tree&, nb::handle, const ReadColumns&);
 template std::uint64_t ReadRows::links(const Tree&, std::uint64_t) const;
+template nb::object ReadRows::name_error(const Tree&, std::size_t) const;
+template nb::object ReadRows::name_error(const SharedTree&, std::size_t) const;
 
 }  // namespace ztf

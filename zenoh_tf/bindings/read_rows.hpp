@@ -1,6 +1,5 @@
-// Lookups and commits as columns over a list of names: shared by read_rows.cpp, commit.cpp and
-// parked_lookups.cpp. The templates are compiled for both kinds of trees, in read_rows.cpp
-// and read_reply.cpp.
+// Lookups and commits as columns over a list of names: shared by read_rows.cpp, answer_columns.cpp,
+// commit.cpp and parked_lookups.cpp. The first two compile the templates for both kinds of trees.
 //
 // Thread safety: everything here requires the GIL, except where it says "needs no GIL".
 #pragma once

@@ -56,15 +56,29 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
          stored, true);
 }
 
-void remove_frame(Tree& tree, nb::handle name, bool subtree) {
-  (void)frame_of(tree, name, "name");  // raises for an invalid name
-  const std::string_view text = text_of(name, "name");
+// Runs a write without the interpreter lock.
+template <class Write>
+void run_released(Write write) {
   try {
     const GilReleased released;
-    tree.remove_frame(text, subtree);
+    write();
   } catch (const Rejected& rejected) {
     raise(make_error(rejected));
   }
+}
+
+void clear(Tree& tree, bool keep_static, std::int64_t expires_ns) {
+  run_released([&] { tree.clear(keep_static, expires_ns); });
+}
+
+void reset(Tree& tree, std::int64_t expires_ns) {
+  run_released([&] { tree.reset(expires_ns); });
+}
+
+void remove_frame(Tree& tree, nb::handle name, bool subtree, std::int64_t expires_ns) {
+  (void)frame_of(tree, name, "name");  // raises for an invalid name
+  const std::string_view text = text_of(name, "name");
+  run_released([&] { tree.remove_frame(text, subtree, expires_ns); });
 }
 
 std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most,
@@ -140,11 +154,21 @@ void bind_writes(nb::class_<Tree>& tree) {
            nb::arg("authority") = "", nb::arg("static") = false)
       .def("set_transforms_xact", &set_all, ZTF_DOC(Tree_set_transforms_xact), nb::arg("stampeds"),
            nb::arg("authority") = "", nb::arg("static") = false)
-      .def("clear", &Tree::clear, ZTF_DOC(Tree_clear), nb::arg("keep_static") = true,
-           nb::call_guard<GilReleased>())
-      .def("reset", &Tree::reset, ZTF_DOC(Tree_reset), nb::call_guard<GilReleased>())
-      .def("remove_frame", &remove_frame, ZTF_DOC(Tree_remove_frame), nb::arg("name"),
-           nb::arg("subtree") = false);
+      .def(
+          "clear", [](Tree& t, bool keep_static) { clear(t, keep_static, kNeverExpires); },
+          ZTF_DOC(Tree_clear), nb::arg("keep_static") = true)
+      .def(
+          "reset", [](Tree& t) { reset(t, kNeverExpires); }, ZTF_DOC(Tree_reset))
+      .def(
+          "remove_frame",
+          [](Tree& t, nb::handle name, bool subtree) {
+            remove_frame(t, name, subtree, kNeverExpires);
+          },
+          ZTF_DOC(Tree_remove_frame), nb::arg("name"), nb::arg("subtree") = false)
+      .def("_clear", &clear, nb::arg("keep_static"), nb::arg("expires_ns"))
+      .def("_reset", &reset, nb::arg("expires_ns"))
+      .def("_remove_frame", &remove_frame, nb::arg("name"), nb::arg("subtree"),
+           nb::arg("expires_ns"));
 }
 
 }  // namespace

@@ -39,6 +39,9 @@
 
 namespace ztf {
 
+// The expiry of a write that may be applied at any time.
+inline constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
+
 // One transform to be written. parent and child are indices into CommitRequest::names, and less
 // than its size.
 struct Row {
@@ -65,8 +68,6 @@ struct CommitRequest {
   // A dynamic row with a later stamp rejects the commit. With `drop_old` the row is dropped, as if
   // it were not there: it adds no name.
   Stamp max_stamp = std::numeric_limits<Stamp>::max();
-
-  static constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
 };
 
 // What a commit did with a row.
@@ -187,14 +188,16 @@ class Tree {
   // Returns what happened since the last call, and how many events found no room (event_log.hpp).
   std::pair<std::vector<NamedEvent>, std::uint64_t> take_events();
 
+  // The next three are rejected as a commit is if they expire (CommitRequest::expires_ns).
+
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
-  void clear(bool keep_static);
+  void clear(bool keep_static, std::int64_t expires_ns = kNeverExpires);
   // Drops all frames with their links, histories and names, at one instant. Authorities and
   // counters stay. The ids pass to new names once no others are left.
-  void reset();
+  void reset(std::int64_t expires_ns = kNeverExpires);
   // Drops a frame with its link, history and name, and with `subtree` all its descendants, at one
   // instant. Throws Rejected if it is unknown, or, without `subtree`, has children.
-  void remove_frame(std::string_view name, bool subtree);
+  void remove_frame(std::string_view name, bool subtree, std::int64_t expires_ns = kNeverExpires);
 
   // True if a later commit could make a lookup succeed that failed so.
   [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
@@ -263,8 +266,8 @@ class Tree {
   // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
   // Drops the frames with their names, at one instant. Requires the topology mutex. Throws
-  // bad_alloc.
-  void drop_frames(const FrameList& frames);
+  // Rejected if it has expired, and bad_alloc.
+  void drop_frames(const FrameList& frames, std::int64_t expires_ns);
   void list_subtree(std::string_view name, bool subtree, FrameList& frames) const;
   // Requires that the commit which changed the frame is counted (wait_list.hpp).
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {

@@ -1,6 +1,4 @@
-// The reply to lookups as columns: answers, and the errors of rows that failed.
-//
-// GIL: AnswerColumns need none. Errors are made under it.
+// The reply to a lookup: answers as columns, and the errors of rows that failed.
 #include <algorithm>
 #include <limits>
 
@@ -12,7 +10,6 @@ namespace {
 
 // Errors that are made before other threads get the GIL.
 constexpr std::size_t kErrorsAtOnce = 100;
-
 constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
 
 // True if the two rows fail alike, so that they can share an error.
@@ -46,19 +43,6 @@ nb::object error_of_row(const AnyTree& tree, const ReadRows& rows,
 }
 
 }  // namespace
-
-template <class AnyTree>
-nb::object ReadRows::name_error(const AnyTree& tree, std::size_t row) const {
-  const auto [target, source, fixed] = names[row];
-  try {
-    (void)frame_of(tree, name_objects[target], "target_frame");
-    (void)frame_of(tree, name_objects[source], "source_frame");
-    (void)frame_of(tree, name_objects[fixed], "fixed_frame");
-  } catch (nb::python_error& error) {
-    return nb::borrow(error.value());
-  }
-  return nb::object();
-}
 
 AnswerColumns::AnswerColumns(const ReadRows& rows, const std::vector<Answer>& answers,
                              const FailureReport& report)
