@@ -240,6 +240,22 @@ def test_the_tree_of_an_owner_that_has_ended_is_not_believed() -> None:
     assert reader.lookup_transform("map", "base") is AskServer.LAPSED
 
 
+def test_a_forked_child_does_not_end_the_lease() -> None:
+    script = """
+import os
+from tests.test_shared_tree import LINK, SharedTree, shared
+tree = shared()
+tree.set_transform(LINK)
+if child := os.fork():
+    assert os.waitpid(child, 0)[1] == 0
+    assert SharedTree(tree._region_fd()).lookup_transform("map", "base") == LINK
+else:
+    del tree
+    os._exit(0)
+"""
+    subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=60)
+
+
 def test_a_region_can_be_read_but_not_written() -> None:
     tree = shared()
     fd = tree._region_fd()

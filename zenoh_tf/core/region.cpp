@@ -120,6 +120,9 @@ void Region::map_region(std::uint64_t bytes) {
   if (mapped == MAP_FAILED) fail("mmap");
   region_ = static_cast<std::byte*>(mapped);
   bytes_ = bytes;
+  owner_ = ::getpid();
+  // A forked child would write into this process's tree.
+  if (::madvise(region_, bytes, MADV_DONTFORK) != 0) fail("madvise");
   // After the mapping, through which this process may still write; nobody can make another one.
   if (::fcntl(descriptor_, F_ADD_SEALS,
               F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE | F_SEAL_SEAL) != 0)
@@ -128,7 +131,7 @@ void Region::map_region(std::uint64_t bytes) {
 }
 
 void Region::unmap_region() noexcept {
-  if (region_) {
+  if (region_ && owner_ == ::getpid()) {
     // Readers that have mapped the region keep its memory, and must not believe in it any more.
     if (header_) header_->lease_ns.store(0, std::memory_order_seq_cst);
     ::munmap(region_, bytes_);

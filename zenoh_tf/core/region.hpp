@@ -3,7 +3,8 @@
 // The shared region is a memfd: a file without a name, whose pages take no memory until they are
 // touched. Its size is fixed, so that no reader ever touches what is not there, and it is sealed,
 // so that nobody but this process can write to it: not even who gets its file descriptor. A process
-// of the same user, or root, could still do so with a debugger.
+// of the same user, or root, could still do so with a debugger. A forked child does not have the
+// region, and must not use its copy of the tree.
 //
 // Thread safety: every function, from any thread. The mutex is the last in the lock order.
 // Invariant: memory that was given out stays valid for the region's life.
@@ -69,6 +70,7 @@ class Region {
   int descriptor_ = -1;
   std::byte* region_ = nullptr;             // null if the memory is private
   std::uint64_t bytes_ = 0;                 // of the region
+  std::int64_t owner_ = 0;                  // the process that made the region
   std::vector<ZeroedArray<Block>> blocks_;  // of private memory
 
   RegionHeader* header_ = nullptr;
