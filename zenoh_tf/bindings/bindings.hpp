@@ -99,30 +99,16 @@ class GilReleasedOnWait final : private LongWait {
 
 using FrameRef = Tree::FrameRef;
 
-// A query, and the frames of its names as they were found.
-struct NamedQuery : Query {
-  FrameRef target_ref, source_ref, fixed_ref = {};
-
-  // False if one of the names has lost its id since: then the answer may be another frame's.
-  template <class AnyTree>
-  [[nodiscard]] bool is_current(const AnyTree& tree) const noexcept {
-    return tree.is_current(target_ref) && tree.is_current(source_ref) && tree.is_current(fixed_ref);
-  }
-};
-
 // The tree's lookup of the query that find_names() returns, for threads that hold the GIL. Finds
-// the names again if one has lost its id meanwhile. Returns the query that was answered.
+// the names again if a name has lost its id meanwhile. Returns the query that was answered.
 template <class AnyTree, class FindNames>
-NamedQuery lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_names) {
-  for (;;) {
-    const NamedQuery query = find_names();
-    {
-      const GilReleasedOnWait released;
-      tree.lookup(query, answer);
-    }
-    if (query.is_current(tree)) [[likely]]
-      return query;
-  }
+Query lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_names) {
+  return tree.read_names([&] {
+    const Query query = find_names();
+    const GilReleasedOnWait released;
+    tree.lookup(query, answer);
+    return query;
+  });
 }
 
 // --- arguments; `field` names the argument in InvalidArgumentException
@@ -139,10 +125,8 @@ FrameRef frame_of(const AnyTree& tree, nb::handle name, const char* field) {
   return tree.find_ref(frame_name_of(name, field));
 }
 template <class AnyTree>
-NamedQuery query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source) {
-  const FrameRef target_ref = frame_of(tree, target, "target_frame");
-  const FrameRef source_ref = frame_of(tree, source, "source_frame");
-  return {{op, target_ref.id, source_ref.id}, target_ref, source_ref};
+Query query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source) {
+  return {op, frame_of(tree, target, "target_frame").id, frame_of(tree, source, "source_frame").id};
 }
 // An int as a stamp; kNoStamp for None.
 Stamp stamp_of(nb::handle stamp, const char* field);

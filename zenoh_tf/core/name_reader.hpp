@@ -193,27 +193,26 @@ class NameReader {
       word |= std::uint64_t{static_cast<unsigned char>(name[i])} << (8 * i);
     return word;
   }
-  // Returns the state of an entry that has this name and the state's bits `wanted`; else 0, which
-  // no entry has that ever had a name.
+  // Returns whether an entry that has the state's bits `wanted` has this name, and sets its state.
   template <std::uint32_t wanted>
-  ZTF_ALWAYS_INLINE std::uint32_t state_if_named(const NameEntry& entry,
-                                                 std::string_view name) const noexcept {
-    const std::uint32_t state = entry.state.load(std::memory_order_acquire);
-    if ((state & (wanted | NameEntry::kChanging)) != wanted) return 0;
-    if (entry.length.load(std::memory_order_acquire) != name.size()) return 0;
+  ZTF_ALWAYS_INLINE bool has_name(const NameEntry& entry, std::string_view name,
+                                  std::uint32_t& state) const noexcept {
+    state = entry.state.load(std::memory_order_acquire);
+    if ((state & (wanted | NameEntry::kChanging)) != wanted) return false;
+    if (entry.length.load(std::memory_order_acquire) != name.size()) return false;
     const NameWord* const words = entry.text(static_cast<std::uint32_t>(name.size()));
     // The distance and the length must belong together before the text is read.
     if (name.size() > NameEntry::kShortBytes &&
         (entry.state.load(std::memory_order_relaxed) != state ||
          !memory_.holds(words, (name.size() + 7) / 8 * 8)))
-      return 0;
+      return false;
     std::size_t i = 0;
     for (; i < name.size() / 8; ++i)
       if (words[i].load(std::memory_order_acquire) != word_at<std::uint64_t>(name.data() + 8 * i))
-        return 0;
+        return false;
     if (name.size() % 8 != 0 && words[i].load(std::memory_order_acquire) != last_word(name))
-      return 0;
-    return entry.state.load(std::memory_order_relaxed) == state ? state : 0;
+      return false;
+    return entry.state.load(std::memory_order_relaxed) == state;
   }
 
   template <std::uint32_t wanted>
@@ -224,8 +223,8 @@ class NameReader {
       if (slot == 0) return {};
       if ((slot ^ hash) >> 32 == 0) {
         const NameId id = static_cast<NameId>(slot);
-        if (id == 0 || id > max_names_) continue;
-        if (const std::uint32_t state = state_if_named<wanted>(entries_[id], name); state != 0)
+        std::uint32_t state;
+        if (id != 0 && id <= max_names_ && has_name<wanted>(entries_[id], name, state))
           return {id, state / NameEntry::kIncrement};
       }
     }

@@ -94,12 +94,14 @@ class SharedTree {
   template <class Read>
   auto read_names(Read&& read) const {
     const std::atomic<std::uint64_t>& freed = region_.header().ids_freed;
-    for (Patience patience; patience.wait();) {
+    Patience patience;
+    do {
       const std::uint64_t before = freed.load(std::memory_order_acquire);
       if (before % 2 != 0) continue;
       auto result = read();
-      if (freed.load(std::memory_order_acquire) == before) return result;
-    }
+      if (freed.load(std::memory_order_acquire) == before) [[likely]]
+        return result;
+    } while (patience.wait());
     throw Unanswered{Unanswered::Reason::busy};
   }
 

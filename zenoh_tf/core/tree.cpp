@@ -20,10 +20,10 @@ Tree::Tree(const Options& options)
       topology_index_(std::size_t{options.max_frames} + 1),
       authority_counters_(options.max_authorities),
       ever_reparented_(region_.header().ever_reparented),
+      ids_freed_(region_.header().ids_freed),
       names_(region_.header().names, region_.names(), options.max_frames, region_),
       authorities_(region_.header().authorities, region_.authorities(), options.max_authorities,
-                   region_),
-      ids_freed_(region_.header().ids_freed) {}
+                   region_) {}
 
 // The clock is read before the store: a thread that is stopped in between promises too little.
 void Tree::begin_lease(std::int64_t duration_ns) noexcept {
