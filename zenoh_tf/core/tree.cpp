@@ -20,7 +20,9 @@ Tree::Tree(const Options& options)
       topology_index_(std::size_t{options.max_frames} + 1),
       authority_counters_(options.max_authorities),
       names_(options.max_frames),
-      authorities_(options.max_authorities) {}
+      authorities_(options.max_authorities),
+      change_log_(options.max_log_bytes != 0 ? std::make_unique<ChangeLog>(options.max_log_bytes)
+                                             : nullptr) {}
 
 std::unique_lock<std::mutex> Tree::lock_giant() const {
   return options_.concurrency == Concurrency::giant ? lock_announced(giant_)
@@ -37,11 +39,15 @@ void Tree::clear_frame(FrameId id) noexcept {
   clear_history(frames_[id]);
 }
 
+bool Tree::is_cleared(FrameId id, bool keep_static) const noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const bool has_data = frames_[id].parent.load(relaxed) != 0;
+  return has_data && !(keep_static && frames_[id].is_static.load(relaxed));
+}
+
 void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept {
   for (const FrameId id : frames) {
-    Frame& frame = frames_[id];
-    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
-    if (!has_data || (keep_static && frame.is_static.load(std::memory_order_relaxed))) continue;
+    if (!is_cleared(id, keep_static)) continue;
     clear_frame(id);
     dropped.push_back(id);
   }
@@ -60,10 +66,14 @@ void Tree::clear(bool keep_static) {
     const auto topology = lock_announced(topology_);
     list_frames(all);
     (void)dropped.reserve(all.size());  // before the first write, after which nothing may fail
+    LogTicket ticket(change_log_.get());
     WriteLocks locks(*this, all);
+    log_clear(ticket, locks, keep_static);
     locks.begin_write();
+    ticket.draw();
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
+    ticket.publish();
   }
   commit_count_.add();
   notify_waiters_of(dropped);
@@ -84,8 +94,11 @@ void Tree::reset() {
 void Tree::drop_frames(const FrameList& frames) {
   SmallVector<Ring, 16> rings;
   (void)rings.reserve(frames.size());  // before the first write, after which nothing may fail
+  LogTicket ticket(change_log_.get());
   WriteLocks locks(*this, frames);
+  log_removal(ticket, locks);
   locks.begin_write();
+  ticket.draw();
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     clear_frame(id);
@@ -98,6 +111,7 @@ void Tree::drop_frames(const FrameList& frames) {
     names_.hide(id);
   }
   locks.release(frames);
+  ticket.publish();
   for (const Ring ring : rings) ring.give_back(ring_arena_);
 }
 

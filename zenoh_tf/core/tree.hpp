@@ -20,6 +20,7 @@
 #include <string_view>
 #include <vector>
 
+#include "change_log.hpp"
 #include "counters.hpp"
 #include "event_log.hpp"
 #include "frame_info.hpp"
@@ -52,6 +53,8 @@ struct Options {
   // second's are newer: it clears the frame's history and stores its rows. Without this option it
   // does so only if the history ends ahead of the real-time clock (CommitPlan::restarts_history).
   bool clear_on_time_jump = false;
+  // Most bytes of the change log's entries; 0: the tree has no log.
+  std::uint64_t max_log_bytes = 0;
 };
 
 // One transform to be written. parent and child are indices into CommitRequest::names, and less
@@ -105,6 +108,7 @@ template <class Guard>
 class Reader;
 class CommitPlan;
 class CommitExecution;
+class WriteLocks;
 enum class CommitScope : std::uint8_t;
 enum class PlanOutcome : std::uint8_t;
 
@@ -164,6 +168,11 @@ class Tree {
   // How many rows were dropped because they were later than CommitRequest::max_stamp.
   [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
 
+  // The change log; null if the tree has none.
+  [[nodiscard]] ChangeLog* change_log() const noexcept { return change_log_.get(); }
+  // Of a mirror (change_replay.hpp): the tree's state is the original's after this number.
+  [[nodiscard]] Seq replayed() const noexcept { return replayed_.load(std::memory_order_acquire); }
+
   // Returns what happened since the last call (event_log.hpp).
   auto take_events() { return event_log_.take(); }
 
@@ -203,6 +212,8 @@ class Tree {
   friend class CommitExecution;
   friend class CommitNames;
   friend class WriteLocks;
+  friend class ChangeReplay;
+  friend class SnapshotReader;
 
   template <class Guard>
   Reader<Guard> reader(Guard& guard) const noexcept;
@@ -225,6 +236,12 @@ class Tree {
   // Leaves the frame without samples and without a parent. Requires the topology mutex, and what
   // clear_history() requires.
   void clear_frame(FrameId id) noexcept;
+  // Whether clear() drops the frame's samples. Requires the frame's write lock.
+  [[nodiscard]] bool is_cleared(FrameId id, bool keep_static) const noexcept;
+  // Fill the ticket's entry, before the first write. Require the topology mutex and the frames'
+  // write locks. Throw bad_alloc.
+  void log_clear(LogTicket& ticket, const WriteLocks& locks, bool keep_static) const;
+  void log_removal(LogTicket& ticket, const WriteLocks& locks) const;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
   // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
@@ -257,6 +274,8 @@ class Tree {
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
   EventLog event_log_;
+  const std::unique_ptr<ChangeLog> change_log_;
+  std::atomic<Seq> replayed_{0};
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
 };

@@ -32,20 +32,26 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
   if (!plan.resolve_and_group(scope)) return PlanOutcome::needs_topology;
 
   FrameList all;
+  LogTicket ticket(change_log_.get());
   if (scope == CommitScope::all_frames) plan.list_all_frames(all);
   WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children(), plan.is_long());
   if (plan.has_read_set()) {
     locks.begin_write();
+    ticket.draw();
     plan.validate_read_set(locks);
   }
   if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
   execution.reserve();
+  if (ticket.has_log()) [[unlikely]]
+    execution.log(ticket, locks);
   plan.check_expiry();
 
   // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
   locks.begin_write();
+  ticket.draw();
   execution.apply();
   locks.release(execution.frames_with_new_version(locks));
+  ticket.publish();
   return PlanOutcome::ready;
 }
 

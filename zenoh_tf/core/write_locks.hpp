@@ -70,6 +70,13 @@ class WriteLocks {
     readers_may_read_ = false;
   }
 
+  // Unlocks all frames, and gives each the version after `before_of(id, version before)`.
+  template <class Before>
+  void release_each(Before&& before_of) noexcept {
+    for (ReadVersion& locked : locked_) locked.version = before_of(locked.frame, locked.version);
+    release(frames_);
+  }
+
   // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a
   // subset of the locked frames, ascending.
   void release(const FrameList& changed) noexcept {
