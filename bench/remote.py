@@ -20,7 +20,7 @@ from bench.machine import ROOT, cpu_s
 from bench.python_system import ROWS, SOURCE, TARGET, TIMES_NS, history
 from bench.report import Cell, Report, Target, Trial, ratios
 from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
-from zenoh_tf_client import TransformClient, requests
+from zenoh_tf_client import TransformClient, lookup_requests
 
 LOOKUP, ONCE = keys.operation("main", "lookup"), zenoh.ConsolidationMode.NONE
 SERVER = ("zenoh_tf_server", "--log-level", "error", "--listen")
@@ -61,7 +61,7 @@ def measure(report: Report) -> None:
 
 def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
     """A lookup beside an empty query of as many bytes."""
-    request = wire.pack(requests.lookup_transform(TARGET, SOURCE).body())
+    request = wire.pack(lookup_requests.lookup_transform(TARGET, SOURCE).body())
     with _session(endpoint) as session:
         reply_bytes = _ask(session, LOOKUP, request)
     with (
@@ -127,7 +127,9 @@ def waiting(report: Report) -> None:
                 if reply.ok is not None:
                     came_ns[index] = time.monotonic_ns()
 
-            payload = wire.pack(requests.lookup_transform("map", frame, WANTED_NS, WAIT_S).body())
+            payload = wire.pack(
+                lookup_requests.lookup_transform("map", frame, WANTED_NS, WAIT_S).body()
+            )
             session.get(LOOKUP, on_reply, payload=payload, timeout=2 * WAIT_S, consolidation=ONCE)
         while tf.stats()["waiters"] < lookups:
             time.sleep(0.1)

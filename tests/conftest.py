@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
+import random
 import signal
 import socket
 import subprocess
@@ -16,16 +18,31 @@ import pytest
 
 from zenoh_tf_client import TransformClient
 
-START_TIMEOUT_S = 20.0
+#: Only a server that hangs takes so long: pytest gives up on the test soon after.
+START_TIMEOUT_S = 50.0
+#: Below all ports that systems give to outgoing connections.
+_PORTS = range(10_000, 30_000)
 
 # A shell that starts the tests in the background makes them, and their children, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def free_port() -> int:
+    """A port of 127.0.0.1 that nothing listens on.
+
+    A port that the system chooses could be taken by any outgoing connection before the server
+    listens on it, or while the server restarts: even by a client that tries to reconnect to it,
+    and so is connected to itself.
+    """
+    while True:
+        port = random.SystemRandom().choice(_PORTS)  # Hypothesis seeds the shared one
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+
+
 def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 class ServerProcess:

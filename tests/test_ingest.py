@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
 
+import pytest
 import zenoh
 
 from zenoh_tf import AuthorityInfo, StampedTransform, Transform, keys, wire
 from zenoh_tf_client import TransformClient, columns
 
-from .conftest import ServerProcess, StartServer
+from .conftest import ServerProcess, StartServer, free_endpoint
 from .raw import raw
 
 TIMEOUT_S = 60.0
@@ -119,3 +122,51 @@ def test_puts_on_other_keys_are_ignored(server: ServerProcess) -> None:
             good.send(rows("f", 1))
         wait(lambda: tf.stats()["puts"] == 1, tf.stats)
         assert tf.stats()["bad_puts"] == 0
+
+
+class HeldIngest(ServerProcess):
+    """A server whose ingest thread takes puts from Zenoh and never commits one."""
+
+    START = (
+        "-c",
+        "import sys, threading\n"
+        "from zenoh_tf_server.ingest import Ingest\n"
+        "Ingest._serve = lambda *_: threading.Event().wait()\n"
+        "from zenoh_tf_server.main import main; sys.exit(main())",
+    )
+
+
+@pytest.fixture
+def held_ingest(tmp_path: Path) -> Iterator[ServerProcess]:
+    server = HeldIngest(tmp_path / "log", free_endpoint(), "main", ())
+    yield server
+    server.stop()
+
+
+def test_lookups_are_answered_while_puts_are_not_taken(held_ingest: ServerProcess) -> None:
+    sent = [0] * 6
+    payload = bytes(60_000)
+
+    def flood(publisher: zenoh.Publisher, index: int) -> None:
+        with suppress(zenoh.ZError):  # the session is closed
+            while True:
+                publisher.put(payload)
+                sent[index] += 1
+
+    with ExitStack() as stack:
+        before = stack.enter_context(held_ingest.connect())
+        before.set_transform(StampedTransform("map", "base", 1, Transform()))
+        for index in range(len(sent)):
+            wires = stack.enter_context(raw(held_ingest.endpoint))
+            publisher = wires.session.declare_publisher(
+                keys.put("main", f"flood {index}", static=False),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+            threading.Thread(target=flood, args=(publisher, index), daemon=True).start()
+        seen: list[int] = []
+        while seen != sent or 0 in sent:  # until Zenoh holds all of them back
+            seen = sent.copy()
+            time.sleep(0.3)
+        for client in (before, stack.enter_context(held_ingest.connect())):
+            assert client.lookup_transform("map", "base").stamp_ns == 1
+        held_ingest.kill()  # ends the publishers' waiting

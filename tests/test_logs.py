@@ -60,6 +60,8 @@ def test_every_line_is_printable_and_short(form: str) -> None:
         record("\ud800" * 10_000),
         record("%d", "not a number"),
         record("with fields", **{HOSTILE * 9: HOSTILE * 99, "a": [HOSTILE], "time": HOSTILE}),
+        record("long names", **{f"{index}" + "\U000e0001" * 40: "x" for index in range(100)}),
+        record("wide names", **{f"{index}" + "\N{PILE OF POO}" * 40: "x" for index in range(100)}),
         record("many", **{f"field{index}": "x" * 1000 for index in range(100)}),
         record("failed", error=raised(ValueError(HOSTILE * 10_000))),
         record("failed", error=raised(ValueError("\n" * 10_000_000))),

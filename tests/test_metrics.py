@@ -25,7 +25,7 @@ from zenoh_tf_server.authority_series import OTHER, AuthoritySeries
 from zenoh_tf_server.request_counters import RequestCounters, buckets
 from zenoh_tf_server.status_port import parse_address
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from .conftest import ServerProcess, StartServer, free_endpoint, free_port
 from .raw import raw
 from .test_server_process import refused
 
@@ -183,9 +183,7 @@ def test_health_and_readiness(server: ServerProcess) -> None:
 
 
 def test_a_server_that_waits_for_its_network_is_not_ready(start_server: StartServer) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     where = ["--connect", free_endpoint(), "--metrics", f"127.0.0.1:{port}"]
     process = subprocess.Popen(
         [sys.executable, "-m", "zenoh_tf_server", *where],
@@ -193,7 +191,7 @@ def test_a_server_that_waits_for_its_network_is_not_ready(start_server: StartSer
         stdout=subprocess.DEVNULL,
     )
     try:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 50
         while True:
             try:
                 answer = fetch(f"http://127.0.0.1:{port}/readyz")

@@ -202,7 +202,7 @@ def test_the_units_flags_are_flags_of_the_server() -> None:
     program, *arguments = unit()["Service"]["ExecStart"].split()
     assert program.endswith("/zenoh-tf-server")
     options = flags.parser().parse_args(arguments)
-    flags.check(flags.parser(), options)
+    flags.complete(flags.parser(), options)
     assert options.log_format == "json" and options.metrics
 
 

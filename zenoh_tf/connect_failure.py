@@ -11,7 +11,7 @@ import ssl
 import struct
 from typing import Final
 
-from . import zenoh_config
+from . import tls_files, zenoh_config
 from .credentials import Credentials
 from .errors import AccessDenied, InvalidArgumentException, ServerUnavailable
 from .errors import TransformException as Failure
@@ -74,12 +74,8 @@ def _explain_tls(
 ) -> Failure:
     try:
         context = _context(credentials)
-    except (ssl.SSLError, OSError):
-        return InvalidArgumentException(
-            "the credentials' ca, certificate and key must be a list of certificates, a "
-            "certificate, and its unencrypted private key, in PEM",
-            field="credentials",
-        )
+    except InvalidArgumentException as error:
+        return error
     if "#" in endpoint:  # it may name TLS files of its own
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     try:
@@ -102,12 +98,13 @@ def _no_tls(where: str) -> Failure:
 
 
 def _context(credentials: Credentials) -> ssl.SSLContext:
-    context = ssl.create_default_context(
-        cafile=None if credentials.ca is None else os.fspath(credentials.ca)
-    )
+    if credentials.ca is None:
+        context = ssl.create_default_context()
+    else:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        tls_files.load_authorities(context, credentials.ca)
     if credentials.certificate is not None and credentials.key is not None:
-        # Without a password of its own, OpenSSL would ask for one on the terminal.
-        context.load_cert_chain(credentials.certificate, credentials.key, password=lambda: b"")
+        tls_files.load_certificate(context, credentials.certificate, credentials.key)
     return context
 
 

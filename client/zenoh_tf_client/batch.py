@@ -8,6 +8,7 @@ camera.result(), stored.result()
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -15,11 +16,11 @@ from typing import Any, Self, TypeVar
 from zenoh_tf import wire
 from zenoh_tf.errors import TransformException
 
-from . import columns, requests
+from . import columns
 from .batch_operations import BatchOperations
 from .connection import Connection
 from .handle import Handle
-from .requests import Read, Request
+from .request import Read, Request, timeout_ns
 
 T = TypeVar("T")
 
@@ -81,26 +82,11 @@ class Batch(BatchOperations):
         if not recorded:
             return
         try:
-            operations, settlers = _join(recorded)
-            writes = any(request.writes for request, _ in recorded)
-            wait_s = max(request.wait_s for request, _ in recorded)
-            replies = wire.parse_batch_reply(
-                self._request(operations, writes, wait_s), len(operations)
-            )
+            self._connection.call(_BatchRequest(recorded))
         except TransformException as error:
             for _, handle in recorded:
-                handle._settle(_raise, error)
+                handle._fail(error)
             raise
-        for settle, reply in zip(settlers, replies, strict=True):
-            settle(reply)
-
-    def _request(
-        self, operations: list[tuple[str, wire.Message]], writes: bool, wait_s: float
-    ) -> wire.Message:
-        body = wire.batch_body(operations)
-        if writes:
-            return self._connection.write("batch", body)
-        return self._connection.read("batch", body, wait_s)
 
     def _record(self, request: Request[T]) -> Handle[T]:
         handle: Handle[T] = Handle()
@@ -108,62 +94,67 @@ class Batch(BatchOperations):
         return handle
 
 
-def _raise(error: TransformException) -> Any:
-    raise error
-
-
 _Settle = Callable[[wire.Message], None]
 
 
-def _join(
-    recorded: list[tuple[Request[Any], Handle[Any]]],
-) -> tuple[list[tuple[str, wire.Message]], list[_Settle]]:
-    """Return the operations to send, and for each a function that takes its reply.
+class _BatchRequest(Request[None]):
+    """All recorded operations in one message; its reply settles their handles."""
 
-    Neighbouring single reads with equal time-outs become one operation.
-    """
-    operations: list[tuple[str, wire.Message]] = []
-    settlers: list[_Settle] = []
-    run: list[tuple[Read[Any], Handle[Any]]] = []
+    kind = "batch"
 
-    def end_run() -> None:
-        if run:
-            lookup = columns.join([read.row for read, _ in run])
-            lookup.timeout_ns = requests.timeout_ns(run[0][0].wait_s)
-            operations.append(("lookup", wire.lookup_body(lookup)))
-            settlers.append(_settler_of_reads(run.copy()))
-            run.clear()
+    def __init__(self, recorded: list[tuple[Request[Any], Handle[Any]]]) -> None:
+        """Raises InvalidArgumentException if a time-out is out of range."""
+        self._writes = any(request.writes for request, _ in recorded)
+        self.wait_s = max(request.wait_s for request, _ in recorded)
+        self._operations: list[tuple[str, wire.Message]] = []
+        self._settlers: list[_Settle] = []  # for each operation a function that takes its reply
+        # Neighbouring single reads with equal time-outs become one operation.
+        for wait_s, group in itertools.groupby(recorded, _wait_of_read):
+            if wait_s is None:
+                for request, handle in group:
+                    self._add(request.kind, request.body(), _settler(request, handle))
+            else:
+                reads: list[tuple[Read[Any], Handle[Any]]] = list(group)  # type: ignore[arg-type]
+                lookup = columns.join([read.row for read, _ in reads])
+                lookup.timeout_ns = timeout_ns(wait_s)
+                self._add("lookup", wire.lookup_body(lookup), _settler_of_reads(reads))
 
-    for request, handle in recorded:
-        if isinstance(request, Read):
-            if run and run[0][0].wait_s != request.wait_s:
-                end_run()
-            run.append((request, handle))
-        else:
-            end_run()
-            operations.append((request.kind, request.body()))
-            settlers.append(_settler(request, handle))
-    end_run()
-    return operations, settlers
+    @property
+    def writes(self) -> bool:
+        return self._writes
+
+    def body(self) -> wire.Message:
+        return wire.batch_body(self._operations)
+
+    def parse(self, reply: wire.Message) -> None:
+        replies = wire.parse_batch_reply(reply, len(self._operations))
+        for settle, one in zip(self._settlers, replies, strict=True):
+            settle(one)
+
+    def _add(self, kind: str, body: wire.Message, settle: _Settle) -> None:
+        self._operations.append((kind, body))
+        self._settlers.append(settle)
+
+
+def _wait_of_read(entry: tuple[Request[Any], Handle[Any]]) -> float | None:
+    """The time-out of a single read; None for any other operation."""
+    request, _ = entry
+    return request.wait_s if isinstance(request, Read) else None
 
 
 def _settler(request: Request[Any], handle: Handle[Any]) -> _Settle:
     return lambda reply: handle._settle(request.parse, reply)
 
 
-def _settler_of_reads(run: list[tuple[Read[Any], Handle[Any]]]) -> _Settle:
+def _settler_of_reads(reads: list[tuple[Read[Any], Handle[Any]]]) -> _Settle:
     def settle(reply: wire.Message) -> None:
         try:
-            answer = wire.parse_lookup_reply(reply, len(run))
+            answer = wire.parse_lookup_reply(reply, len(reads))
         except TransformException as error:
-            for _, handle in run:
-                handle._settle(_raise, error)
+            for _, handle in reads:
+                handle._fail(error)
             return
-        for (read, handle), row in zip(run, answer.rows(), strict=True):
-            handle._sent = True
-            try:
-                handle._value = read.result(row)
-            except TransformException as error:
-                handle._error = error
+        for (read, handle), row in zip(reads, answer.rows(), strict=True):
+            handle._settle(read.result, row)
 
     return settle

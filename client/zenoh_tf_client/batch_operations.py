@@ -17,9 +17,9 @@ from zenoh_tf import (
     Velocity,
 )
 
-from . import requests
+from . import info_requests, lookup_requests, write_requests
 from .handle import Handle
-from .requests import Request
+from .request import Request
 
 T = TypeVar("T")
 
@@ -54,7 +54,7 @@ class BatchOperations(ABC):
         Raises:
             InvalidArgumentException: `stamp_ns` is not a 64-bit integer.
         """
-        return self._record(requests.lookup_transform(target, source, stamp_ns, timeout_s))
+        return self._record(lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_transform_full(
         self,
@@ -87,7 +87,7 @@ class BatchOperations(ABC):
                 range.
         """
         return self._record(
-            requests.lookup_transform_full(
+            lookup_requests.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
             )
         )
@@ -112,7 +112,7 @@ class BatchOperations(ABC):
         Raises:
             InvalidArgumentException: `stamp_ns` is not a 64-bit integer.
         """
-        return self._record(requests.can_transform(target, source, stamp_ns, timeout_s))
+        return self._record(lookup_requests.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> Handle[LatestTransform]:
         """Record a `TransformClient.lookup_latest_transform`.
@@ -128,7 +128,7 @@ class BatchOperations(ABC):
             A handle of the result. ``X_target_source``, the oldest stamp among the samples used
             (``stamp_ns``) and the newest one (``newest_stamp_ns``).
         """
-        return self._record(requests.lookup_latest_transform(target, source))
+        return self._record(lookup_requests.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> Handle[LatestTransform]:
         """Record a `TransformClient.lookup_latest_transform_xact`.
@@ -141,7 +141,7 @@ class BatchOperations(ABC):
             A handle of the result. ``X_target_source``, the oldest stamp among the samples used
             (``stamp_ns``) and the newest one (``newest_stamp_ns``).
         """
-        return self._record(requests.lookup_latest_transform_xact(target, source))
+        return self._record(lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -155,7 +155,7 @@ class BatchOperations(ABC):
             A handle of the result. For each pair what `lookup_latest_transform_xact` returns, in
             order.
         """
-        return self._record(requests.lookup_latest_transforms_xact(pairs))
+        return self._record(lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
         self,
@@ -178,7 +178,7 @@ class BatchOperations(ABC):
         Raises:
             InvalidArgumentException: The lengths differ, or a stamp is not a 64-bit integer.
         """
-        return self._record(requests.lookup_transforms(targets, sources, stamps_ns))
+        return self._record(lookup_requests.lookup_transforms(targets, sources, stamps_ns))
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
         """Record a `TransformClient.sample`.
@@ -195,7 +195,7 @@ class BatchOperations(ABC):
         Raises:
             InvalidArgumentException: A stamp is not a 64-bit integer.
         """
-        return self._record(requests.sample(target, source, stamps_ns))
+        return self._record(lookup_requests.sample(target, source, stamps_ns))
 
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
         """Record a `TransformClient.latest_common_time`.
@@ -208,7 +208,7 @@ class BatchOperations(ABC):
             A handle of the result. The time in nanoseconds; None if all links between the frames
             are static.
         """
-        return self._record(requests.latest_common_time(a, b))
+        return self._record(lookup_requests.latest_common_time(a, b))
 
     def lookup_velocity(
         self,
@@ -244,7 +244,7 @@ class BatchOperations(ABC):
             InvalidArgumentException: An argument makes no sense.
         """
         return self._record(
-            requests.lookup_velocity(
+            lookup_requests.lookup_velocity(
                 tracking_frame,
                 observation_frame,
                 stamp_ns,
@@ -270,7 +270,7 @@ class BatchOperations(ABC):
             A handle of the result. True if stored, False if dropped because it is older than
             the server's cache time.
         """
-        return self._record(requests.set_transform(stamped, authority, static))
+        return self._record(write_requests.set_transform(stamped, authority, static))
 
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
@@ -285,7 +285,7 @@ class BatchOperations(ABC):
         Returns:
             A handle of the result, which is None.
         """
-        return self._record(requests.set_transforms_xact(stampeds, authority, static))
+        return self._record(write_requests.set_transforms_xact(stampeds, authority, static))
 
     # --- introspection
 
@@ -295,7 +295,7 @@ class BatchOperations(ABC):
         Returns:
             A handle of the result. The names, in no particular order.
         """
-        return self._record(requests.frames())
+        return self._record(info_requests.frames())
 
     def frame(self, name: str) -> Handle[FrameInfo]:
         """Record a `TransformClient.frame`: describe a frame and the link to its parent.
@@ -307,7 +307,7 @@ class BatchOperations(ABC):
             A handle of the result. The parent, authority, stamps in nanoseconds and counters,
             read at one instant.
         """
-        return self._record(requests.frame(name))
+        return self._record(info_requests.frame(name))
 
     def authorities(self) -> Handle[list[AuthorityInfo]]:
         """Record a `TransformClient.authorities`: list what each authority has published.
@@ -316,7 +316,7 @@ class BatchOperations(ABC):
             A handle of the result. One record for each authority, in the order of their first
             commits.
         """
-        return self._record(requests.authorities())
+        return self._record(info_requests.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> Handle[str | None]:
         """Record a `TransformClient.parent`: return the parent of a frame.
@@ -328,7 +328,7 @@ class BatchOperations(ABC):
         Returns:
             A handle of the result. The parent's name; None if the frame is a root.
         """
-        return self._record(requests.parent(frame, stamp_ns))
+        return self._record(info_requests.parent(frame, stamp_ns))
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> Handle[list[str]]:
         """Record a `TransformClient.chain`.
@@ -342,7 +342,7 @@ class BatchOperations(ABC):
         Returns:
             A handle of the result. The frames in order, from `target` to `source`, both included.
         """
-        return self._record(requests.chain(target, source, stamp_ns))
+        return self._record(info_requests.chain(target, source, stamp_ns))
 
     def stats(self) -> Handle[dict[str, int]]:
         """Record a `TransformClient.stats`: return the counters of the tree and of the server.
@@ -350,4 +350,4 @@ class BatchOperations(ABC):
         Returns:
             A handle of the result. Values by the counters' names.
         """
-        return self._record(requests.stats())
+        return self._record(info_requests.stats())

@@ -10,13 +10,12 @@ from zenoh_tf import StampedTransform
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
-from . import requests
+from . import write_requests
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client_introspection import ClientIntrospection
 from .client_lookups import ClientLookups
 from .connection import Connection
-from .requests import Request
 from .transaction import Transaction, run_transaction
 
 T = TypeVar("T")
@@ -172,7 +171,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``tf.set_transform(StampedTransform("map", "base", time.time_ns(), X_map_base))``
         """
-        return self._call(requests.set_transform(stamped, authority, static))
+        return self._connection.call(write_requests.set_transform(stamped, authority, static))
 
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
@@ -193,7 +192,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
             LimitExceeded: A limit was hit, such as the number of frames.
             ProtocolError: The reply is malformed.
         """
-        self._call(requests.set_transforms_xact(stampeds, authority, static))
+        self._connection.call(write_requests.set_transforms_xact(stampeds, authority, static))
 
     def clear(self, keep_static: bool = True) -> None:
         """Forget all samples, for all clients of the server. The frames' names stay.
@@ -208,7 +207,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
             LimitExceeded: A limit was hit, such as the number of frames.
             ProtocolError: The reply is malformed.
         """
-        self._call(requests.clear(keep_static))
+        self._connection.call(write_requests.clear(keep_static))
 
     def reset(self) -> None:
         """Drop every frame at one instant: all samples, static links and names.
@@ -225,7 +224,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
             >>> tf.frames()
             []
         """
-        self._call(requests.reset())
+        self._connection.call(write_requests.reset())
 
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         """Forget a frame: its link, its history and its name.
@@ -243,7 +242,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
             LimitExceeded: A limit was hit, such as the number of frames.
             ProtocolError: The reply is malformed.
         """
-        self._call(requests.remove_frame(name, subtree))
+        self._connection.call(write_requests.remove_frame(name, subtree))
 
     # --- beyond the embedded tree
 
@@ -306,8 +305,3 @@ class TransformClient(ClientLookups, ClientIntrospection):
             ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
         """
         return Broadcaster(self._connection, authority, self._broadcasters)
-
-    def _call(self, request: Request[T]) -> T:
-        if request.writes:
-            return request.parse(self._connection.write(request.kind, request.body()))
-        return request.parse(self._connection.read(request.kind, request.body(), request.wait_s))

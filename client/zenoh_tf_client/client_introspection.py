@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import TypeVar
-
 from zenoh_tf import AuthorityInfo, FrameInfo
 
-from . import requests
-from .requests import Request
-
-T = TypeVar("T")
+from . import info_requests
+from .connection import Connection
 
 
-class ClientIntrospection(ABC):
-    """A base of `TransformClient`, which sends the requests that these methods make."""
+class ClientIntrospection:
+    """A base of `TransformClient`, which has the connection."""
 
-    @abstractmethod
-    def _call(self, request: Request[T]) -> T:
-        """Send a request; return its result or raise its error."""
+    _connection: Connection
 
     def frames(self) -> list[str]:
         """List the names of all frames.
@@ -34,9 +27,9 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        names, after = self._call(requests.frames_page(None))
+        names, after = self._connection.call(info_requests.frames_page(None))
         while after is not None:
-            page, after = self._call(requests.frames_page(after))
+            page, after = self._connection.call(info_requests.frames_page(after))
             names += page
         return names
 
@@ -56,7 +49,7 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.frame(name))
+        return self._connection.call(info_requests.frame(name))
 
     def authorities(self) -> list[AuthorityInfo]:
         """List what each authority has published.
@@ -69,7 +62,7 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.authorities())
+        return self._connection.call(info_requests.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """Return the parent of a frame.
@@ -89,7 +82,7 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.parent(frame, stamp_ns))
+        return self._connection.call(info_requests.parent(frame, stamp_ns))
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """Return the frames on the path between two frames.
@@ -112,7 +105,7 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.chain(target, source, stamp_ns))
+        return self._connection.call(info_requests.chain(target, source, stamp_ns))
 
     def stats(self) -> dict[str, int]:
         """Return the counters of the tree and of the server.
@@ -125,4 +118,4 @@ class ClientIntrospection(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.stats())
+        return self._connection.call(info_requests.stats())

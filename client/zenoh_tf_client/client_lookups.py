@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -15,18 +13,14 @@ from zenoh_tf import (
     Velocity,
 )
 
-from . import requests
-from .requests import Request
-
-T = TypeVar("T")
+from . import lookup_requests
+from .connection import Connection
 
 
-class ClientLookups(ABC):
-    """A base of `TransformClient`, which sends the requests that these methods make."""
+class ClientLookups:
+    """A base of `TransformClient`, which has the connection."""
 
-    @abstractmethod
-    def _call(self, request: Request[T]) -> T:
-        """Send a request; return its result or raise its error."""
+    _connection: Connection
 
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -57,7 +51,9 @@ class ClientLookups(ABC):
         Example:
             ``X_map_base = tf.lookup_transform("map", "base").transform``
         """
-        return self._call(requests.lookup_transform(target, source, stamp_ns, timeout_s))
+        return self._connection.call(
+            lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
+        )
 
     def lookup_transform_full(
         self,
@@ -94,8 +90,8 @@ class ClientLookups(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(
-            requests.lookup_transform_full(
+        return self._connection.call(
+            lookup_requests.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
             )
         )
@@ -122,7 +118,9 @@ class ClientLookups(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.can_transform(target, source, stamp_ns, timeout_s))
+        return self._connection.call(
+            lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
+        )
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest sample of each link.
@@ -146,7 +144,7 @@ class ClientLookups(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.lookup_latest_transform(target, source))
+        return self._connection.call(lookup_requests.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -170,7 +168,7 @@ class ClientLookups(ABC):
         Example:
             ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist").transform``
         """
-        return self._call(requests.lookup_latest_transform_xact(target, source))
+        return self._connection.call(lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -194,7 +192,7 @@ class ClientLookups(ABC):
         Example:
             ``arm, cup = tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        return self._call(requests.lookup_latest_transforms_xact(pairs))
+        return self._connection.call(lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
         self,
@@ -220,7 +218,7 @@ class ClientLookups(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.lookup_transforms(targets, sources, stamps_ns))
+        return self._connection.call(lookup_requests.lookup_transforms(targets, sources, stamps_ns))
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
         """Look up the pose of `source` in `target` at many times in one request.
@@ -243,7 +241,7 @@ class ClientLookups(ABC):
         Example:
             ``path = tf.sample("map", "camera", stamps_ns).translations``
         """
-        return self._call(requests.sample(target, source, stamps_ns))
+        return self._connection.call(lookup_requests.sample(target, source, stamps_ns))
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -264,7 +262,7 @@ class ClientLookups(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(requests.latest_common_time(a, b))
+        return self._connection.call(lookup_requests.latest_common_time(a, b))
 
     def lookup_velocity(
         self,
@@ -304,8 +302,8 @@ class ClientLookups(ABC):
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._call(
-            requests.lookup_velocity(
+        return self._connection.call(
+            lookup_requests.lookup_velocity(
                 tracking_frame,
                 observation_frame,
                 stamp_ns,

@@ -56,6 +56,11 @@ def stamp(stamp_ns: int | None, field: str = "stamp_ns") -> int:
     return value
 
 
+def optional_stamp(stamp_ns: int | None) -> int | None:
+    """Check a stamp as `stamp` does; None stays None."""
+    return None if stamp_ns is None else stamp(stamp_ns)
+
+
 def stamps(stamps_ns: ArrayLike | None, count: int) -> NDArray[np.int64]:
     """Return (count,) stamps in ns; one stamp is repeated, None becomes NO_STAMP.
 

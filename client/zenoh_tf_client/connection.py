@@ -12,11 +12,11 @@ import random
 import threading
 import time
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import zenoh
 
-from zenoh_tf import connect_failure, keys, wire, zenoh_config
+from zenoh_tf import keys, wire, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import (
     InvalidArgumentException,
@@ -25,17 +25,18 @@ from zenoh_tf.errors import (
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
-    TransformException,
 )
 
-from . import requests
+from . import info_requests
 from .access import Access
-from .opening import NOBODY_THERE, open_session
+from .opening import open_session
+from .queries import NoReply, Queries
+from .request import Request
 from .served_trees import no_server_message, served_trees
 from .session_calls import SessionCalls
 
-#: Zenoh tries again this soon after a lost connection, then ever slower up to the maximum.
-_RETRY: Final = {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2}
+T = TypeVar("T")
+
 _HELLO_PERIOD_S: Final = 0.05
 #: If other trees are served, the wait for one that is not ends after this time.
 _OTHER_TREES_GRACE_S: Final = 1.0
@@ -43,18 +44,6 @@ _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
 #: The limit of a server that does not tell.
 _DEFAULT_ROWS: Final = 100_000
-#: After this time, and at the end, the reason for a failing connection is looked into.
-_FIRST_ATTEMPT_S: Final = 1.0
-#: The error reply that Zenoh makes up when no server replies in time.
-_ZENOH_TIMEOUT: Final = b"Timeout"
-
-
-@dataclass(frozen=True, slots=True)
-class _NoReply:
-    """No reply came to a request."""
-
-    reason: str
-    at_once: bool  # the query ended without a reply: no server, or its rules deny the request
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,13 +94,15 @@ class Connection:
         self._id_prefix = os.urandom(8)
         self._id_count = itertools.count()
         deadline_s = time.monotonic() + timeout_s
-        self.session = self._open()
+        self.session = open_session(endpoint, tree, timeout_s, credentials)
         self.calls = SessionCalls(self.session.close)
         self.calls.add_owner(self)
         # Each query carries the client's id, so that the server can hold clients apart. The token
         # under the same id tells the server when the client is gone.
         self._client_id = client_id = str(self.session.zid())
-        self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
+        self._queries = Queries(
+            self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
+        )
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -155,6 +146,12 @@ class Connection:
         """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
         return self._hello(self.timeout_s)
 
+    def call(self, request: Request[T]) -> T:
+        """Send a request; return its result, or raise its error or those of `read` and `write`."""
+        if request.writes:
+            return request.parse(self.write(request.kind, request.body()))
+        return request.parse(self.read(request.kind, request.body(), request.wait_s))
+
     def read(self, operation: str, body: wire.Message, wait_s: float = 0.0) -> wire.Message:
         """Return the reply to a request that changes nothing.
 
@@ -165,7 +162,7 @@ class Connection:
         payload = self._pack(body)
         timeout_s = self.timeout_s + wait_s
         reply = self._query_until_served(key, payload, timeout_s)
-        if isinstance(reply, _NoReply):
+        if isinstance(reply, NoReply):
             self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
         wire.raise_error(reply)
@@ -201,7 +198,7 @@ class Connection:
         payload = self._pack(body | write.fields())
         # A refused write did not run, so it may be sent again; its expiry stays the same.
         reply = self._query_until_served(key, payload, self.timeout_s)
-        if isinstance(reply, _NoReply):
+        if isinstance(reply, NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         wire.raise_error(reply)
         return reply
@@ -225,12 +222,12 @@ class Connection:
 
     def _query_until_served(
         self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
-    ) -> wire.Message | _NoReply:
+    ) -> wire.Message | NoReply:
         """As `_query`, and again as long as the server is busy and the time is not over."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             reply = self._query(key, payload, timeout_s)
-            if isinstance(reply, _NoReply) or "error" not in reply:
+            if isinstance(reply, NoReply) or "error" not in reply:
                 return reply
             error = wire.decode_error(reply["error"])
             pause_s = error.retry_after_s
@@ -245,53 +242,15 @@ class Connection:
 
     def _query(
         self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
-    ) -> wire.Message | _NoReply:
-        """Return the first reply, or why there is none."""
-        try:
-            with self.calls:
-                data = self._first_reply(key, payload, timeout_s)
-        except zenoh.ZError as error:
-            raise ServerUnavailable(f"{self._where()}: {error}") from error
-        if data is None:
-            self._forget_server()
-            # Zenoh ends a query at once if no server is there, or when the server goes away.
-            return _NoReply(
-                f"{self._where()} is not there, or went away before it answered", at_once=True
-            )
-        if data == _ZENOH_TIMEOUT:
-            self._forget_server()
-            return _NoReply(f"no answer from {self._where()} within {timeout_s:g} s", at_once=False)
-        reply = wire.unpack(data, wire.MAX_REPLY_BYTES)
+    ) -> wire.Message | NoReply:
+        """As `Queries.ask`; forgets the server if another one replied, or none."""
+        reply = self._queries.ask(key, payload, timeout_s)
         server = self._server
-        if server is not None and reply.get("instance") != server.instance:
-            self._forget_server()  # A new server: its clock and limits are not known yet.
+        if server is not None and (
+            isinstance(reply, NoReply) or reply.get("instance") != server.instance
+        ):
+            self._forget_server()  # the clock and limits of a new one are not known yet
         return reply
-
-    def _first_reply(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the reply's payload; None if the query ended without one, or within one.
-
-        A long reply comes in parts; the attachment of each is the length of the whole.
-        """
-        parts: list[bytes] = []
-        length = 0
-        replies = self.session.get(
-            key,
-            payload=payload,
-            attachment=self._attachment,
-            timeout=timeout_s,
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
-        for reply in replies:
-            if (sample := reply.ok) is not None:
-                if sample.attachment is None:
-                    return sample.payload.to_bytes()
-                parts.append(sample.payload.to_bytes())
-                length += len(parts[-1])
-                if length == int(sample.attachment.to_bytes()):
-                    return b"".join(parts)
-                continue
-            return reply.err.payload.to_bytes()  # type: ignore[union-attr]
-        return None
 
     def _pack(self, body: wire.Message) -> bytes:
         payload = wire.pack(body)
@@ -333,17 +292,17 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> ServerInfo:
-        request = requests.hello(
+        request = info_requests.hello(
             self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
         )
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
         reply = self._query(self._keys["hello"], payload, timeout_s)
-        if isinstance(reply, _NoReply) and reply.at_once:
+        if isinstance(reply, NoReply) and reply.at_once:
             # Servers before access rules answer `hello` among the infos only.
             reply = self._query(self._keys["info"], payload, timeout_s)
         now_ns = time.monotonic_ns()
-        if isinstance(reply, _NoReply):
+        if isinstance(reply, NoReply):
             raise ServerUnavailable(reply.reason)
         self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
@@ -361,38 +320,3 @@ class Connection:
         )
         self._server = server
         return server
-
-    def _where(self) -> str:
-        return f"the server of tree {self.tree!r} at {self._address}"
-
-    def _open(self) -> zenoh.Session:
-        """Open a session. A server that does not let this client in is not asked a second time."""
-        deadline_s = time.monotonic() + self.timeout_s
-        left_s = min(self.timeout_s, _FIRST_ATTEMPT_S)
-        while True:
-            try:
-                return open_session(self._config, left_s)
-            except zenoh.ZError as error:
-                left_s = deadline_s - time.monotonic()
-                failure = self._cannot_open(str(error))
-                if left_s <= 0 or not isinstance(failure, ServerUnavailable):
-                    raise failure from error
-
-    def _config(self, attempt_s: float) -> zenoh.Config:
-        return zenoh_config.client(
-            [self.endpoint],
-            attempt_s,
-            retry=_RETRY,
-            max_message_bytes=wire.MAX_REPLY_BYTES,
-            credentials=self._credentials,
-        )
-
-    def _cannot_open(self, reason: str) -> TransformException:
-        if NOBODY_THERE in reason:
-            return connect_failure.explain(
-                self.endpoint, self.tree, self.timeout_s, self._credentials
-            )
-        return InvalidArgumentException(
-            f"endpoint {self._address!r}: {reason.split(' at /', maxsplit=1)[0]}",
-            field="endpoint",
-        )

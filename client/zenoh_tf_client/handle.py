@@ -54,6 +54,10 @@ class Handle(Generic[T]):
             raise RuntimeError("the batch has not been sent: its `with` block has not ended")
         return self._error
 
+    def _fail(self, error: TransformException) -> None:
+        self._error = error
+        self._sent = True
+
     def _settle(self, parse: Callable[[A], T], reply: A) -> None:
         """Keep what `parse` makes of the reply: a result, or the error that it raises."""
         try:

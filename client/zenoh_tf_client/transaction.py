@@ -29,9 +29,9 @@ from zenoh_tf.errors import (
     TransactionConflict,
 )
 
-from . import columns, requests
+from . import columns, lookup_requests
 from .connection import Connection
-from .requests import Request
+from .request import Request
 
 T = TypeVar("T")
 
@@ -108,7 +108,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(requests.lookup_transform(target, source, stamp_ns))
+        return self._read(lookup_requests.lookup_transform(target, source, stamp_ns))
 
     def lookup_transform_full(
         self,
@@ -145,7 +145,7 @@ class Transaction:
             ProtocolError: The reply is malformed.
         """
         return self._read(
-            requests.lookup_transform_full(
+            lookup_requests.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame
             )
         )
@@ -169,7 +169,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(requests.can_transform(target, source, stamp_ns))
+        return self._read(lookup_requests.can_transform(target, source, stamp_ns))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one snapshot.
@@ -195,7 +195,7 @@ class Transaction:
         Example:
             ``X_map_cup = tx.lookup_latest_transform_xact("map", "cup").transform``
         """
-        return self._read(requests.lookup_latest_transform_xact(target, source))
+        return self._read(lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -218,7 +218,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(requests.lookup_latest_transforms_xact(pairs))
+        return self._read(lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -241,7 +241,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(requests.latest_common_time(a, b))
+        return self._read(lookup_requests.latest_common_time(a, b))
 
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False

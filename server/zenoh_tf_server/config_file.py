@@ -2,15 +2,13 @@
 
     cache-time = 30.0
     listen = ["tls/0.0.0.0:7447"]
+    users = "users.txt"             # --users
 
     [limits]
     rows = 1000                     # --max-rows
 
     [tls]
     certificate = "server.pem"      # --tls-certificate
-
-    [users]
-    file = "users"                  # --users
 
     [[access]]
     users = ["nav"]
@@ -150,9 +148,7 @@ def _spellings(section: str, key: str) -> list[str]:
     key = key.replace("_", "-")
     if not section:
         return [key]
-    shortened = [f"max-{key}"] if section == "limits" else [f"{section}-{key}"]
-    whole = [section] if key in ("file", "endpoint", "endpoints", "name") else []
-    return shortened + whole + [key]
+    return [f"max-{key}" if section == "limits" else f"{section}-{key}", key]
 
 
 def _reject_unknown(section: str, key: str, actions: dict[str, argparse.Action]) -> NoReturn:

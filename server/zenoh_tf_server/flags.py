@@ -22,6 +22,8 @@ DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 def parser() -> argparse.ArgumentParser:
     flags = argparse.ArgumentParser(
         prog="zenoh-tf-server",
+        # argparse's own text has 35 lines, and each error would stand below it.
+        usage="%(prog)s [--listen ENDPOINT | --connect ENDPOINT] [FLAG ...]; --help lists them all",
         description="Serve a transform tree over Zenoh.",
     )
     flags.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
@@ -101,7 +103,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         options = config_file.parse_arguments(flags, arguments)
     except TransformException as error:
         flags.error(str(error))
-    check(flags, options)
+    complete(flags, options)
     try:
         options.security = security.from_flags(options, options.access)
     except TransformException as error:
@@ -109,8 +111,9 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options
 
 
-def check(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Exit with status 2 and a message if a flag's value is wrong."""
+def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Check the flags' values, and fill in where to listen. Exits with status 2 and a message if
+    a value is wrong."""
     if options.workers < 1:
         flags.error(f"--workers is {options.workers}: it must be at least 1")
     if not options.cache_time > 0:

@@ -174,8 +174,9 @@ class Ingest:
                 each for each in self._pressing if self._queues.is_full_for(each, _PRESSING)
             }
             half_full = any(self._queues.is_full_for(each, 0.5) for each in self._pressing)
-        # Zenoh receives for all on two threads. Holding one publisher back occupies one of them;
-        # with two, nobody's queries would arrive. So then the queues fill, and drop.
+        # All puts come through one channel. While one publisher is held back, the others' puts
+        # wait in it behind a few of its own; with several, for too long. So then the queues fill,
+        # and drop.
         if len(self._pressing) != 1:
             return True
         now_s = time.monotonic()

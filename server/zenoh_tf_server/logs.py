@@ -29,9 +29,10 @@ MAX_JSON_BYTES: Final = 8192
 _MAX_MESSAGE_CHARS: Final = 1500
 _MAX_TRACEBACK_LINES: Final = 40
 _MAX_TRACEBACK_CHARS: Final = 4000
-_MAX_FIELDS: Final = 16
-_MAX_FIELD_CHARS: Final = 120
+#: So few, and with names so short, that all names fit into a line.
+_MAX_FIELDS: Final = 8
 _MAX_NAME_CHARS: Final = 32
+_MAX_FIELD_CHARS: Final = 120
 _INDENT: Final = "    | "
 
 #: What every record has; other attributes are fields that a call has added with `extra`.
@@ -128,7 +129,7 @@ def _message(record: logging.LogRecord) -> str:
 
 def _fields(record: logging.LogRecord) -> dict[str, Any]:
     own = [(name, value) for name, value in vars(record).items() if name not in _STANDARD]
-    return {printable(name[:_MAX_NAME_CHARS]): _value(value) for name, value in own[:_MAX_FIELDS]}
+    return {printable(name)[:_MAX_NAME_CHARS]: _value(value) for name, value in own[:_MAX_FIELDS]}
 
 
 def _value(value: object) -> object:

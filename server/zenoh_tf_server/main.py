@@ -20,7 +20,7 @@ from zenoh_tf.text import printable
 
 from . import flags, logs, security
 from .metrics import MetricsMissing
-from .network import NetworkError
+from .network import NetworkError, set_receive_threads
 from .operations import Operations
 from .server import Server, Settings
 from .state_file import StateError
@@ -46,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warning = None if settings.connect else security.exposure(settings.security, settings.listen)
     if warning is not None:
         log.warning(warning)
+    set_receive_threads()
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
@@ -101,9 +102,11 @@ def _greeting(settings: Settings, instance: str) -> str:
     # Options of an endpoint are left out: with TLS they hold the private key's path.
     endpoints = [zenoh_config.address(each) for each in settings.connect or settings.listen]
     how = "joined" if settings.connect else "listens on"
-    endpoint = shlex.quote(endpoints[0])
-    return (
+    greeting = (
         f"zenoh-tf-server {version('zenoh-tf')} (instance {instance}) serves tree "
-        f"{settings.tree!r}, {how} {', '.join(endpoints)}; try: "
-        f"zenoh-tf --connect {endpoint} --tree {shlex.quote(settings.tree)} frames"
+        f"{settings.tree!r}, {how} {', '.join(endpoints)}"
     )
+    if not settings.security.is_open:
+        return greeting  # the server does not know the files and names that a client would use
+    command = ("zenoh-tf", "--connect", endpoints[0], "--tree", settings.tree, "frames")
+    return f"{greeting}; try: {shlex.join(command)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -19,10 +20,21 @@ _RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_
 #: Messages of up to this many times the limit are received, so that the server can refuse them
 #: with a reply. Zenoh closes the connection of a client that sends a larger one.
 _RECEIVE_MARGIN: Final = 4
+#: Where Zenoh reads the sizes of its thread pools.
+_RUNTIME: Final = "ZENOH_RUNTIME"
+#: Zenoh's receive threads. A publisher that outruns the server occupies one of them while it is
+#: held back (`ingest`). With Zenoh's own two, two such publishers shut out everybody's queries.
+_RECEIVE_THREADS: Final = 16
 
 
 class NetworkError(Exception):
     """The session cannot be opened; the message is one line for the user."""
+
+
+def set_receive_threads() -> None:
+    """Let Zenoh receive on more threads than by default, in this process. Must be called before
+    its first session. A user's own `ZENOH_RUNTIME` stays."""
+    os.environ.setdefault(_RUNTIME, f"(rx: (worker_threads: {_RECEIVE_THREADS}))")
 
 
 def open_session(

@@ -22,11 +22,17 @@ from .access_rules import AccessRule
 class RequestGuard:
     """Refuses requests before they run."""
 
-    def __init__(self, rules: Sequence[AccessRule] = (), *, admin: bool = True) -> None:
+    def __init__(
+        self,
+        rules: Sequence[AccessRule] = (),
+        *,
+        admin: bool = True,
+        certificate_of: Callable[[str], str | None] = lambda client: None,
+    ) -> None:
+        """`certificate_of` tells the common name of a client's certificate by its Zenoh id."""
         self._rules = tuple(rules)
         self._admin = admin
-        #: The common name of a connected client's certificate, by the client's Zenoh id.
-        self.certificate_of: Callable[[str], str | None] = lambda client: None
+        self._certificate_of = certificate_of
 
     @property
     def keyed(self) -> bool:
@@ -79,7 +85,7 @@ class RequestGuard:
             return None
         user = _optional_text(message, "user")
         client = _optional_text(message, "client")
-        certificate = None if client is None else self.certificate_of(client)
+        certificate = None if client is None else self._certificate_of(client)
         return {
             "certificate": certificate,
             **access_rules.granted(self._rules, user, certificate),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from zenoh_tf import credentials, zenoh_config
+from zenoh_tf import credentials, tls_files, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException
 
@@ -34,6 +34,11 @@ class Security:
     def authenticates(self) -> bool:
         """True if a client must prove who it is."""
         return self.tls_ca is not None or self.users is not None
+
+    @property
+    def is_open(self) -> bool:
+        """True if a client needs neither keys nor a user."""
+        return self == Security(admin=self.admin)
 
     def router_settings(self, tree: str) -> dict[str, object]:
         """The settings of the embedded router that they stand for."""
@@ -157,24 +162,10 @@ def _check_tls_files(certificate: str, key: str, ca: str | None) -> None:
     credentials.check_readable(certificate, "tls_certificate")
     credentials.check_private(key, "tls_key")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    try:
-        # Without a password of its own, OpenSSL would ask for one on the terminal.
-        context.load_cert_chain(certificate, key, password=lambda: b"")
-    except (ssl.SSLError, OSError, ValueError) as error:
-        reason = getattr(error, "reason", None)
-        if reason == "KEY_VALUES_MISMATCH":
-            _reject("tls_key", f"{key!r} is not the key of the certificate {certificate!r}")
-        _reject(
-            "tls_certificate",
-            f"{certificate!r} and its key {key!r} are not a certificate and an unencrypted "
-            "private key in PEM",
-        )
+    tls_files.load_certificate(context, certificate, key, "tls_")
     if ca is not None:
         credentials.check_readable(ca, "tls_ca")
-        try:
-            context.load_verify_locations(ca)
-        except (ssl.SSLError, OSError):
-            _reject("tls_ca", f"{ca!r} has no certificates in PEM")
+        tls_files.load_authorities(context, ca, "tls_")
 
 
 def check_users(path: str) -> None:
@@ -203,24 +194,24 @@ def check_users(path: str) -> None:
 
 
 def exposure(security: Security, listen: Sequence[str]) -> str | None:
-    """A warning if anyone on the network can use the server, else None."""
+    """A warning if anyone on the network can use the server or read what others send, else None."""
     public = [each for each in listen if not _is_local(each)]
-    if security.users is not None or not public:
-        plain = [each for each in public if not _is_encrypted(each)]
-        if security.users is not None and plain:
-            return (
-                f"{_shown(plain)} is not encrypted: anyone on the network can read and change what "
-                "passes there, although --users asks for passwords. Listen on tls/... with "
-                "--tls-certificate and --tls-key"
-            )
-        return None
-    if security.tls_ca is not None:
-        public = [each for each in public if not _is_encrypted(each)]
-        if not public:
+    plain = [each for each in public if not _is_encrypted(each)]
+    if security.users is not None:
+        if not plain:
             return None
+        return (
+            f"{_shown(plain)} is not encrypted: anyone on the network can read and change what "
+            "passes there, although --users asks for passwords. Listen on tls/... with "
+            "--tls-certificate and --tls-key"
+        )
+    # A certificate is asked for on encrypted endpoints only.
+    open_to_all = public if security.tls_ca is None else plain
+    if not open_to_all:
+        return None
     return (
-        f"ANYONE WHO REACHES {_shown(public)} CAN READ, CHANGE AND CLEAR THE TREE: nobody has to "
-        "prove who they are there. Set --users FILE, or --tls-certificate, --tls-key and "
+        f"ANYONE WHO REACHES {_shown(open_to_all)} CAN READ, CHANGE AND CLEAR THE TREE: nobody has "
+        "to prove who they are there. Set --users FILE, or --tls-certificate, --tls-key and "
         "--tls-ca (docs/security.md), or listen on 127.0.0.1 only"
     )
 

@@ -80,8 +80,11 @@ class Server:
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            guard = RequestGuard(settings.security.rules, admin=settings.security.admin)
-            guard.certificate_of = network.certificates(session)
+            guard = RequestGuard(
+                settings.security.rules,
+                admin=settings.security.admin,
+                certificate_of=network.certificates(session),
+            )
             self.service = service = Service(
                 tree,
                 settings.tree,

@@ -254,5 +254,6 @@ class Waiters:
                 waiting.request.fail(error)
 
     def _start_timer(self, token: int, timeout_s: float) -> None:
-        if waiting := self._waiting.get(token):
-            waiting.timer = self._loop.call_later(timeout_s, self._finish, token)
+        with self._lock:  # `_take` sees the timer, or the lookup is gone and gets none
+            if waiting := self._waiting.get(token):
+                waiting.timer = self._loop.call_later(timeout_s, self._finish, token)

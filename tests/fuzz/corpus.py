@@ -16,13 +16,12 @@ _KEYS = ("main", "%", "%2F", "a%20b", "%25%0A", "\u2028", "é", "x" * 255, "%2f"
 _CONFIG = b"""
 cache-time = 30.0
 listen = ["tls/0.0.0.0:7447"]
+users = "users"
 [limits]
 rows = 1000
 [tls]
 certificate = "server.pem"
 key = "server.key"
-[users]
-file = "users"
 [[access]]
 users = ["nav"]
 may = ["read"]

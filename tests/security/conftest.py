@@ -14,9 +14,11 @@ from zenoh_tf_client.cli import certificate_files
 
 from ..conftest import ServerProcess, free_endpoint
 
-PASSWORDS = {
-    name: f"secret-of-{name}" for name in ("reader", "wheels", "arm", "admin", "cleaner", "nobody")
-}
+CLIENTS = (
+    *("reader", "listener", "wheels", "arm"),
+    *("cleaner", "resetter", "remover", "admin", "nobody"),
+)
+PASSWORDS = {name: f"secret-of-{name}" for name in CLIENTS}
 
 
 @dataclass(frozen=True)

@@ -36,14 +36,13 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
         cache-time = 30
         one-authority-per-frame = true
         log-level = "debug"
+        users = "people"
         [limits]
         rows = 1000
         max-frames = 5
         [tls]
         certificate = "server.pem"
         ca = "/etc/ca.pem"
-        [users]
-        file = "people"
         [[access]]
         users = ["nav"]
         may = ["read"]

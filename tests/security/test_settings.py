@@ -16,7 +16,7 @@ from zenoh_tf_server.access_control import KEYED, READS
 from zenoh_tf_server.access_rules import AccessRule, authority_chunk, granted
 from zenoh_tf_server.security import Security
 
-from ..conftest import StartServer
+from ..conftest import StartServer, free_endpoint
 from .conftest import Files
 
 TLS = "tls/0.0.0.0:1"
@@ -25,7 +25,7 @@ TLS = "tls/0.0.0.0:1"
 def settings(*arguments: str, rules: tuple[AccessRule, ...] = ()) -> Security:
     parser = flags.parser()
     options = parser.parse_args(arguments)
-    flags.check(parser, options)
+    flags.complete(parser, options)
     return security.from_flags(options, rules)
 
 
@@ -140,8 +140,7 @@ def test_the_warning(listen: list[str], users: bool, ca: bool, warns: str | None
 
 def test_the_server_logs_the_warning(start_server: StartServer) -> None:
     assert "ANYONE" not in start_server().log
-    port = start_server().endpoint.rpartition(":")[2]
-    public = start_server(endpoint=f"tcp/0.0.0.0:{int(port) ^ 1}")
+    public = start_server(endpoint=free_endpoint().replace("127.0.0.1", "0.0.0.0"))
     assert "WARNING" in public.log and "ANYONE WHO REACHES" in public.log
 
 

@@ -69,6 +69,10 @@ def test_users_and_owners_of_certificates_are_let_in(
             assert tf.frames() == []
 
 
+def test_the_greeting_gives_no_command_that_would_be_refused(by_user: ServerProcess) -> None:
+    assert by_user.greeting.endswith(f"listens on {by_user.endpoint}")
+
+
 def test_wrong_passwords(by_user: ServerProcess, files: Files) -> None:
     for user in ("reader", "unknown"):
         wrong = Credentials(ca=files.ca, user=user, password=PASSWORDS["wheels"])
@@ -191,9 +195,18 @@ def test_incomplete_credentials(parts: dict[str, str], field: str) -> None:
     assert caught.value.field == field
 
 
-def test_credentials_that_are_no_certificates(by_user: ServerProcess) -> None:
-    error = failure(by_user.endpoint, Credentials(ca=__file__))
-    assert isinstance(error, InvalidArgumentException) and error.field == "credentials"
+def test_files_that_are_no_certificates_or_no_pair_are_named(
+    by_user: ServerProcess, files: Files
+) -> None:
+    pair = files.certificate("reader"), files.key("reader")
+    for wrong, field in (
+        (Credentials(ca=__file__), "ca"),
+        (Credentials(files.ca, __file__, pair[1]), "certificate"),
+        (Credentials(files.ca, pair[0], files.key("arm")), "key"),
+    ):
+        error = failure(by_user.endpoint, wrong)
+        assert isinstance(error, InvalidArgumentException) and error.field == field
+        assert str(getattr(wrong, field)) in str(error)
 
 
 def test_passwords_are_not_shown(by_user: ServerProcess, files: Files) -> None:

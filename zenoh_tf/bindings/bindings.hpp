@@ -10,6 +10,7 @@
 #include <nanobind/stl/string_view.h>
 #include <nanobind/stl/vector.h>
 
+#include <memory>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -119,15 +120,23 @@ template <class T>
 using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using PoseColumn = nb::ndarray<const double, nb::shape<-1, 7>, nb::c_contig, nb::device::cpu>;
 
+// A numpy array that owns `storage`.
+template <class T, std::size_t N>
+nb::object array_of(std::unique_ptr<T[]> storage, const std::size_t (&shape)[N]) {
+  T* const data = storage.get();
+  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+  (void)storage.release();
+  return nb::cast(nb::ndarray<nb::numpy, T>(data, N, shape, owner));
+}
+
 // A new numpy array; `fill` gets its storage.
 template <class T, std::size_t N, class Fill>
 nb::object make_array(const std::size_t (&shape)[N], Fill&& fill) {
   std::size_t size = 1;
   for (const std::size_t n : shape) size *= n;
-  T* data = new T[size ? size : 1];
-  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
-  fill(data);
-  return nb::cast(nb::ndarray<nb::numpy, T>(data, N, shape, owner));
+  auto storage = std::make_unique_for_overwrite<T[]>(size);
+  fill(storage.get());
+  return array_of(std::move(storage), shape);
 }
 
 // --- the tree

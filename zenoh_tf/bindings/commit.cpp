@@ -10,6 +10,8 @@ namespace ztf {
 
 namespace {
 
+constexpr std::size_t kReleaseFrom = 10'000;  // rows whose columns take long to read
+
 // (names, parent, child, stamp, pose): the columns of a commit. Each name appears once.
 nb::tuple columns_of(nb::handle stampeds) {
   const nb::tuple items = tuple_of(stampeds);
@@ -65,14 +67,18 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
   if (pose.shape(0) != n) raise_invalid("pose must have as many rows as parent", "pose");
   if ((read_versions ? read_versions->shape(0) : 0) != read_texts.size())
     raise_invalid("read_versions must have as many rows as read_names", "read_versions");
-  std::vector<Row> rows(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    rows[i] = {
-        checked(parent(i), texts.size(), "parent"),
-        checked(child(i), texts.size(), "child"),
-        stamp(i),
-        {pose(i, 0), pose(i, 1), pose(i, 2), pose(i, 3), pose(i, 4), pose(i, 5), pose(i, 6)}};
-  }
+  std::vector<Row> rows;
+  rejected_as_error([&] {
+    std::optional<GilReleased> released;
+    if (n >= kReleaseFrom) released.emplace();
+    rows.resize(n);
+    for (std::size_t i = 0; i < n; ++i)
+      rows[i] = {
+          checked(parent(i), texts.size(), "parent"),
+          checked(child(i), texts.size(), "child"),
+          stamp(i),
+          {pose(i, 0), pose(i, 1), pose(i, 2), pose(i, 3), pose(i, 4), pose(i, 5), pose(i, 6)}};
+  });
   std::vector<std::uint8_t> stored(n);
   CommitRequest request{.names = texts,
                         .rows = rows,

@@ -175,7 +175,8 @@ nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
       answers[i].failure.code = Code::invalid_argument;
     }
   }
-  return reply(tree_, rows_, answers, {notes, errors, budget}, nb::none());
+  const FailureReport report{notes, errors, budget};
+  return reply(tree_, rows_, AnswerColumns(rows_, answers, report), report, nb::none());
 }
 
 std::string ParkedLookups::refusal() const {
@@ -250,8 +251,9 @@ void bind_parked_lookups(nb::module_& m) {
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
          const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links) {
-        ReadRows rows(nb::cast<const Tree&>(tree), names, op, target, source, stamp, fixed,
-                      source_stamp);
+        const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+        ReadRows rows(nb::cast<const Tree&>(tree), names, columns);
+        rejected_as_error([&] { rows.set(columns); });
         return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token,
                                                max_links);
       },

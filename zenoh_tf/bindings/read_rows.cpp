@@ -1,6 +1,7 @@
 // Tree._read_rows: lookups of every kind as columns, for the server.
 //
-// GIL: many rows release it. Names are resolved before, under it.
+// GIL: many rows release it, once for all that is done row by row, so that other threads wait for
+// none of it. Names are resolved before, under it, and errors are made after.
 #include "read_rows.hpp"
 
 #include <algorithm>
@@ -11,6 +12,9 @@ namespace ztf {
 namespace {
 
 constexpr std::size_t kReleaseFrom = 16;  // rows from which releasing the GIL pays
+
+// Errors that are made before other threads get the GIL.
+constexpr std::size_t kErrorsAtOnce = 100;
 
 constexpr std::size_t kMaxQuoted = 64;      // bytes of a name in an error about its length
 constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
@@ -89,56 +93,44 @@ nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_
                     const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
                     const std::optional<Column<Stamp>>& source_stamp, bool atomic, bool versions,
                     bool errors, Budget* budget) {
-  ReadRows rows(tree, names, op, target, source, stamp, fixed, source_stamp);
-  const std::size_t n = rows.queries.size();
-  if (versions)  // one instant per row, so that its versions belong together
-    for (Query& q : rows.queries)
-      if (q.op == Op::latest) q.op = Op::latest_xact;
-  std::vector<Answer> answers(n);
+  const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+  ReadRows rows(tree, names, columns);
+  const FailureReport report{{}, errors, budget};
   FirstReads read_set;
   std::uint64_t links = 0;
   const std::uint64_t max_links = budget ? budget->links.left() : 0;
   const std::size_t max_reads = budget ? budget->read_set.limit() : Tree::kNoReadLimit;
+  std::optional<AnswerColumns> answered;
   const auto run = [&] {
+    rows.set(columns);
+    if (versions)  // one instant per row, so that its versions belong together
+      for (Query& q : rows.queries)
+        if (q.op == Op::latest) q.op = Op::latest_xact;
     if (budget) links = rows.links(tree, max_links);
-    if (links <= max_links)
-      look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
+    if (links > max_links) return;
+    std::vector<Answer> answers(rows.queries.size());
+    look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
+    answered.emplace(rows, answers, report);
   };
   try {
-    if (n >= kReleaseFrom) {
+    if (op.shape(0) >= kReleaseFrom) {
       const GilReleased released;
       run();
     } else {
       const GilReleasedOnWait released;
       run();
     }
-  } catch (const Rejected&) {
-    if (budget) budget->read_set.exhausted();
-    throw;
+  } catch (const Rejected& rejected) {
+    if (budget && rejected.code == Code::limit) budget->read_set.exhausted();
+    raise(make_error(rejected));
   }
   if (budget) budget->links.take(links);
   const nb::object reads = versions ? versions_of(tree, rows, read_set.list(), budget) : nb::none();
-  return reply(tree, rows, answers, {{}, errors, budget}, reads);
+  return reply(tree, rows, std::move(*answered), report, reads);
 }
 
-nb::object status_column(const std::vector<Answer>& answers) {
-  return make_array<std::uint8_t>({answers.size()}, [&](std::uint8_t* d) {
-    for (const Answer& a : answers) *d++ = static_cast<std::uint8_t>(a.failure.code);
-  });
-}
-
-nb::object stamp_column(const std::vector<Answer>& answers, Stamp Answer::* member) {
-  return make_array<Stamp>({answers.size()}, [&](Stamp* d) {
-    for (const Answer& a : answers) *d++ = a.*member;
-  });
-}
-
-nb::object pose_column(const std::vector<Answer>& answers) {
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  return make_array<double>({answers.size(), 7}, [&](double* d) {
-    for (const Answer& a : answers)
-      d = a.failure.code == Code::ok ? std::copy_n(&a.pose.x, 7, d) : std::fill_n(d, 7, nan);
-  });
+Rejected malformed(std::string message, const char* field) {
+  return {.code = Code::invalid_argument, .message = std::move(message), .field = field};
 }
 
 [[noreturn]] void raise_too_long(const Tree& tree, std::string_view name) {
@@ -156,15 +148,15 @@ nb::object pose_column(const std::vector<Answer>& answers) {
 }
 
 // True if the two rows fail alike, so that they can share an error.
-bool same_failure(const ReadRows& rows, const std::vector<Answer>& answers, std::size_t i,
-                  std::size_t j) {
-  const Failure &a = answers[i].failure, &b = answers[j].failure;
-  const ReadRows::Names &x = rows.names[i], &y = rows.names[j];
+bool same_failure(const ReadRows& rows, const AnswerColumns::Failed& i,
+                  const AnswerColumns::Failed& j) {
+  const Failure &a = i.failure, &b = j.failure;
+  const ReadRows::Names &x = rows.names[i.row], &y = rows.names[j.row];
   return a.code == b.code && a.stamp == b.stamp && a.frame == b.frame && a.oldest == b.oldest &&
          a.newest == b.newest && a.target == b.target && a.source == b.source &&
          a.parent == b.parent && a.target_root == b.target_root && a.source_root == b.source_root &&
          x.target == y.target && x.source == y.source && x.fixed == y.fixed &&
-         rows.queries[i].op == rows.queries[j].op;
+         rows.queries[i.row].op == rows.queries[j.row].op;
 }
 
 }  // namespace
@@ -186,16 +178,13 @@ std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
 
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field) {
   if (index >= names)
-    raise_invalid(std::string(field) + " has the index " + std::to_string(index) +
-                      ", but there are " + std::to_string(names) + " names",
-                  field);
+    throw malformed(std::string(field) + " has the index " + std::to_string(index) +
+                        ", but there are " + std::to_string(names) + " names",
+                    field);
   return index;
 }
 
-ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uint8_t>& op,
-                   const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
-                   const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
-                   const std::optional<Column<Stamp>>& source_stamp)
+ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const ReadColumns& columns)
     : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
   for (std::size_t i = 0; i < name_objects.size(); ++i) {
     try {
@@ -205,31 +194,36 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const Column<std::uin
       ids.push_back(0);
     }
   }
-  const std::size_t n = op.shape(0);
-  fit(target, n, "target");
-  fit(source, n, "source");
-  fit(stamp, n, "stamp_ns");
-  if (fixed) fit(*fixed, n, "fixed");
-  if (source_stamp) fit(*source_stamp, n, "source_stamp_ns");
+  const std::size_t n = columns.op.shape(0);
+  fit(columns.target, n, "target");
+  fit(columns.source, n, "source");
+  fit(columns.stamp, n, "stamp_ns");
+  if (columns.fixed) fit(*columns.fixed, n, "fixed");
+  if (columns.source_stamp) fit(*columns.source_stamp, n, "source_stamp_ns");
+}
+
+void ReadRows::set(const ReadColumns& columns) {
+  const std::size_t n = columns.op.shape(0);
   queries.resize(n);
   names.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     Query& q = queries[i];
-    if (op(i) >= kOps)
-      raise_invalid("op must be below " + std::to_string(kOps) + ", not " + std::to_string(op(i)),
-                    "op");
-    q.op = static_cast<Op>(op(i));
-    names[i] = {checked(target(i), ids.size(), "target"), checked(source(i), ids.size(), "source"),
-                0};
-    q.stamp = stamp(i);
+    const std::uint8_t op = columns.op(i);
+    if (op >= kOps)
+      throw malformed("op must be below " + std::to_string(kOps) + ", not " + std::to_string(op),
+                      "op");
+    q.op = static_cast<Op>(op);
+    names[i] = {checked(columns.target(i), ids.size(), "target"),
+                checked(columns.source(i), ids.size(), "source"), 0};
+    q.stamp = columns.stamp(i);
     if (q.op == Op::at && q.stamp == kNoStamp)
-      raise_invalid("stamp_ns is -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
-                    "stamp_ns");
+      throw malformed("stamp_ns is -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
+                      "stamp_ns");
     if (q.op == Op::full) {
-      if (!fixed || !source_stamp)
-        raise_invalid("a full lookup needs fixed and source_stamp_ns", "fixed");
-      names[i].fixed = checked((*fixed)(i), ids.size(), "fixed");
-      q.source_stamp = (*source_stamp)(i);
+      if (!columns.fixed || !columns.source_stamp)
+        throw malformed("a full lookup needs fixed and source_stamp_ns", "fixed");
+      names[i].fixed = checked((*columns.fixed)(i), ids.size(), "fixed");
+      q.source_stamp = (*columns.source_stamp)(i);
     }
   }
   set_query_ids();
@@ -292,11 +286,43 @@ nb::object ReadRows::name_error(const Tree& tree, std::size_t row) const {
   return nb::object();
 }
 
+AnswerColumns::AnswerColumns(const ReadRows& rows, const std::vector<Answer>& answers,
+                             const FailureReport& report)
+    : size(answers.size()),
+      status(std::make_unique_for_overwrite<std::uint8_t[]>(size)),
+      stamp(std::make_unique_for_overwrite<Stamp[]>(size)),
+      newest(std::make_unique_for_overwrite<Stamp[]>(size)),
+      pose(std::make_unique_for_overwrite<double[]>(7 * size)) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  std::size_t most = report.errors ? size : 0;
+  if (report.budget)
+    most = std::min<std::size_t>(most, report.budget->error_bytes / kErrorBytes + 1);
+  double* d = pose.get();
+  for (std::size_t i = 0; i < size; ++i) {
+    const Answer& a = answers[i];
+    stamp[i] = a.stamp;
+    newest[i] = a.newest;
+    if (a.failure.code == Code::ok) [[likely]] {
+      status[i] = 0;
+      d = std::copy_n(&a.pose.x, 7, d);
+      continue;
+    }
+    const Code code = rows.has_invalid_name(i) ? Code::invalid_argument : a.failure.code;
+    status[i] = static_cast<std::uint8_t>(code);
+    d = std::fill_n(d, 7, nan);
+    if (failed.size() < most) {
+      failed.push_back({i, a.failure});
+      failed.back().failure.code = code;
+    }
+  }
+}
+
 // The error of a row that failed.
-nb::object error_of_row(const Tree& tree, const ReadRows& rows, std::size_t i, const Answer& a,
+nb::object error_of_row(const Tree& tree, const ReadRows& rows, const AnswerColumns::Failed& failed,
                         const std::string& note) {
+  const auto& [i, failure] = failed;
   if (rows.has_invalid_name(i)) return rows.name_error(tree, i);
-  if (a.failure.code == Code::limit) {  // only of a waiting lookup
+  if (failure.code == Code::limit) {  // only of a waiting lookup
     nb::dict facts;
     facts["field"] = "waiter_links";
     return make_error(Code::limit, note, facts);
@@ -304,39 +330,36 @@ nb::object error_of_row(const Tree& tree, const ReadRows& rows, std::size_t i, c
   auto [target, source, fixed] = rows.names[i];
   // A full lookup failed in one of its halves: source in fixed, or fixed in target.
   if (rows.queries[i].op == Op::full)
-    (a.failure.target == rows.queries[i].fixed ? target : source) = fixed;
-  return make_error(tree, a.failure, rows.name_objects[target], rows.name_objects[source], note);
+    (failure.target == rows.queries[i].fixed ? target : source) = fixed;
+  return make_error(tree, failure, rows.name_objects[target], rows.name_objects[source], note);
 }
 
-nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
+nb::tuple reply(const Tree& tree, const ReadRows& rows, AnswerColumns&& columns,
                 const FailureReport& report, const nb::object& reads) {
   nb::list failures;
   nb::object error;
-  std::size_t error_row = 0;
+  const AnswerColumns::Failed* first = nullptr;  // that has this error
   std::uint64_t bytes = 0;
-  bool details = report.errors;
-  for (std::size_t i = 0; i < answers.size(); ++i) {
-    Answer& a = answers[i];
-    if (a.failure.code == Code::ok) [[likely]]
-      continue;
-    if (rows.has_invalid_name(i)) a.failure.code = Code::invalid_argument;
-    if (!details) continue;
-    if (!error.is_valid() || !report.notes.empty() || !same_failure(rows, answers, i, error_row)) {
-      error = error_of_row(tree, rows, i, a, report.notes.empty() ? "" : report.notes[i]);
-      error_row = i;
+  std::size_t made = 0;
+  for (const AnswerColumns::Failed& each : columns.failed) {
+    if (!first || !report.notes.empty() || !same_failure(rows, each, *first)) {
+      if (++made % kErrorsAtOnce == 0) const GilReleased for_others;
+      error = error_of_row(tree, rows, each, report.notes.empty() ? "" : report.notes[each.row]);
+      first = &each;
       // The message holds the names and numbers that are also facts.
       bytes = kErrorBytes + 2 * nb::cast<std::string>(nb::str(error)).size();
     }
     if (report.budget) {
-      details = bytes <= report.budget->error_bytes;
-      if (!details) continue;
+      if (bytes > report.budget->error_bytes) break;
       report.budget->error_bytes -= bytes;
     }
-    failures.append(nb::make_tuple(i, error));
+    failures.append(nb::make_tuple(each.row, error));
   }
-  return nb::make_tuple(status_column(answers), stamp_column(answers, &Answer::stamp),
-                        stamp_column(answers, &Answer::newest), pose_column(answers), failures,
-                        reads);
+  const std::size_t n = columns.size;
+  return nb::make_tuple(array_of(std::move(columns.status), {n}),
+                        array_of(std::move(columns.stamp), {n}),
+                        array_of(std::move(columns.newest), {n}),
+                        array_of(std::move(columns.pose), {n, 7}), failures, reads);
 }
 
 void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {

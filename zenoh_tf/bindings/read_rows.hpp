@@ -1,7 +1,7 @@
 // Lookups and commits as columns over a list of names: shared by read_rows.cpp, commit.cpp and
 // parked_lookups.cpp.
 //
-// Thread safety: everything here requires the GIL, except ReadRows::refresh_ids.
+// Thread safety: everything here requires the GIL, except where it says "needs no GIL".
 #pragma once
 
 #include "budget.hpp"
@@ -12,7 +12,7 @@ namespace ztf {
 // LimitExceeded for a name that is too long for the tree, and quotes only its beginning.
 std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
                                  std::vector<std::string_view>& texts, const char* field);
-// `index`, which must be below the number of names.
+// `index`, which must be below the number of names: else throws Rejected. Needs no GIL.
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field);
 
 template <class T>
@@ -23,12 +23,32 @@ void fit(const Column<T>& column, std::size_t n, const char* field) {
                   field);
 }
 
+// Runs `body`, and raises what it throws as Rejected.
+template <class Body>
+void rejected_as_error(Body&& body) {
+  try {
+    body();
+  } catch (const Rejected& rejected) {
+    raise(make_error(rejected));
+  }
+}
+
+// The columns of a lookup, as they were sent.
+struct ReadColumns {
+  const Column<std::uint8_t>& op;
+  const Column<std::uint32_t>&target, &source;
+  const Column<Stamp>& stamp;
+  const std::optional<Column<std::uint32_t>>& fixed;
+  const std::optional<Column<Stamp>>& source_stamp;
+};
+
 // One lookup per row.
 struct ReadRows {
-  ReadRows(const Tree& tree, nb::handle names, const Column<std::uint8_t>& op,
-           const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
-           const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
-           const std::optional<Column<Stamp>>& source_stamp);
+  // Resolves the names, and checks that the columns have as many rows each; `set` adds the rows.
+  ReadRows(const Tree& tree, nb::handle names, const ReadColumns& columns);
+
+  // Adds the rows. Throws Rejected for a row that is malformed. Needs no GIL.
+  void set(const ReadColumns& columns);
 
   struct Names {  // indexes into the names
     std::uint32_t target, source, fixed;
@@ -42,12 +62,14 @@ struct ReadRows {
 
   // Resolves the names again and updates the queries. Returns true if every name still has the
   // id that the queries used: otherwise their answers may be from before a frame was created.
+  // Needs no GIL.
   [[nodiscard]] bool refresh_ids(const Tree& tree);
 
   // The links that the rows climb at most, by the newest parents; if that is more than `most`, any
-  // number above it. Costs a walk for each name that a row uses.
+  // number above it. Costs a walk for each name that a row uses. Needs no GIL.
   [[nodiscard]] std::uint64_t links(const Tree& tree, std::uint64_t most) const;
 
+  // Needs no GIL.
   [[nodiscard]] bool has_invalid_name(std::size_t row) const;
   // The error of a row that has an invalid name.
   [[nodiscard]] nb::object name_error(const Tree& tree, std::size_t row) const;
@@ -64,8 +86,25 @@ struct FailureReport {
   Budget* budget = nullptr;  // beyond its `error_bytes`, rows that fail have only their status
 };
 
-// (status, stamps, newest stamps, poses, [(row, error)], reads). Poses of failed rows are NaN.
-nb::tuple reply(const Tree& tree, const ReadRows& rows, std::vector<Answer>& answers,
+// The answers as the columns of a reply. Poses of failed rows are NaN.
+struct AnswerColumns {
+  // Needs no GIL.
+  AnswerColumns(const ReadRows& rows, const std::vector<Answer>& answers,
+                const FailureReport& report);
+
+  struct Failed {
+    std::size_t row;
+    Failure failure;
+  };
+  std::size_t size;
+  std::unique_ptr<std::uint8_t[]> status;
+  std::unique_ptr<Stamp[]> stamp, newest;
+  std::unique_ptr<double[]> pose;
+  std::vector<Failed> failed;  // the rows whose errors may have room in the reply
+};
+
+// (status, stamps, newest stamps, poses, [(row, error)], reads).
+nb::tuple reply(const Tree& tree, const ReadRows& rows, AnswerColumns&& columns,
                 const FailureReport& report, const nb::object& reads);
 
 }  // namespace ztf

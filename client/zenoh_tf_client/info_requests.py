@@ -1,0 +1,96 @@
+"""Makes the requests that describe the tree or the server: each function that of the client method
+of the same name, and `hello`."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from typing import Any, Final
+
+from zenoh_tf import AuthorityInfo, FrameChange, FrameInfo, wire
+from zenoh_tf.errors import ProtocolError
+
+from . import columns
+from .request import Call, Request
+
+#: A page costs the server a few milliseconds.
+_FRAMES_PER_PAGE: Final = 20_000
+
+
+def _info(kind: type | tuple[type, ...], what: str, **arguments: str | int | None) -> Request[Any]:
+    body = wire.call_body(what, **arguments)
+    return Call("info", body, lambda reply: wire.parse_value(reply, kind))
+
+
+def hello(
+    user: str | None = None,
+    client: str | None = None,
+    clock_ns: int | None = None,
+    round_trip_ns: int | None = None,
+) -> Request[dict[str, Any]]:
+    """`clock_ns`: this machine's real-time clock. `round_trip_ns`: of the last such request."""
+    clocks = {"clock_ns": clock_ns, "round_trip_ns": round_trip_ns}
+    return _info(dict, "hello", user=user, client=client, **clocks)
+
+
+def frames() -> Request[list[str]]:
+    return _info(list, "frames")
+
+
+def frames_page(after: int | None) -> Request[tuple[list[str], int | None]]:
+    """A page of the frames, and what to ask for next; None if that was the last page. A server
+    that knows no pages sends all frames at once."""
+
+    def parse(reply: wire.Message) -> tuple[list[str], int | None]:
+        names = wire.parse_value(reply, list)
+        following = wire.integer(reply, "next", low=0) if "next" in reply else None
+        if following is not None and following <= (after or 0):
+            raise ProtocolError("the pages of frames do not advance", field="next")
+        return names, following
+
+    return Call("info", wire.call_body("frames", limit=_FRAMES_PER_PAGE, after=after), parse)
+
+
+def frame(name: str) -> Request[FrameInfo]:
+    def parse(reply: wire.Message) -> FrameInfo:
+        record = _record(wire.parse_value(reply, dict), FrameInfo)
+        if record["last_change"] is not None:
+            record["last_change"] = _record(record["last_change"], FrameChange)
+        return FrameInfo.from_record(record)
+
+    return Call("info", wire.call_body("frame", frame=name), parse)
+
+
+def authorities() -> Request[list[AuthorityInfo]]:
+    def parse(reply: wire.Message) -> list[AuthorityInfo]:
+        records = wire.parse_value(reply, list)
+        return [AuthorityInfo(**_record(record, AuthorityInfo)) for record in records]
+
+    return Call("info", wire.call_body("authorities"), parse)
+
+
+def _record(value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo]) -> dict[str, Any]:
+    """Return the fields of a record that this client knows: a newer server may send more, and an
+    older one leaves out those that have a default."""
+    required = {entry.name for entry in fields(kind) if entry.default is MISSING}
+    if type(value) is not dict or not required <= value.keys():
+        raise ProtocolError(
+            f"the {kind.__name__} in the reply lacks some of the fields {sorted(required)}",
+            field="value",
+        )
+    return {entry.name: value[entry.name] for entry in fields(kind) if entry.name in value}
+
+
+def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:
+    return _info(
+        (str, type(None)), "parent", frame=frame, stamp_ns=columns.optional_stamp(stamp_ns)
+    )
+
+
+def chain(target: str, source: str, stamp_ns: int | None = None) -> Request[list[str]]:
+    return _info(
+        list, "chain", target=target, source=source, stamp_ns=columns.optional_stamp(stamp_ns)
+    )
+
+
+def stats() -> Request[dict[str, int]]:
+    return _info(dict, "stats")

@@ -1,0 +1,148 @@
+"""Makes the requests of lookups: each function that of the client method of the same name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zenoh_tf import LatestTransform, StampedTransform, Transform, TransformArray, Velocity, wire
+from zenoh_tf.errors import InvalidArgumentException, ProtocolError
+from zenoh_tf.velocity import interval_ns
+
+from . import columns
+from .request import Call, Read, Request, timeout_ns
+
+
+def lookup_transform(
+    target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+) -> Read[StampedTransform]:
+    return Read(columns.at(target, source, stamp_ns), _stamped, timeout_s)
+
+
+def can_transform(
+    target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+) -> Read[bool]:
+    return Read(columns.at(target, source, stamp_ns), _yes, timeout_s, failed=_no)
+
+
+def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:
+    return Read((target, source, wire.OP_LATEST, wire.NO_STAMP), _latest)
+
+
+def lookup_latest_transform_xact(target: str, source: str) -> Read[LatestTransform]:
+    return Read((target, source, wire.OP_LATEST_XACT, wire.NO_STAMP), _latest)
+
+
+def latest_common_time(a: str, b: str) -> Read[int | None]:
+    return Read((a, b, wire.OP_COMMON_TIME, wire.NO_STAMP), _time)
+
+
+def lookup_transform_full(
+    target: str,
+    target_stamp_ns: int | None,
+    source: str,
+    source_stamp_ns: int | None,
+    fixed_frame: str,
+    timeout_s: float = 0.0,
+) -> Request[StampedTransform]:
+    lookup = columns.lookup(target, source, None, wire.OP_FULL, 1)
+    lookup.stamp = np.array([columns.stamp(target_stamp_ns, "target_stamp_ns")])
+    lookup.names.append(fixed_frame)
+    lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
+    lookup.source_stamp = np.array([columns.stamp(source_stamp_ns, "source_stamp_ns")])
+    lookup.timeout_ns = timeout_ns(timeout_s)
+    read = lookup_transform(target, source)  # Its reply has the same form.
+    return Call("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
+
+
+def lookup_latest_transforms_xact(
+    pairs: Sequence[tuple[str, str]],
+) -> Request[list[LatestTransform]]:
+    reads = [lookup_latest_transform_xact(target, source) for target, source in pairs]
+    lookup = columns.join([read.row for read in reads])
+    lookup.atomic = True
+
+    def parse(reply: wire.Message) -> list[LatestTransform]:
+        answer = wire.parse_lookup_reply(reply, len(reads))
+        return [read.result(row) for read, row in zip(reads, answer.rows(), strict=True)]
+
+    return Call("lookup", wire.lookup_body(lookup), parse)
+
+
+def lookup_transforms(
+    targets: str | Sequence[str], sources: str | Sequence[str], stamps_ns: ArrayLike | None
+) -> Request[TransformArray]:
+    rows = columns.rows(targets, sources, stamps_ns)
+    op = wire.OP_COMMON if stamps_ns is None else wire.OP_AT
+    lookup = columns.lookup(targets, sources, stamps_ns, op, rows)
+    lookup.errors = False
+
+    def parse(reply: wire.Message) -> TransformArray:
+        answer = wire.parse_lookup_reply(reply, rows)
+        return TransformArray(answer.status, answer.stamp, answer.pose)
+
+    return Call("lookup", wire.lookup_body(lookup), parse)
+
+
+def sample(target: str, source: str, stamps_ns: ArrayLike) -> Request[TransformArray]:
+    return lookup_transforms(target, source, stamps_ns)
+
+
+def lookup_velocity(
+    tracking_frame: str,
+    observation_frame: str,
+    stamp_ns: int | None = None,
+    averaging_interval_s: float = 0.1,
+    *,
+    reference_frame: str | None = None,
+    reference_point: ArrayLike = (0.0, 0.0, 0.0),
+    reference_point_frame: str | None = None,
+) -> Request[Velocity]:
+    try:
+        (x, y, z) = np.asarray(reference_point, np.float64).tolist()
+    except (TypeError, ValueError) as error:
+        message = f"reference_point must be 3 numbers, not {reference_point!r}"
+        raise InvalidArgumentException(message, field="reference_point") from error
+    body = wire.call_body(
+        "velocity",
+        tracking_frame=tracking_frame,
+        observation_frame=observation_frame,
+        stamp_ns=columns.optional_stamp(stamp_ns),
+        averaging_interval_ns=interval_ns(averaging_interval_s),
+        reference_frame=reference_frame,
+        reference_point=wire.raw(np.array([x, y, z]), wire.F64),
+        reference_point_frame=reference_point_frame,
+    )
+
+    def parse(reply: wire.Message) -> Velocity:
+        record = wire.parse_value(reply, dict)
+        try:
+            return Velocity.from_record(record)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ProtocolError(
+                f"the velocity in the reply is malformed: {error!r}", field="value"
+            ) from error
+
+    return Call("info", body, parse)
+
+
+def _stamped(row: columns.Row, stamp_ns: int, _: int, pose: wire.Pose) -> StampedTransform:
+    return StampedTransform(row[0], row[1], stamp_ns, Transform.from_pose(pose))
+
+
+def _latest(row: columns.Row, stamp_ns: int, newest_ns: int, pose: wire.Pose) -> LatestTransform:
+    return LatestTransform(row[0], row[1], stamp_ns, Transform.from_pose(pose), newest_ns)
+
+
+def _yes(*_: object) -> bool:
+    return True
+
+
+def _no(*_: object) -> bool:
+    return False
+
+
+def _time(_row: columns.Row, stamp_ns: int, *_: object) -> int | None:
+    return None if stamp_ns == wire.NO_STAMP else stamp_ns

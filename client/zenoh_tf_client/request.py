@@ -1,0 +1,104 @@
+"""A request to the server, without any I/O: its message, and what its reply means.
+
+`lookup_requests`, `write_requests` and `info_requests` have a function for each method of the
+client, which makes that method's `Request`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from zenoh_tf import wire
+from zenoh_tf.errors import InvalidArgumentException, TransformException
+
+from . import columns
+
+T = TypeVar("T")
+
+#: Longest wait of a lookup, in seconds. A longer one is probably in another unit.
+MAX_WAIT_S = 3600.0
+
+
+class Request(ABC, Generic[T]):
+    """One operation of a client."""
+
+    __slots__ = ()
+
+    kind: str  # one of zenoh_tf.keys.OPERATIONS
+    wait_s: float  # how long the server itself may wait
+
+    @property
+    def writes(self) -> bool:
+        return self.kind in ("commit", "admin")
+
+    @abstractmethod
+    def body(self) -> wire.Message:
+        """The message to send."""
+
+    @abstractmethod
+    def parse(self, reply: wire.Message) -> T:
+        """Return the result in a reply, or raise its error."""
+
+
+@dataclass(slots=True)
+class Call(Request[T]):
+    """Any operation except a lookup of a single row."""
+
+    kind: str
+    message: wire.Message
+    parser: Callable[[wire.Message], T]
+    wait_s: float = 0.0
+
+    def body(self) -> wire.Message:
+        return self.message
+
+    def parse(self, reply: wire.Message) -> T:
+        return self.parser(reply)
+
+
+def _raise(error: TransformException) -> Any:
+    raise error
+
+
+#: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result
+Convert = Callable[[columns.Row, int, int, wire.Pose], T]
+
+
+@dataclass(slots=True)
+class Read(Request[T]):
+    """A lookup of a single row; a batch sends neighbouring ones as one operation."""
+
+    row: columns.Row
+    convert: Convert[T]
+    wait_s: float = 0.0
+    failed: Callable[[TransformException], T] = _raise
+    kind: str = "lookup"
+
+    def body(self) -> wire.Message:
+        body = wire.one_read(*self.row)
+        if self.wait_s:
+            body["timeout_ns"] = timeout_ns(self.wait_s)
+        return body
+
+    def parse(self, reply: wire.Message) -> T:
+        one = wire.parse_one_answer(reply)
+        if one is not None:
+            return self.convert(self.row, *one)
+        return self.result(next(wire.parse_lookup_reply(reply, 1).rows()))
+
+    def result(self, answer: wire.AnswerRow) -> T:
+        """Return the result in one row of a reply, or raise its error."""
+        error, stamp_ns, newest_ns, pose = answer
+        return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
+
+
+def timeout_ns(timeout_s: float) -> int:
+    """Return a time-out in nanoseconds; InvalidArgumentException if it is out of range."""
+    if not 0 <= timeout_s <= MAX_WAIT_S:
+        raise InvalidArgumentException(
+            f"timeout_s must be from 0 to {MAX_WAIT_S:g}, not {timeout_s!r}", field="timeout_s"
+        )
+    return int(timeout_s * 1e9)

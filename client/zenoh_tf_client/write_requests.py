@@ -1,0 +1,50 @@
+"""Makes the requests of writes: each function that of the client method of the same name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from zenoh_tf import StampedTransform, wire
+
+from . import columns
+from .request import Call, Request
+
+
+def set_transform(
+    stamped: StampedTransform, authority: str = "", static: bool = False
+) -> Request[bool]:
+    commit = columns.commit([stamped], authority, static)
+    commit.drop_old = True
+    return Call(
+        "commit",
+        wire.commit_body(commit),
+        lambda reply: bool(wire.parse_commit_reply(reply, 1)[0]),
+    )
+
+
+def set_transforms_xact(
+    stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
+) -> Request[None]:
+    commit = columns.commit(stampeds, authority, static)
+
+    def parse(reply: wire.Message) -> None:
+        wire.parse_commit_reply(reply, commit.rows)
+
+    return Call("commit", wire.commit_body(commit), parse)
+
+
+def _admin(what: str, **arguments: str | bool) -> Request[None]:
+    body = wire.call_body(what, **arguments)
+    return Call("admin", body, lambda reply: wire.parse_value(reply, type(None)))
+
+
+def clear(keep_static: bool = True) -> Request[None]:
+    return _admin("clear", keep_static=keep_static)
+
+
+def reset() -> Request[None]:
+    return _admin("reset")
+
+
+def remove_frame(name: str, subtree: bool = False) -> Request[None]:
+    return _admin("remove_frame", name=name, subtree=subtree)
