@@ -35,12 +35,10 @@ def logged(concurrency: str = "optimistic") -> tuple[TransformTree, ChangeLog]:
 
 def state(tree: TransformTree) -> State:
     """Everything that a mirror must have, read by way of a snapshot."""
-    copy = make_tree(max_log_bytes=LOG_BYTES) if not has_log(tree) else tree
-    assert copy is tree
     found: State = {}
-    (names, authorities, frame, version, static, authority, count, stamp, parent, pose) = ChangeLog(
-        tree
-    ).read_snapshot(0, 1 << 30)
+    reached, frames = ChangeLog(tree).read_snapshot(0, 1 << 30, 1 << 40)
+    assert reached == 1 << 30
+    (names, authorities, frame, version, static, authority, count, stamp, parent, pose) = frames
     first = 0
     for row, index in enumerate(frame):
         samples = [
@@ -55,14 +53,6 @@ def state(tree: TransformTree) -> State:
         by = authorities[authority[row]] if samples else ""
         found[names[index]] = (int(version[row]), bool(static[row]), by, samples)
     return found
-
-
-def has_log(tree: TransformTree) -> bool:
-    try:
-        ChangeLog(tree)
-    except InvalidArgumentException:
-        return False
-    return True
 
 
 class Mirror:
@@ -80,7 +70,10 @@ class Mirror:
             self.replay.set_ever_reparented()
         for after, last in zip(bounds[:-1], bounds[1:], strict=True):
             pause()
-            self.replay.load(*log.read_snapshot(int(after), int(last)))
+            position = int(after)
+            while position < last:
+                position, frames = log.read_snapshot(position, int(last), 512)
+                self.replay.load(*frames)
         return seq, log.last
 
 

@@ -367,7 +367,7 @@ class Tree:
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
-#: (names, authorities, kind, frame, version, parent, authority, stamp, pose), see wire.ChangeColumns
+#: (names, authorities, kind, frame, version, parent, authority, stamp, pose), see wire.Changes
 _Changes = tuple[
     list[str],
     list[str],
@@ -380,7 +380,7 @@ _Changes = tuple[
     NDArray[np.float64],
 ]
 #: (names, authorities, frame, version, static, authority, count, stamp, parent, pose), see
-#: wire.FrameColumns
+#: wire.Frames
 _Frames = tuple[
     list[str],
     list[str],
@@ -416,8 +416,9 @@ class ChangeLog:
     def bytes(self) -> int: ...  # of the entries that wait
     # (number, whether frames may have samples of several parents, bounds of the pieces)
     def plan_snapshot(self, piece_bytes: int) -> tuple[int, bool, NDArray[np.uint32]]: ...
-    # The frames of one piece: those with ids above one bound, up to the next.
-    def read_snapshot(self, after: int, last: int) -> _Frames: ...
+    # (last id that was read, frames) of those with ids above one bound, up to the next, or until
+    # they have `most_bytes` or more.
+    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, _Frames]: ...
 
 class ChangeReplay:
     """Makes a tree the mirror of another. One thread at a time."""

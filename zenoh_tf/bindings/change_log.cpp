@@ -3,9 +3,9 @@
 // GIL: waiting, and reading a snapshot, release it.
 #include <algorithm>
 #include <string>
-#include <unordered_map>
 
 #include "bindings.hpp"
+#include "change_batch.hpp"
 #include "snapshot.hpp"
 
 namespace ztf {
@@ -17,65 +17,24 @@ nb::object array_of(const std::vector<T>& values) {
   return make_array<T>({values.size()}, [&](T* d) { std::copy(values.begin(), values.end(), d); });
 }
 
+nb::object kinds_of(const std::vector<ChangeKind>& kinds) {
+  return make_array<std::uint8_t>({kinds.size()}, [&](std::uint8_t* d) {
+    for (const ChangeKind kind : kinds) *d++ = static_cast<std::uint8_t>(kind);
+  });
+}
+
 nb::object poses_of(const std::vector<Pose>& poses) {
   return make_array<double>({poses.size(), 7}, [&](double* d) {
     for (const Pose& pose : poses) d = std::copy_n(&pose.x, 7, d);
   });
 }
 
-nb::list texts_of(const std::vector<std::string>& texts) {
+template <class Text>
+nb::list texts_of(const std::vector<Text>& texts) {
   nb::list out;
-  for (const std::string& text : texts) out.append(nb::str(text.data(), text.size()));
+  for (const Text& text : texts) out.append(nb::str(text.data(), text.size()));
   return out;
 }
-
-// Texts, each once.
-class TextIndex {
- public:
-  std::uint32_t add(std::string_view text) {
-    const auto [at, is_new] = known_.try_emplace(text, static_cast<std::uint32_t>(texts_.size()));
-    if (is_new) texts_.emplace_back(text);
-    return at->second;
-  }
-  [[nodiscard]] const std::vector<std::string>& texts() const noexcept { return texts_; }
-
- private:
-  std::unordered_map<std::string_view, std::uint32_t> known_;  // of the entries' texts
-  std::vector<std::string> texts_;
-};
-
-// Changes of several entries as columns (change_replay.hpp).
-struct Columns {
-  explicit Columns(const std::vector<LogEntryPtr>& entries) {
-    for (const LogEntryPtr& entry : entries) add(*entry);
-  }
-
-  void add(const LogEntry& entry) {
-    std::vector<std::uint32_t> index(entry.names(), kNone);
-    const auto name = [&](std::uint32_t i) {
-      if (index[i] == kNone) index[i] = names.add(entry.name(i));
-      return index[i];
-    };
-    for (const Change& change : entry) {
-      kind.push_back(static_cast<std::uint8_t>(change.kind));
-      frame.push_back(name(change.frame));
-      version.push_back(change.version);
-      if (change.kind != ChangeKind::sample && change.kind != ChangeKind::static_link) continue;
-      parent.push_back(name(change.parent));
-      authority.push_back(authorities.add(entry.authority()));
-      stamp.push_back(change.stamp);
-      pose.push_back(change.pose);
-    }
-  }
-
-  static constexpr std::uint32_t kNone = ~std::uint32_t{0};
-  TextIndex names, authorities;
-  std::vector<std::uint8_t> kind;
-  std::vector<std::uint32_t> frame, parent, authority;
-  std::vector<Version> version;
-  std::vector<Stamp> stamp;
-  std::vector<Pose> pose;
-};
 
 class Consumer {
  public:
@@ -96,22 +55,21 @@ class Consumer {
                std::chrono::duration_cast<ChangeLog::Clock::duration>(time));
   }
 
-  // (first, last, lost, columns): columns is None if nothing has changed.
+  // (first, last, lost, changes): None if nothing has changed.
   nb::tuple take(std::size_t most_bytes) {
     std::optional<ChangeLog::Taken> taken;
-    std::optional<Columns> columns;
+    std::optional<ChangeBatch> batch;
     {
       const GilReleased released;
       taken = log_->take(most_bytes);
-      columns.emplace(taken->entries);
+      batch.emplace(taken->entries);
     }
     nb::object found = nb::none();
     if (!taken->entries.empty())
-      found = nb::make_tuple(texts_of(columns->names.texts()),
-                             texts_of(columns->authorities.texts()), array_of(columns->kind),
-                             array_of(columns->frame), array_of(columns->version),
-                             array_of(columns->parent), array_of(columns->authority),
-                             array_of(columns->stamp), poses_of(columns->pose));
+      found = nb::make_tuple(
+          texts_of(batch->names()), texts_of(batch->authorities()), kinds_of(batch->kind),
+          array_of(batch->frame), array_of(batch->version), array_of(batch->parent),
+          array_of(batch->authority), array_of(batch->stamp), poses_of(batch->pose));
     return nb::make_tuple(taken->first, taken->last, taken->lost, found);
   }
 
@@ -125,18 +83,19 @@ class Consumer {
     return nb::make_tuple(plan->seq, plan->ever_reparented, array_of(plan->bounds));
   }
 
-  // The fields of wire.FrameColumns.
-  nb::tuple read_snapshot(FrameId after, FrameId last) {
+  // (reached, frames)
+  nb::tuple read_snapshot(FrameId after, FrameId last, std::size_t most_bytes) {
     std::optional<SnapshotPiece> piece;
     {
       const GilReleased released;
-      piece = SnapshotReader(tree_).read(after, last);
+      piece = SnapshotReader(tree_).read(after, last, most_bytes);
     }
-    return nb::make_tuple(texts_of(piece->names), texts_of(piece->authorities),
-                          array_of(piece->frame), array_of(piece->version),
-                          array_of(piece->is_static), array_of(piece->authority),
-                          array_of(piece->count), array_of(piece->stamp), array_of(piece->parent),
-                          poses_of(piece->pose));
+    return nb::make_tuple(
+        piece->reached,
+        nb::make_tuple(texts_of(piece->names), texts_of(piece->authorities), array_of(piece->frame),
+                       array_of(piece->version), array_of(piece->is_static),
+                       array_of(piece->authority), array_of(piece->count), array_of(piece->stamp),
+                       array_of(piece->parent), poses_of(piece->pose)));
   }
 
  private:
@@ -155,7 +114,8 @@ void bind_change_log(nb::module_& m) {
       .def("wake", &Consumer::wake)
       .def("take", &Consumer::take, nb::arg("most_bytes"))
       .def("plan_snapshot", &Consumer::plan_snapshot, nb::arg("piece_bytes"))
-      .def("read_snapshot", &Consumer::read_snapshot, nb::arg("after"), nb::arg("last"))
+      .def("read_snapshot", &Consumer::read_snapshot, nb::arg("after"), nb::arg("last"),
+           nb::arg("most_bytes"))
       .def_prop_ro("last", &Consumer::last)
       .def_prop_ro("bytes", &Consumer::bytes);
 }

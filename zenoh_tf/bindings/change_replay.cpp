@@ -76,7 +76,7 @@ class Replay {
       if (kind(i) > static_cast<std::uint8_t>(ChangeKind::orphaned))
         raise_invalid("kind has the unknown kind " + std::to_string(kind(i)), "kind");
       kinds[i] = static_cast<ChangeKind>(kind(i));
-      samples += kinds[i] == ChangeKind::sample || kinds[i] == ChangeKind::static_link;
+      samples += has_sample(kinds[i]);
     }
     fit(parent, samples, "parent");
     fit(authority, samples, "authority");

@@ -5,7 +5,7 @@
 // is compared. Two commits that write one frame draw in the order of their locks. If a commit has
 // read what another writes, its comparison would find the other's mark had the other drawn first.
 // So the numbers of commits that depend on each other are in their serial order
-// (docs/decisions/0015-the-change-log.md).
+// (docs/concurrency.md).
 //
 // Thread safety: writers draw and publish from any thread, without waiting. start(), stop(), wait()
 // and take() are the consumer's, one thread at a time. The rest, from any thread.
@@ -44,10 +44,12 @@ enum class ChangeKind : std::uint8_t {
   orphaned = 6,     // samples whose past parent was removed have no parent any more
 };
 
+constexpr bool has_sample(ChangeKind kind) noexcept { return kind <= ChangeKind::static_link; }
+
 struct Change {
   ChangeKind kind;
   std::uint32_t frame;   // as is `parent`: index of a name of the entry
-  std::uint32_t parent;  // sample and static_link only, as are `stamp` and `pose`
+  std::uint32_t parent;  // if has_sample(), as are `stamp` and `pose`
   Version version;       // of the frame after the commit
   Stamp stamp;
   Pose pose;

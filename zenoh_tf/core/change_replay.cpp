@@ -10,10 +10,6 @@ namespace ztf {
 
 namespace {
 
-bool has_sample(ChangeKind kind) noexcept {
-  return kind == ChangeKind::sample || kind == ChangeKind::static_link;
-}
-
 HistoryLimits limits_of(const Options& options) noexcept {
   return {options.cache_ns, options.max_samples_per_frame};
 }

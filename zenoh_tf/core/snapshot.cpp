@@ -32,12 +32,18 @@ SnapshotPlan SnapshotReader::plan(std::size_t piece_bytes) {
   return plan;
 }
 
-SnapshotPiece SnapshotReader::read(FrameId after, FrameId last) {
+SnapshotPiece SnapshotReader::read(FrameId after, FrameId last, std::size_t most_bytes) {
   SnapshotPiece piece;
+  piece.reached = last;
   names_.clear();
   authorities_.clear();
-  last = std::min(last, tree_.size());
-  for (FrameId id = after; id < last;) add_frame(++id, piece);
+  const FrameId end = std::min(last, tree_.size());
+  for (FrameId id = after; id < end;) {
+    add_frame(++id, piece);
+    if (piece.frame.size() * kFrameBytes + piece.stamp.size() * kSampleBytes < most_bytes) continue;
+    piece.reached = id;
+    break;
+  }
   return piece;
 }
 

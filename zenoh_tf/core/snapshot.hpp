@@ -22,6 +22,7 @@ namespace ztf {
 struct SnapshotPiece {
   static constexpr std::uint32_t kNoParent = ~std::uint32_t{0};
 
+  FrameId reached;  // the last id that was read
   std::vector<std::string> names, authorities;
   // By frame. A frame with a static link has one sample.
   std::vector<std::uint32_t> frame, authority, count;
@@ -48,8 +49,9 @@ class SnapshotReader {
   // Plans pieces of about this many bytes. A piece has whole frames. Requires a change log. Throws
   // bad_alloc.
   [[nodiscard]] SnapshotPlan plan(std::size_t piece_bytes);
-  // Reads the frames with ids above `after`, up to `last`. Throws bad_alloc.
-  [[nodiscard]] SnapshotPiece read(FrameId after, FrameId last);
+  // Reads the frames with ids above `after`, up to `last`, or until they have `most_bytes` or more.
+  // Throws bad_alloc.
+  [[nodiscard]] SnapshotPiece read(FrameId after, FrameId last, std::size_t most_bytes);
 
  private:
   // What is read at one instant, beside the samples.
