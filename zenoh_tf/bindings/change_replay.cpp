@@ -22,7 +22,11 @@ std::span<const T> span_of(const Column<T>& column) {
 }
 
 void check_indexes(const Column<std::uint32_t>& column, std::size_t names, const char* field) {
-  for (const std::uint32_t index : span_of(column)) (void)checked(index, names, field);
+  for (const std::uint32_t index : span_of(column))
+    if (index >= names)
+      raise_invalid(std::string(field) + " has the index " + std::to_string(index) +
+                        ", but the list that it refers to has " + std::to_string(names),
+                    field);
 }
 
 // A version that is not one would leave a frame locked, or without a name.
