@@ -68,8 +68,10 @@ def _run(children: Children) -> None:
         # The gripper closes around the object, so the camera no longer sees it.
         sensors["camera"].terminate()
         sensors["camera"].report()
-        mover, reader = ask("mover", 4.0), ask("reader", 3.0)
-        _together(mover.report(), reader.report())
+        mover, reader = ask("mover", 30.0), ask("reader", 3.0)
+        seen = reader.report()
+        mover.terminate()  # not before: the reader may have taken long to start
+        _together(mover.report(), seen)
         rates = ask("rates", 2.0).report()
         del sensors["camera"]
         for sensor in sensors.values():

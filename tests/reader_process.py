@@ -1,12 +1,14 @@
 """A client in a process of its own, which reads no replies while it is stopped.
 
 ``python reader_process.py ENDPOINT ROWS COUNT``: says "ready", and on each line of its input sends
-COUNT lookups of ROWS rows without waiting for the replies. On the line "count" it says how many
-were answered, and how many refused as busy.
+COUNT lookups of ROWS rows without waiting for the replies. After the line "ask and freeze" it stops
+itself (SIGSTOP). On the line "count" it says how many were answered, and how many refused as busy.
 """
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import threading
 
@@ -85,6 +87,8 @@ def main() -> None:
         else:
             asked += [reader.ask() for _ in range(count)]
             print("sent", flush=True)
+            if line.strip() == "ask and freeze":
+                os.kill(os.getpid(), signal.SIGSTOP)
 
 
 if __name__ == "__main__":

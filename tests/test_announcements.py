@@ -111,10 +111,11 @@ def test_statics_sent_while_no_server_is_there(start: Callable[..., ServerProces
 def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) -> None:
     server = start()
     with server.connect(20) as tf, tf.broadcaster("urdf") as urdf:
-        names = ["camera", "lidar", "radar", "own"]
+        names = ["camera", "lidar", "radar", "imu", "own"]
         urdf.send_static([link("base", name, 1) for name in names])
         assert tf.can_transform("base", "own", timeout_s=10)
         tf.set_transform(link("base", "camera", 2), authority="operator", static=True)
+        tf.set_transform(link("base", "imu", 2), authority="urdf", static=True)
         tf.remove_frame("lidar")
         tf.set_transform(link("base", "radar", 2), authority="slam")
         for _ in range(2):
@@ -123,16 +124,17 @@ def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) ->
             # As if the sensor had not come back before these.
             until_informed(urdf, server)
             until(lambda: tf.stats()["puts"] == 1)
-            assert sorted(tf.frames()) == ["base", "camera", "own", "radar"]
+            assert sorted(tf.frames()) == ["base", "camera", "imu", "own", "radar"]
             assert (x_of(tf, "camera"), tf.frame("camera").authority) == (2, "operator")
+            assert (x_of(tf, "imu"), tf.frame("imu").authority) == (2, "urdf")
             assert x_of(tf, "own") == 1
-            assert "statics of 'urdf': announced again, but 2 left out" in server.log
+            assert "statics of 'urdf': announced again, but 3 left out" in server.log
             tf.set_transform(link("base", "radar", 2), authority="slam")
         tf.reset()  # as new: the next server takes all
         server.kill()
         server = start()
         until_informed(urdf, server)
-        until(lambda: len(tf.frames()) == 5)
+        until(lambda: len(tf.frames()) == 6)
 
 
 def test_many_statics_and_small_limits(start_server: StartServer) -> None:
@@ -187,40 +189,42 @@ def test_closed_broadcasters_are_let_go(client: TransformClient) -> None:
 def test_which_announcements_are_applied(server: ServerProcess, client: TransformClient) -> None:
     tf = client
 
-    def announce(*rows: StampedTransform, authority: str = "urdf") -> None:
-        """Put an announcement, and wait until the server has taken it."""
+    def put(*rows: StampedTransform, announce: bool = True) -> None:
+        """Put an announcement, or new transforms, and wait until the server has taken it."""
         puts = sum(tf.stats()[name] for name in ("puts", "bad_puts"))
-        key = keys.put("main", authority, static=True)
-        tf._connection.session.put(key, message(rows, announce=True))
+        key = keys.put("main", "urdf", static=True)
+        tf._connection.session.put(key, message(rows, announce=announce))
         until(lambda: sum(tf.stats()[name] for name in ("puts", "bad_puts")) == puts + 1)
 
-    tf.set_transform(link("base", "own", 1), authority="urdf", static=True)
+    put(link("base", "own", 1))
+    tf.set_transform(link("base", "corrected", 1), authority="urdf", static=True)
     tf.set_transform(link("base", "other", 1), authority="operator", static=True)
     tf.set_transform(link("base", "dynamic", 1), authority="urdf")
     tf.set_transforms_xact([link("base", "gone", 1), link("gone", "below", 1)], static=True)
     tf.remove_frame("gone", subtree=True)
-    names = ["own", "other", "dynamic", "gone", "below", "new"]
-    announce(*[link("base", name, 2) for name in names])
+    names = ["own", "corrected", "other", "dynamic", "gone", "below", "new"]
+    put(*[link("base", name, 2) for name in names])
     assert {name: x_of(tf, name) for name in names if name in tf.frames()} == {
         "own": 2,
+        "corrected": 1,
         "other": 1,
         "dynamic": 1,
         "new": 2,
     }
     assert not tf.frame("dynamic").static
-    assert "announced again, but 4 left out, 'other' first" in server.log
+    assert "announced again, but 5 left out, 'corrected' first" in server.log
 
-    # A set of a removed link ends the removal; one that is cleared is removed.
-    tf.set_transform(link("base", "gone", 3), authority="urdf", static=True)
-    announce(link("base", "gone", 4))
-    assert x_of(tf, "gone") == 4
+    # A new transform ends a removal and a correction; a link that is cleared is removed.
+    put(link("base", "gone", 3), link("base", "corrected", 3), announce=False)
+    put(link("base", "gone", 4), link("base", "corrected", 4))
+    assert (x_of(tf, "gone"), x_of(tf, "corrected")) == (4, 4)
     tf.clear(keep_static=False)
-    announce(link("base", "gone", 5), link("base", "newer", 5))
+    put(link("base", "gone", 5), link("base", "newer", 5))
     assert tf.can_transform("base", "newer")
     assert not tf.can_transform("base", "gone")
 
     # One link that is refused keeps no other back.
-    announce(link("newer", "base", 6), link("base", "newest", 6), link("base", "newer", 7))
+    put(link("newer", "base", 6), link("base", "newest", 6), link("base", "newer", 7))
     assert (x_of(tf, "newest"), x_of(tf, "newer")) == (6, 7)
     assert "announced statics of 'urdf': some refused: " in server.log
 

@@ -12,7 +12,7 @@ import pytest
 import zenoh
 
 from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
-from zenoh_tf.errors import ServerBusy
+from zenoh_tf.errors import ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.lanes import Budget, Lane, Request
 from zenoh_tf_server.limits import Limits
@@ -164,6 +164,32 @@ def test_the_sdk_gives_up_when_its_time_is_over() -> None:
             assert calls > 1
         for queryable in queryables:
             queryable.undeclare()
+
+
+def test_a_call_whose_time_is_over_asks_nothing_more() -> None:
+    """A request that the server's rules deny ends at once: only then does the SDK ask for them."""
+    endpoint = free_endpoint()
+    hellos = 0
+    held: list[zenoh.Query] = []
+
+    def answer_hello(query: zenoh.Query) -> None:
+        nonlocal hellos
+        hellos += 1
+        value = {"instance": "slow", "clock_ns": time.monotonic_ns(), "limits": {}}
+        with query:
+            query.reply(query.key_expr, wire.pack({"v": 1, "instance": "slow", "value": value}))
+
+    with zenoh.open(zenoh_config.router([endpoint])) as session:
+        hello = session.declare_queryable(keys.operation("main", "hello"), answer_hello)
+        lookup = session.declare_queryable(keys.operation("main", "lookup"), held.append)
+        with TransformClient.connect(endpoint, timeout_s=1.0) as tf:
+            with pytest.raises(ServerUnavailable, match="no answer"):
+                tf.lookup_transform("map", "base")
+            assert (len(held), hellos) == (1, 1)
+        for query in held:
+            query.drop()
+        hello.undeclare()
+        lookup.undeclare()
 
 
 def test_hello_is_served_beside_long_requests(start_server: StartServer) -> None:

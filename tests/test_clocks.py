@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
 
 import pytest
 
 from zenoh_tf import (
     AuthorityInfo,
+    ClientInfo,
     InvalidArgumentException,
     StampedTransform,
     Transform,
-    keys,
-    wire,
 )
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, connection
+from zenoh_tf_server.clock_offsets import WINDOW_NS, ClockOffsets
 
 from .conftest import ServerProcess, StartServer
-from .raw import raw
+from .test_metrics import until, value
 
 YEAR_S = 365 * 86_400.0
 TIMEOUT_S = 30.0
@@ -40,6 +43,20 @@ def authority(tf: TransformClient, name: str) -> AuthorityInfo:
     return next(each for each in tf.authorities() if each.name == name)
 
 
+def is_measured(tf: TransformClient, name: str) -> bool:
+    """True once the server knows a client's round trip."""
+    client = clients(tf).get(name)
+    return client is not None and client.clock_offset_max_s - client.clock_offset_min_s < 0.9
+
+
+def wait_for_puts(tf: TransformClient, count: int) -> None:
+    wait(lambda: tf.stats()["puts"] == count, f"no {count} puts")
+
+
+def clients(tf: TransformClient) -> dict[str, ClientInfo]:
+    return {client.client: client for client in tf.clients()}
+
+
 def wait_for_log(server: ServerProcess, *texts: str) -> None:
     wait(lambda: all(text in server.log for text in texts), f"no {texts} in\n{server.log}")
 
@@ -55,7 +72,7 @@ def test_one_bad_stamp_harms_nobody(start_server: StartServer, time_jump: str) -
         for ahead_s in (YEAR_S, -3600.0):
             bad.send([at("base", ahead_s), at("cup", parent="arm")])
             good.send([at("base"), at("arm")])
-        wait(lambda: tf.stats()["puts"] == 9, "ingested")
+        wait_for_puts(tf, 9)
         assert (tf.frame("base").samples, tf.frame("arm").samples) == (7, 7)
         assert tf.frame("cup").samples == 2  # the good rows of a message with a bad one
         assert tf.stats()["time_jumps"] == 0
@@ -69,6 +86,39 @@ def test_one_bad_stamp_harms_nobody(start_server: StartServer, time_jump: str) -
 
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])
+def test_a_sensor_with_a_wrong_clock_harms_only_its_own_frame(
+    start_server: StartServer, time_jump: str
+) -> None:
+    """Three sensors: 10 s ahead until its clock is set, drifting, and exact. The cache time is
+    shorter than the error, so that the step back is more than a late sample."""
+    server = start_server("--time-jump", time_jump, "--cache-time", "5")
+    with server.connect() as tf:
+        ahead, drifting, exact = (tf.broadcaster(name) for name in ("ahead", "drifting", "exact"))
+        sent = 0
+        while "authority 'ahead': its stamps are " not in server.log or sent < 30:
+            ahead.send(at("ahead", 10.0))
+            drifting.send(at("drifting", 2 + sent))
+            exact.send(at("exact"))
+            sent += 1
+            wait_for_puts(tf, 3 * sent)
+        wait_for_log(server, "s ahead of this server's clock", "authority 'drifting': its stamps")
+        assert "authority 'exact'" not in server.log
+        for _ in range(3):  # the clocks have been set: the first is the first witness
+            ahead.send(at("ahead"))
+            drifting.send(at("drifting"))
+            exact.send(at("exact"))
+        wait_for_puts(tf, 3 * sent + 9)
+        for name in ("ahead", "drifting"):
+            frame = tf.frame(name)
+            assert (frame.samples, frame.time_jumps) == (2, 1)
+            assert abs(frame.delay_s() or 0.0) < 5
+            wait_for_log(server, f"frame '{name}': time_jump: '{name}' went on at")
+        exactly = tf.frame("exact")
+        assert (exactly.time_jumps, exactly.dropped) == (0, 0)
+        assert authority(tf, "exact").dropped == authority(tf, "exact").refused == 0
+
+
+@pytest.mark.parametrize("time_jump", ["reject", "clear"])
 def test_a_stored_stamp_far_ahead_does_not_end_the_frame(
     start_server: StartServer, time_jump: str
 ) -> None:
@@ -76,13 +126,13 @@ def test_a_stored_stamp_far_ahead_does_not_end_the_frame(
     with server.connect() as tf:
         good, bad = tf.broadcaster("good"), tf.broadcaster("bad")
         good.send([at("base"), at("arm")])
-        wait(lambda: tf.stats()["puts"] == 1, "ingested")
+        wait_for_puts(tf, 1)
         bad.send(at("base", YEAR_S))
         wait(lambda: tf.stats()["flagged_as_future"] == 1, "flagged")
         assert (tf.frame("base").delay_s() or 0.0) < -YEAR_S / 2
         for _ in range(3):
             good.send([at("base"), at("arm")])
-        wait(lambda: tf.stats()["puts"] == 5, "ingested")
+        wait_for_puts(tf, 5)
         assert tf.frame("base").samples == 2  # the first one was the first witness
         assert tf.frame("arm").samples == 4
         assert (tf.frame("base").time_jumps, tf.frame("arm").time_jumps) == (1, 0)
@@ -143,24 +193,92 @@ def test_clocks_that_are_off_are_reported_by_name(server: ServerProcess) -> None
         assert tf.stats()["put_transforms"] == tf.stats()["puts"]  # none was refused
 
 
-def test_a_client_whose_clock_is_off_is_reported(server: ServerProcess) -> None:
-    with raw(server.endpoint) as wires, server.connect() as exact:
-        name = str(wires.session.zid())
-        token = wires.session.liveliness().declare_token(keys.client("main", name))
+class Ahead:
+    """A module `time` whose real-time clock is ahead of the machine's."""
 
-        def told() -> bool:
-            body = {"clock_ns": time.time_ns() + 40_000_000_000, "round_trip_ns": 1_000_000}
-            wires.session.get(
-                keys.operation("main", "hello"),
-                payload=wire.pack(wire.call_body("hello", **body)),
-                attachment=name.encode(),
-            ).recv()
-            return f"client '{name}': its clock is " in server.log
+    def __init__(self, ahead_s: float) -> None:
+        self._ahead_ns = round(ahead_s * 1e9)
 
-        wait(told, server.log)
-        wait_for_log(server, "s ahead of this server's clock")
-        assert str(exact._connection.session.zid()) not in server.log
-        token.undeclare()
+    def __getattr__(self, name: str) -> Any:
+        return getattr(time, name)
+
+    def time_ns(self) -> int:
+        return time.time_ns() + self._ahead_ns
+
+
+@pytest.mark.parametrize("ahead_s", [10.0, -10.0])
+def test_a_client_whose_clock_is_off_is_shown(
+    start_server: StartServer, monkeypatch: pytest.MonkeyPatch, ahead_s: float
+) -> None:
+    server = start_server("--metrics", "127.0.0.1:0")
+    with ExitStack() as stack:
+        with monkeypatch.context() as patch:
+            patch.setattr(connection, "time", Ahead(ahead_s))
+            off = stack.enter_context(server.connect())
+            name = str(off._connection.session.zid())
+            wait(lambda: is_measured(off, name), "measured")
+        exact = stack.enter_context(server.connect())
+        exact_name = str(exact._connection.session.zid())
+        wait(lambda: is_measured(exact, exact_name), "measured")
+        shown, own = clients(exact)[name], clients(exact)[exact_name]
+        assert shown.clock_offset_min_s <= ahead_s <= shown.clock_offset_max_s
+        assert shown.clock_age_s >= 0
+        assert shown.address is not None and shown.address.startswith("tcp/127.0.0.1:")
+        assert own.clock_offset_min_s <= 0 <= own.clock_offset_max_s
+        direction = "ahead of" if ahead_s > 0 else "behind"
+        wait_for_log(server, f"client '{name}': its clock is ", f"s {direction} this server's")
+        assert f"client '{exact_name}'" not in server.log
+        side, other = ("ahead", "behind") if ahead_s > 0 else ("behind", "ahead")
+        found = until(server, lambda page: value(page, f"client_clock_{side}_seconds") > 5)
+        assert value(found, f"client_clock_{side}_seconds") <= 10
+        assert value(found, f"client_clock_{other}_seconds") == 0
+        off.close()
+        wait(lambda: name not in clients(exact), "forgotten")
+
+
+def test_a_client_tells_its_clock_again(
+    server: ServerProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that drifts after the client has connected is measured, by reads and by writes."""
+    monkeypatch.setattr(connection, "_CLOCK_PERIOD_S", 0.05)
+    monkeypatch.setattr(connection, "_FIRST_CLOCK_PERIOD_S", 0.05)
+    with server.connect() as tf, server.connect() as watching:
+        name = str(tf._connection.session.zid())
+        for ahead_s, call in (
+            (20.0, tf.frames),
+            (40.0, lambda: tf.set_transform(at("base", -60.0))),
+        ):
+            monkeypatch.setattr(connection, "time", Ahead(ahead_s))
+
+            def is_told(ahead_s: float = ahead_s, call: Callable[[], Any] = call) -> bool:
+                call()
+                found = clients(watching).get(name)
+                return found is not None and found.clock_offset_max_s > ahead_s - 5
+
+            wait(is_told, "told")
+
+
+def test_a_drift_is_reported_once_the_exact_time_is_past() -> None:
+    clocks = ClockOffsets()
+    for second in range(-40, 1):
+        arrival_ns = time.time_ns() + second * 10**9
+        lead_ns = (second + 40) * 10**8  # a tenth of a second more each second
+        clocks.put_arrived("drifting", arrival_ns, arrival_ns + lead_ns)
+    ((owner, reason),) = clocks.suspicious()
+    assert owner == "authority 'drifting'"
+    least_s, greatest_s = re.findall(r"\d+\.\d", reason)[:2]
+    assert 1.9 <= float(least_s) < float(greatest_s) == 4.0
+
+
+def test_silence_is_no_wrong_clock() -> None:
+    """An authority that is silent keeps its last record, and is not reported for ever."""
+    clocks = ClockOffsets()
+    now_ns = time.time_ns()
+    clocks.put_arrived("talks", now_ns, now_ns + 10**10)
+    clocks.put_arrived("silent", now_ns - 2 * WINDOW_NS, now_ns - 2 * WINDOW_NS + 10**10)
+    assert [owner for owner, _ in clocks.suspicious()] == ["authority 'talks'"]
+    (record,) = clocks.add_to([{"name": "silent"}])
+    assert record["clock_offset_min_s"] == 10.0
 
 
 def test_two_authorities_that_fight_are_reported(server: ServerProcess) -> None:

@@ -25,7 +25,7 @@ def run(name: str, endpoint: str) -> str:
         [sys.executable, EXAMPLES / name, "--connect", endpoint],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=50,
         check=False,
     )
     assert done.returncode == 0, done.stderr

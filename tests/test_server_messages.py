@@ -120,16 +120,16 @@ def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServ
     server = start_server("--max-outcomes", "4")
     with raw(server.endpoint) as wires, server.connect() as tf:
         clock_ns = wires.query("info", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
-        until = clock_ns + 2_000_000_000
+        until = clock_ns + 6_000_000_000
         for _ in range(2):
             wires.query("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))
         full = wires.error("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))
         assert isinstance(full, ServerBusy)
         assert (full.field, full.limit, full.value) == ("outcomes", 4, 3)
-        assert full.retry_after_s is not None and 0 < full.retry_after_s <= 2
+        assert full.retry_after_s is not None and 0 < full.retry_after_s <= 6
         # Another client has a share of its own.
         assert tf.set_transform(StampedTransform("map", "base", 5, Transform()))
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 30
         while "error" in wires.query("commit", wire.pack(commit(id=os.urandom(16)))):
             assert time.monotonic() < deadline
             time.sleep(0.05)

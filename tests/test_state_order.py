@@ -27,6 +27,7 @@ FRAMES = [f"frame {number}" for number in range(6)]
 THREADS = 4
 WRITES = 400
 ROUNDS = 5
+NEVER = (1 << 63) - 1
 
 
 def commit(names: list[str], x: int, *, static: bool) -> wire.Commit:
@@ -49,7 +50,7 @@ def write_at_random(service: Service, state: State, seed: int) -> None:
             elif kind < 0.9:
                 service.commit(commit(names, seed * WRITES + number, static=False))
             else:
-                state.links.remove_frame(names[0], subtree=False)
+                state.links.remove_frame(names[0], subtree=False, expires_ns=NEVER)
         except TransformException:  # the frame was removed already, or the stamp is too old
             continue
 
@@ -74,7 +75,7 @@ def test_the_file_has_what_the_tree_has(tmp_path: Path, concurrency: str) -> Non
         tree = TransformTree(1e6, concurrency)  # type: ignore[arg-type]
         state = State(StateSettings(tmp_path), tree, "main", limits)
         service = Service(tree, "main", "instance", limits, loop, state.links)
-        state.links.reset()
+        state.links.reset(NEVER)
         seeds = range(chance + THREADS * round_, chance + THREADS * (round_ + 1))
         together([partial(write_at_random, service, state, seed) for seed in seeds])
         expected = statics(tree)

@@ -43,6 +43,12 @@ class ReaderProcess:
         self._say("ask")
         assert self._line() == "sent"
 
+    def ask_and_freeze(self) -> None:
+        """Ask, and read nothing of the replies."""
+        self._say("ask and freeze")
+        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
+        assert self._line() == "sent"
+
     def freeze(self) -> None:
         self.process.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
@@ -97,16 +103,18 @@ def longest_outage_s(server: ServerProcess, tf: TransformClient, duration_s: flo
     """The longest call of a client that reads and writes, and of others that connect: that
     changes Zenoh's routing tables, which a blocked reply would hold."""
     longest_s = 0.0
+    calls: tuple[Callable[[], object], ...] = (
+        lambda: tf.lookup_transform("map", "base"),
+        lambda: tf.set_transform(StampedTransform("map", "base", 1, Transform())),
+        tf.frames,
+        lambda: server.connect(30.0).close(),
+    )
     end_s = time.monotonic() + duration_s
-    stamp_ns = 1
-    while (start_s := time.monotonic()) < end_s:
-        stamp_ns += 1
-        tf.lookup_transform("map", "base")
-        tf.set_transform(StampedTransform("map", "base", stamp_ns, Transform()))
-        tf.frames()
-        with server.connect(30.0):
-            pass
-        longest_s = max(longest_s, time.monotonic() - start_s)
+    while time.monotonic() < end_s:
+        for call in calls:
+            start_s = time.monotonic()
+            call()
+            longest_s = max(longest_s, time.monotonic() - start_s)
     return longest_s
 
 
@@ -152,21 +160,24 @@ def test_a_client_killed_in_the_middle_of_replies(
 def test_requests_of_a_client_with_many_unread_replies_are_refused(
     start_server: StartServer, start_reader: StartReader
 ) -> None:
-    server = start_server("--max-unread-reply-bytes", "8000000")
+    # Room for 7 of 20 replies. The refusals, which hold their requests of 2 MB, do not add up to
+    # twice the limit, at which the client would be cut off.
+    server = start_server("--max-unread-reply-bytes", "60000000")
     with server.connect(30.0) as tf:
         fill(tf)
-        reader = start_reader(server, count=24)
-        reader.ask()
-        reader.freeze()
-        tf.lookup_transform("map", "base")  # another client is not refused
-        time.sleep(3.0)
+        reader = start_reader(server, count=20)
+        reader.ask_and_freeze()
+        while (counters := tf.stats())["unread_reply_bytes"] < 60_000_000:
+            tf.lookup_transform("map", "base")  # another client is not refused
+        while counters["pending_queries"]:
+            counters = tf.stats()
         reader.thaw()
         answered, refused = reader.counts()
-        assert answered + refused == 24
+        assert answered + refused == 20
         assert answered >= 1
         assert refused >= 1
         reader.ask()  # it is served again
-        assert sum(reader.counts()) == 48
+        assert sum(reader.counts()) == 40
         assert tf.can_transform("map", "base")
 
 

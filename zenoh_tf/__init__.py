@@ -30,7 +30,7 @@ from zenoh_tf.errors import (
     TransactionConflict,
     TransformException,
 )
-from zenoh_tf.frame_info import AuthorityInfo, FrameChange, FrameInfo
+from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
@@ -40,6 +40,7 @@ __all__ = [
     "AccessDenied",
     "AuthorityInfo",
     "BackwardExtrapolationException",
+    "ClientInfo",
     "ConnectivityException",
     "ExtrapolationException",
     "ForwardExtrapolationException",

@@ -46,6 +46,7 @@ def columns_of(
     NDArray[np.int64],
     NDArray[np.float64],
 ]: ...
+def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 
 class Budget:
@@ -308,9 +309,7 @@ class Tree:
         than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...
-
     # --- internals of zenoh_tf and of the server
-
     def _velocity_record(
         self,
         tracking_frame: str,
@@ -354,6 +353,9 @@ class Tree:
         # A later dynamic row: InvalidArgumentException, field "stamp"; with drop_old it is dropped.
         max_stamp_ns: int | None = None,
     ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old, 2 dropped as from the future
+    def _clear(self, keep_static: bool, expires_ns: int) -> None: ...  # expires as _commit_rows
+    def _reset(self, expires_ns: int) -> None: ...
+    def _remove_frame(self, name: str, subtree: bool, expires_ns: int) -> None: ...
     def _lookup_columns(
         self,
         targets: str | Sequence[str],

@@ -23,7 +23,6 @@ _REFUSAL_S: Final = 0.3
 #: Zenoh's transport messages, by the lowest five bits of their first byte.
 _INIT: Final = 0x01
 _CLOSE: Final = 0x03
-_ACK: Final = 0x20
 _ZENOH_VERSION: Final = 0x09
 _CLIENT: Final = 0x02
 #: A session is closed with this reason if the server has no room for another one.
@@ -52,21 +51,43 @@ def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials
     host, _, port = address.rpartition(":")
     target = (host.strip("[]"), int(port))
     try:
-        connection = socket.create_connection(target, min(timeout_s, _TIMEOUT_S))
+        connection = _connect(target, timeout_s)
     except OSError:
         return unknown
+    # Without TLS first: a server that expects TLS refuses that at once, but a Zenoh server takes
+    # the first bytes of TLS for the length of a message, and waits for the rest of it.
     with connection:
-        connection.settimeout(_TIMEOUT_S)
         try:
+            answer = _ask_for_session(connection)
+        except TimeoutError:
+            return ServerUnavailable(
+                f"{where} accepts connections, but answers nothing within {_TIMEOUT_S:g} s: the "
+                "server is stopped or overloaded, or is no zenoh-tf-server"
+            )
+        except OSError:
+            answer = None
+    if answer is not None:
+        return _no_tls(where) if protocol == "tls" else _refused(answer, where, credentials)
+    try:
+        with _connect(target, timeout_s) as connection:
             if protocol == "tls":
                 return _explain_tls(connection, target[0], where, endpoint, credentials)
-            return _explain_session(connection, target, where, credentials)
-        except OSError:
-            if protocol == "tls" and _speaks_plain(target):
-                return _no_tls(where)
-            return ServerUnavailable(
-                f"{where} accepts connections and then ends them; is a zenoh-tf-server there?"
-            )
+            if _speaks_tls(connection):
+                secure = where.replace("tcp/", "tls/", 1)
+                return ServerUnavailable(
+                    f"{where} speaks TLS: connect to {secure}, with the server's ca"
+                )
+            return _not_zenoh(where)
+    except OSError:
+        return ServerUnavailable(
+            f"{where} accepts connections and then ends them; is a zenoh-tf-server there?"
+        )
+
+
+def _connect(target: tuple[str, int], timeout_s: float) -> socket.socket:
+    connection = socket.create_connection(target, min(timeout_s, _TIMEOUT_S))
+    connection.settimeout(_TIMEOUT_S)
+    return connection
 
 
 def _explain_tls(
@@ -159,44 +180,31 @@ def _explain_secure_session(secure: ssl.SSLSocket, where: str, credentials: Cred
     secure.settimeout(_REFUSAL_S)
     with contextlib.suppress(TimeoutError):
         secure.recv(1)
-    return _session_refused(secure, where, credentials)
+    secure.settimeout(_TIMEOUT_S)
+    try:
+        answer = _ask_for_session(secure)
+    except OSError:
+        answer = None
+    return _not_zenoh(where) if answer is None else _refused(answer, where, credentials)
 
 
-def _explain_session(
-    connection: socket.socket, target: tuple[str, int], where: str, credentials: Credentials
-) -> Failure:
-    if _speaks_tls(target):
-        secure = where.replace("tcp/", "tls/", 1)
-        return ServerUnavailable(f"{where} speaks TLS: connect to {secure}, with the server's ca")
-    return _session_refused(connection, where, credentials)
-
-
-def _speaks_tls(target: tuple[str, int]) -> bool:
+def _speaks_tls(connection: socket.socket) -> bool:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     try:
-        with (
-            socket.create_connection(target, _TIMEOUT_S) as connection,
-            context.wrap_socket(connection),
-        ):
+        with context.wrap_socket(connection):
             return True
     except OSError:
         return False
 
 
-def _speaks_plain(target: tuple[str, int]) -> bool:
-    try:
-        with socket.create_connection(target, _TIMEOUT_S) as connection:
-            return _ask_for_session(connection) is not None
-    except OSError:
-        return False
+def _not_zenoh(where: str) -> Failure:
+    return ServerUnavailable(f"{where} does not answer as Zenoh: is a zenoh-tf-server there?")
 
 
-def _session_refused(connection: socket.socket, where: str, credentials: Credentials) -> Failure:
-    """The error if the port is fine and Zenoh itself does not open a session."""
-    answer = _ask_for_session(connection)
-    if answer is None:
-        return ServerUnavailable(f"{where} does not answer as Zenoh: is a zenoh-tf-server there?")
+def _refused(answer: bytes, where: str, credentials: Credentials) -> Failure:
+    """The error if the port is fine and Zenoh itself does not open a session. `answer` is its
+    message to a client that shows no user."""
     if answer == bytes([_CLOSE, _MAX_SESSIONS]):
         return ServerUnavailable(f"{where} has no room for another client (--max-connections)")
     if credentials.user is None:
@@ -206,7 +214,10 @@ def _session_refused(connection: socket.socket, where: str, credentials: Credent
                 "--password-file, ZENOH_TF_USER and ZENOH_TF_PASSWORD_FILE)",
                 field="user",
             )
-        return ServerUnavailable(f"{where} opens no session, although a Zenoh router is there")
+        return ServerUnavailable(
+            f"{where} opens no session, although a Zenoh router is there: it has probably no room "
+            "for another client (--max-connections)"
+        )
     return AccessDenied(
         f"{where} refuses user {credentials.user!r}: no such user, or the wrong password",
         field="user",
@@ -214,13 +225,11 @@ def _session_refused(connection: socket.socket, where: str, credentials: Credent
 
 
 def _ask_for_session(connection: socket.socket) -> bytes | None:
-    """Zenoh's answer to a client that shows no user; None if nothing of that kind came."""
+    """Zenoh's answer to a client that shows no user; None if something else answers, or the
+    connection ends. Raises OSError, of which TimeoutError means that nothing answers."""
     identity = os.urandom(16)
     message = bytes([_INIT, _ZENOH_VERSION, (len(identity) - 1) << 4 | _CLIENT]) + identity
-    connection.settimeout(_TIMEOUT_S)
-    try:
-        connection.sendall(struct.pack("<H", len(message)) + message)
-        data = connection.recv(1024)
-    except OSError:
-        return None
-    return data[2:] or None
+    connection.sendall(struct.pack("<H", len(message)) + message)
+    data = connection.recv(1024)
+    is_zenoh = len(data) > 2 and int.from_bytes(data[:2], "little") == len(data) - 2
+    return data[2:] if is_zenoh else None

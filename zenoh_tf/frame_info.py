@@ -1,4 +1,4 @@
-"""Introspection: frames, their links, and the authorities that write them."""
+"""Introspection: frames, their links, the authorities that write them, and connected clients."""
 
 from __future__ import annotations
 
@@ -137,3 +137,26 @@ class AuthorityInfo:
     clock_offset_min_s: float | None = None
     clock_offset_max_s: float | None = None
     stamp_age_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ClientInfo:
+    """A client that is connected to the server, and how far its clock is from the server's.
+
+    Attributes:
+        client: Its Zenoh id, which the server's log names.
+        clock_offset_min_s: Its real-time clock is ahead of the server's by this much at least,
+            in seconds; negative for a clock that is behind.
+        clock_offset_max_s: It is ahead by this much at most; until its second message, if the
+            first took less than a second.
+        clock_age_s: How long ago the clock was compared last, in seconds. A client tells it when
+            it connects, and every 10 s while it makes calls.
+        address: Where its link comes from, such as ``tcp/10.0.0.7:50312``; ``None`` if it is
+            connected through a router.
+    """
+
+    client: str
+    clock_offset_min_s: float
+    clock_offset_max_s: float
+    clock_age_s: float
+    address: str | None = None

@@ -3,7 +3,8 @@
 A server that restarts without a state has lost them. The same instance still has them, so a mere
 reconnect sends nothing: an operator may have corrected or removed one meanwhile. Transforms that
 were sent while no server was there go to the next one as they are. The others are marked as an
-announcement, which the server applies only where nobody else has changed or removed the link.
+announcement, which the server applies only where no call and nobody else has changed or removed the
+link.
 
 Thread safety: all methods.
 """

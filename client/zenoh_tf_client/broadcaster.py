@@ -22,8 +22,8 @@ class Broadcaster:
 
     One call sends one message, which the server commits atomically. The server sends no reply: it
     logs and counts what it rejects. The broadcaster keeps its static transforms and announces
-    them to every new server, which leaves out those that another authority has changed or removed
-    since. A context manager, which closes itself at the end.
+    them to every new server, which leaves out those that a call or another authority has changed
+    or removed since. A context manager, which closes itself at the end.
 
     Thread safety: all methods.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, FrameInfo
+from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
 
 from . import info_requests
 from .connection import Connection
@@ -63,6 +63,20 @@ class ClientIntrospection:
             ProtocolError: The reply is malformed.
         """
         return self._connection.call(info_requests.authorities())
+
+    def clients(self) -> list[ClientInfo]:
+        """List the clients that are connected to the server, and how far their clocks are off.
+
+        Returns:
+            One record for each client that has told its clock, this one included.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            InvalidArgumentException: The server is older than this request.
+            ProtocolError: The reply is malformed.
+        """
+        return self._connection.call(info_requests.clients())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """Return the parent of a frame.

@@ -25,6 +25,7 @@ from zenoh_tf.errors import (
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
+    TransformException,
 )
 
 from . import info_requests
@@ -38,6 +39,13 @@ from .session_calls import SessionCalls
 T = TypeVar("T")
 
 _HELLO_PERIOD_S: Final = 0.05
+#: A client that makes calls says hello again this often: clocks drift apart, and the server
+#: measures them.
+_CLOCK_PERIOD_S: Final = 10.0
+#: The second time comes sooner, as it is the first that can tell a round trip.
+_FIRST_CLOCK_PERIOD_S: Final = 1.0
+#: How much longer a read may take for it.
+_CLOCK_TIMEOUT_S: Final = 0.5
 #: If other trees are served, the wait for one that is not ends after this time.
 _OTHER_TREES_GRACE_S: Final = 1.0
 _OTHER_TREES_PERIOD_S: Final = 0.25
@@ -88,6 +96,7 @@ class Connection:
         self._lock = threading.Lock()
         self._server: ServerInfo | None = None
         self._round_trip_ns: int | None = None  # of the last hello
+        self._next_hello_s = 0.0
         #: What this client may do; None if the server has no access rules.
         self._access: Access | None = None
         # A request id: random per connection, then counted.
@@ -163,8 +172,12 @@ class Connection:
         timeout_s = self.timeout_s + wait_s
         reply = self._query_until_served(key, payload, timeout_s)
         if isinstance(reply, NoReply):
-            self._check_new_rules(operation, body)
+            if reply.at_once:
+                self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
+        if time.monotonic() >= self._next_hello_s:
+            with contextlib.suppress(TransformException):  # the read itself was answered
+                self._hello(_CLOCK_TIMEOUT_S)
         wire.raise_error(reply)
         return reply
 
@@ -188,6 +201,8 @@ class Connection:
 
     def _write_once(self, operation: str, body: wire.Message, instance: str) -> wire.Message:
         server = self._known_server()
+        if time.monotonic() >= self._next_hello_s:
+            server = self._hello(self.timeout_s)  # for an expiry by the clocks as they are now
         key = self._key(operation, body)
         timeout_ns = int(self.timeout_s * 1e9)
         write = wire.Write(
@@ -292,6 +307,8 @@ class Connection:
             time.sleep(_HELLO_PERIOD_S)
 
     def _hello(self, timeout_s: float) -> ServerInfo:
+        period_s = _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
+        self._next_hello_s = time.monotonic() + period_s
         request = info_requests.hello(
             self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
         )

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import MISSING, fields
 from typing import Any, Final
 
-from zenoh_tf import AuthorityInfo, FrameChange, FrameInfo, wire
+from zenoh_tf import AuthorityInfo, ClientInfo, FrameChange, FrameInfo, wire
 from zenoh_tf.errors import ProtocolError
 
 from . import columns
@@ -68,7 +68,17 @@ def authorities() -> Request[list[AuthorityInfo]]:
     return Call("info", wire.call_body("authorities"), parse)
 
 
-def _record(value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo]) -> dict[str, Any]:
+def clients() -> Request[list[ClientInfo]]:
+    def parse(reply: wire.Message) -> list[ClientInfo]:
+        records = wire.parse_value(reply, list)
+        return [ClientInfo(**_record(record, ClientInfo)) for record in records]
+
+    return Call("info", wire.call_body("clients"), parse)
+
+
+def _record(
+    value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo | ClientInfo]
+) -> dict[str, Any]:
     """Return the fields of a record that this client knows: a newer server may send more, and an
     older one leaves out those that have a default."""
     required = {entry.name for entry in fields(kind) if entry.default is MISSING}

@@ -1,13 +1,15 @@
 """Remote clients as processes: ``python -m demo_robot.clients ROLE --connect E --seconds S``.
 
-Each prints one JSON line with what it measured.
+Each prints one JSON line with what it measured, after S seconds or at SIGTERM.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import signal
 import statistics
+import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -16,6 +18,8 @@ import numpy as np
 from demo_robot import motion
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
+
+_stopped = threading.Event()
 
 #: The object stays this far in front of the gripper while it is held, in metres.
 GRIP_M = 0.1
@@ -135,11 +139,10 @@ def measure_rates(tf: TransformClient, seconds: float) -> dict[str, object]:
 
 
 def _until(seconds: float, pause_s: float = 0.0) -> Iterator[None]:
-    """Iterate until ``seconds`` have passed."""
+    """Iterate until ``seconds`` have passed, or SIGTERM came."""
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    while time.monotonic() < end and not _stopped.wait(pause_s):
         yield
-        time.sleep(pause_s)
 
 
 def _ms(age_ns: int) -> float:
@@ -169,6 +172,7 @@ def main() -> None:
     parser.add_argument("--connect", required=True)
     parser.add_argument("--seconds", type=float, required=True)
     args = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: _stopped.set())
     with TransformClient.connect(args.connect) as tf:
         print(json.dumps(ROLES[args.role](tf, args.seconds)), flush=True)
 

@@ -11,14 +11,14 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, Protocol
 
 from zenoh_tf import wire
-from zenoh_tf._core import Budget
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, NotDurable
 
 from .limits import Limits
+from .reads import Reads
 from .static_links import NO_TICKET
 
 if TYPE_CHECKING:
-    from zenoh_tf._core import Rows
+    from zenoh_tf._core import Budget, Rows
 
 #: The reply to an operation whose own has no room. Each operation has room for that.
 NO_ROOM: Final = wire.pack(
@@ -38,14 +38,6 @@ _PAUSE_S: Final = 20e-6
 
 class Operations(Protocol):
     """What the service does for the operations of a batch."""
-
-    def read_one(
-        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget
-    ) -> wire.Message | None:
-        """The reply to a single lookup, or None if it fails or is of an uncommon kind."""
-
-    def read(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
-        """The reply to a lookup that does not wait."""
 
     def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
         """The reply to a commit, and a ticket for `wait_until_durable`."""
@@ -68,6 +60,7 @@ class Batch:
         body: wire.Message,
         limits: Limits,
         instance: str,
+        reads: Reads,
         operations: Operations,
     ) -> None:
         """Parse the message.
@@ -80,6 +73,7 @@ class Batch:
         limits.check("operations", len(self._list))
         self._limits = limits
         self._instance = instance
+        self._reads = reads
         self._operations = operations
         self._budget = limits.budget()
         self._error_bytes = limits.error_bytes
@@ -162,13 +156,13 @@ class Batch:
 
     def _lookup(self, body: wire.Message) -> wire.Message:
         one = wire.parse_one_read(body)
-        if one is not None and (found := self._operations.read_one(*one, self._budget)):
+        if one is not None and (found := self._reads.one(*one, self._budget)):
             self._count(1)
             return found
         lookup = wire.parse_lookup(body)
         self._count(lookup.rows)
         if not lookup.timeout_ns:
-            return self._operations.read(lookup, self._budget)
+            return self._reads.rows(lookup, self._budget)
         if self.commits:
             raise InvalidArgumentException(
                 "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
@@ -189,7 +183,8 @@ class Batch:
 
     def _fit(self, reply: wire.Message) -> bytes:
         """The reply's bytes, or those of an error if they have no room."""
-        data = wire.pack(reply)
+        is_long = len(reply.get("status", b"")) > 1
+        data = wire.pack_in_steps(reply) if is_long else wire.pack(reply)
         extra = len(data) - len(NO_ROOM)
         if extra > 0:
             try:

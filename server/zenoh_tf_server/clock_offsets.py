@@ -7,6 +7,9 @@ one has the most delay in it. Both together say what is wrong: a clock that runs
 above zero, a slow or queueing sensor only the smaller one, and a clock that drifts moves both
 together.
 
+A client tells its clock in `hello`. That clock less the arrival is the clock error less the time
+that the message needed. The next `hello` tells the round trip of this one, which bounds that time.
+
 Thread safety: all methods.
 """
 
@@ -16,18 +19,21 @@ import threading
 import time
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-#: Differences older than two of these do not count.
+#: Differences older than two of these do not count, as long as there are newer ones.
 WINDOW_NS: Final = 10_000_000_000
 #: Authorities and clients remembered, each; the one that was heard longest ago is forgotten.
+#: Clients are also forgotten when they disconnect.
 _MAX_ENTRIES: Final = 4096
 #: An interval that excludes zero by more than this is reported.
 REPORT_S: Final = 1.0
-#: Assumed of a client that does not know its round trip yet.
+#: Assumed of a client's first `hello`, until the next one tells its round trip.
 _UNKNOWN_DELAY_NS: Final = 1_000_000_000
 #: Stamps further back than this are of a simulation or a recording, not of a wrong clock.
 _LONGEST_AGO_S: Final = 86_400.0
+
+_Entry = TypeVar("_Entry")
 
 
 @dataclass(slots=True)
@@ -40,10 +46,11 @@ class _Window:
     least_before_ns: int
     greatest_before_ns: int
     last_ns: int
+    heard_ns: int
 
     @classmethod
     def of(cls, now_ns: int, least_ns: int, greatest_ns: int) -> _Window:
-        return cls(now_ns, least_ns, greatest_ns, least_ns, greatest_ns, greatest_ns)
+        return cls(now_ns, least_ns, greatest_ns, least_ns, greatest_ns, greatest_ns, now_ns)
 
     def add(self, now_ns: int, least_ns: int, greatest_ns: int) -> None:
         elapsed_ns = now_ns - self.begin_ns
@@ -57,6 +64,7 @@ class _Window:
             self.least_ns = min(self.least_ns, least_ns)
             self.greatest_ns = max(self.greatest_ns, greatest_ns)
         self.last_ns = greatest_ns
+        self.heard_ns = now_ns
 
     def interval_s(self) -> tuple[float, float]:
         return (
@@ -65,18 +73,48 @@ class _Window:
         )
 
 
+@dataclass(slots=True)
+class _Client:
+    """What the messages of a client have told of its clock."""
+
+    heard_ns: int
+    ahead_ns: int  # of the last message
+    measured: _Window | None = None  # by those whose round trip is known
+
+    def tell(self, now_ns: int, ahead_ns: int, round_trip_ns: int) -> None:
+        """Note a message, and the round trip of the one before; negative: it is not known."""
+        if round_trip_ns >= 0:
+            least, greatest = self.ahead_ns, self.ahead_ns + round_trip_ns
+            if self.measured is None:
+                self.measured = _Window.of(self.heard_ns, least, greatest)
+            else:
+                self.measured.add(self.heard_ns, least, greatest)
+        self.heard_ns, self.ahead_ns = now_ns, ahead_ns
+
+    def interval_s(self) -> tuple[float, float]:
+        if self.measured is not None:
+            return self.measured.interval_s()
+        return self.ahead_ns * 1e-9, (self.ahead_ns + _UNKNOWN_DELAY_NS) * 1e-9
+
+
 class ClockOffsets:
     """Intervals of clock offsets: positive if the other clock, or its stamps, are ahead."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._authorities: OrderedDict[str, _Window] = OrderedDict()  # heard longest ago first
-        self._clients: OrderedDict[str, _Window] = OrderedDict()
+        self._clients: OrderedDict[str, _Client] = OrderedDict()
 
     def put_arrived(self, authority: str, arrival_ns: int, newest_stamp_ns: int) -> None:
         """Note the newest stamp of a put, and when it arrived by this machine's real-time clock."""
         ahead_ns = newest_stamp_ns - arrival_ns
-        self._add(self._authorities, authority, arrival_ns, ahead_ns, ahead_ns)
+        with self._lock:
+            window = self._authorities.get(authority)
+            if window is not None:
+                window.add(arrival_ns, ahead_ns, ahead_ns)
+            else:
+                window = _Window.of(arrival_ns, ahead_ns, ahead_ns)
+            _put_last(self._authorities, authority, window)
 
     def client_told(self, client: str, clock_ns: int, round_trip_ns: int) -> None:
         """Note a client's real-time clock when it sent a message that has arrived now.
@@ -84,28 +122,25 @@ class ClockOffsets:
         Args:
             client: The client's id.
             clock_ns: Its clock.
-            round_trip_ns: How long its last request and the reply took: an upper bound, mostly,
-                of the time that this message needed. Negative: it does not know.
+            round_trip_ns: How long its last such message and the reply took. Negative: it does
+                not know.
         """
         if not client or abs(clock_ns) >= 1 << 62:
             return
         now_ns = time.time_ns()
         ahead_ns = clock_ns - now_ns
-        delay_ns = _UNKNOWN_DELAY_NS if round_trip_ns < 0 else round_trip_ns
-        self._add(self._clients, client, now_ns, ahead_ns, ahead_ns + delay_ns)
-
-    def _add(
-        self, windows: OrderedDict[str, _Window], name: str, now_ns: int, least: int, greatest: int
-    ) -> None:
         with self._lock:
-            window = windows.get(name)
-            if window is not None:
-                window.add(now_ns, least, greatest)
-                windows.move_to_end(name)
-                return
-            windows[name] = _Window.of(now_ns, least, greatest)
-            if len(windows) > _MAX_ENTRIES:
-                windows.popitem(last=False)
+            known = self._clients.get(client)
+            if known is not None:
+                known.tell(now_ns, ahead_ns, round_trip_ns)
+            else:
+                known = _Client(now_ns, ahead_ns)
+            _put_last(self._clients, client, known)
+
+    def client_gone(self, client: str) -> None:
+        """Forget a client that is not connected any more."""
+        with self._lock:
+            self._clients.pop(client, None)
 
     def add_to(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """The authority records with what is known of each one's clock."""
@@ -114,19 +149,54 @@ class ClockOffsets:
         nothing = dict.fromkeys(("clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"))
         return [{**record, **known.get(record["name"], nothing)} for record in records]
 
-    def suspicious(self) -> list[tuple[str, str]]:
-        """Authorities and clients whose clock seems wrong: whose, and why."""
+    def client_records(self) -> list[dict[str, Any]]:
+        """A record of each connected client that has told its clock."""
+        now_ns = time.time_ns()
         with self._lock:
-            all_windows = [
-                (f"{kind} {name!r}", kind, window.interval_s())
-                for kind, windows in (("authority", self._authorities), ("client", self._clients))
-                for name, window in windows.items()
+            known = [(name, it.interval_s(), it.heard_ns) for name, it in self._clients.items()]
+        return [
+            {
+                "client": name,
+                "clock_offset_min_s": least,
+                "clock_offset_max_s": greatest,
+                "clock_age_s": max(0.0, (now_ns - heard_ns) * 1e-9),
+            }
+            for name, (least, greatest), heard_ns in known
+        ]
+
+    def worst_clients_s(self) -> tuple[float, float]:
+        """By how much the client clock that leads most is ahead at least, and the one that lags
+        most is behind at least; 0 if none is."""
+        with self._lock:
+            intervals = [client.interval_s() for client in self._clients.values()]
+        ahead = max((least for least, _ in intervals), default=0.0)
+        behind = max((-greatest for _, greatest in intervals), default=0.0)
+        return max(0.0, ahead), max(0.0, behind)
+
+    def suspicious(self) -> list[tuple[str, str]]:
+        """Authorities and clients whose clock seems wrong: whose, and why. Those that are silent
+        are left out."""
+        heard_after_ns = time.time_ns() - 2 * WINDOW_NS
+        with self._lock:
+            heard = [
+                (kind, name, one.interval_s())
+                for kind, all_ in (("authority", self._authorities), ("client", self._clients))
+                for name, one in all_.items()
+                if one.heard_ns > heard_after_ns
             ]
         return [
-            (owner, reason)
-            for owner, kind, (least, greatest) in all_windows
+            (f"{kind} {name!r}", reason)
+            for kind, name, (least, greatest) in heard
             if (reason := _judge(kind, least, greatest)) is not None
         ]
+
+
+def _put_last(entries: OrderedDict[str, _Entry], name: str, entry: _Entry) -> None:
+    """Make an entry the last, and forget the first if there are too many."""
+    entries[name] = entry
+    entries.move_to_end(name)
+    if len(entries) > _MAX_ENTRIES:
+        entries.popitem(last=False)
 
 
 def _fields(window: _Window) -> dict[str, float]:
@@ -140,12 +210,11 @@ def _fields(window: _Window) -> dict[str, float]:
 
 def _judge(kind: str, least_s: float, greatest_s: float) -> str | None:
     """Why an interval is reported; None if it is not."""
-    what = "its stamps are" if kind == "authority" else "its clock is"
+    stamps = kind == "authority"
+    what = "its stamps are" if stamps else "its clock is"
     if least_s > REPORT_S:
         return f"{what} {least_s:.1f} to {greatest_s:.1f} s ahead of this server's clock"
     if -_LONGEST_AGO_S < greatest_s < -REPORT_S:
-        return (
-            f"{what} {-greatest_s:.1f} to {-least_s:.1f} s behind this server's clock: its clock "
-            "is wrong, or its data is late"
-        )
+        why = ": its clock is wrong, or its data is late" if stamps else ""
+        return f"{what} {-greatest_s:.1f} to {-least_s:.1f} s behind this server's clock{why}"
     return None

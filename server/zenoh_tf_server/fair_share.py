@@ -30,7 +30,8 @@ class FairShare:
             LimitExceeded: It never can: `n` is above the limit.
             ServerBusy: It cannot hold them now.
         """
-        self._limits.check(self._name, n)
+        if n > self._limit:
+            raise self._limits.exceeded(self._name, n)
         free = self._limit - self.total - n
         held = self._held.get(client, 0) + n
         # The last one goes to a client that has none, so that a limit of 1 means 1.
@@ -46,7 +47,7 @@ class FairShare:
             )
 
     def take(self, client: str, n: int) -> None:
-        """Add `n` to what the client holds. Does not check."""
+        """Add `n` to what the client holds; a negative `n` must leave it some. Does not check."""
         if n:
             self._held[client] = self._held.get(client, 0) + n
             self.total += n

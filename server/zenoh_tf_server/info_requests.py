@@ -20,7 +20,7 @@ from .refusals import Refusals
 _LARGE_TREE: Final = 100_000
 #: How long the counts of a large tree are used.
 _COUNTS_AGE_S: Final = 1.0
-#: What a record of an authority costs, as a multiple of a name's.
+#: What a record of an authority or a client costs, as a multiple of a name's.
 _RECORD: Final = 20
 #: What a frame of a chain costs, for which it is also looked up.
 _CHAINED: Final = 4
@@ -65,6 +65,8 @@ class InfoRequests:
         self._refusals = refusals
         self._clocks = clocks
         self._counters = counters
+        #: The addresses of the clients by their ids; the server that has their links sets it.
+        self.addresses: Callable[[], dict[str, str]] = dict
         self._stats = _Counted(tree.stats)
         self._authorities = _Counted(tree._authority_records)
 
@@ -81,6 +83,8 @@ class InfoRequests:
             return tree._frame_record(self._frame(message, "frame"))
         if what == "authorities":
             return self._authority_records(budget)
+        if what == "clients":
+            return self._client_records(budget)
         if what == "parent":
             return tree.parent(self._frame(message, "frame"), _stamp(message))
         if what == "chain":
@@ -119,6 +123,13 @@ class InfoRequests:
         records = self._merged(self._authorities.value(frames))
         budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
         return records
+
+    def _client_records(self, budget: Budget) -> list[dict[str, Any]]:
+        budget.take_listed(1)
+        addresses = self.addresses()
+        records = self._clocks.client_records()
+        budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
+        return [{**record, "address": addresses.get(record["client"])} for record in records]
 
     def _stats_of(self, budget: Budget) -> dict[str, int]:
         frames = self._tree._frame_count()

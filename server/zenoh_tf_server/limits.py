@@ -15,6 +15,9 @@ from zenoh_tf import wire
 from zenoh_tf._core import Budget
 from zenoh_tf.errors import LimitExceeded
 
+#: Names that a row may use: target, source and the fixed frame.
+_NAMES_PER_ROW: Final = 3
+
 
 def _limit(default: int, meaning: str, when_hit: str) -> int:
     value: int = field(default=default, metadata={"meaning": meaning, "when_hit": when_hit})
@@ -211,6 +214,11 @@ class Limits:
         limit: int = getattr(self, name)
         if value > limit:
             raise self.exceeded(name, value)
+
+    def check_names(self, names: list[str]) -> None:
+        """Refuse a message that has more names than the most rows can use."""
+        if len(names) > _NAMES_PER_ROW * self.rows:
+            raise self.exceeded("rows", len(names) // _NAMES_PER_ROW)
 
     def exceeded(self, name: str, value: int) -> LimitExceeded:
         """The error for a `value` above the limit `name`."""

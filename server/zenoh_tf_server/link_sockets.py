@@ -43,10 +43,15 @@ _Address = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class LinkSocket:
-    """A socket of Zenoh's: only asked and shut down here, never read, written or closed."""
+    """A socket of Zenoh's: only asked, set up and shut down here, never read, written or closed."""
 
     fd: int
     inode: int  # tells a socket from a later one with the same number
+
+    def do_not_linger(self) -> None:
+        """Let a close of the socket return at once."""
+        with contextlib.suppress(OSError), _borrowed(self.fd) as connection:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
 
     def is_open(self) -> bool:
         """True if the link still has its socket."""
@@ -136,6 +141,8 @@ class LinkSockets:
             key = f"{event.link.src} {event.link.dst}"
             if event.kind == zenoh.SampleKind.PUT:
                 found = _find(event.link.src, event.link.dst)
+                if found is not None:
+                    found.do_not_linger()
                 with self._lock:
                     self._by_peer.setdefault(peer, {})[key] = found
             else:
@@ -183,7 +190,6 @@ def _find(src: str, dst: str) -> LinkSocket | None:
                     and _plain(*connection.getpeername()[:2]) == ends[1]
                     and _plain(*connection.getsockname()[:2]) == ends[0]
                 ):
-                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
                     return LinkSocket(fd, status.st_ino)
     return None
 

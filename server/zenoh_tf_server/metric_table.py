@@ -149,6 +149,14 @@ DURATION: Final = Metric(
 )
 LIMIT: Final = Metric("limit", "gauge", "a limit of docs/limits.md, by name", ("limit",))
 CLIENTS: Final = _gauge("connected_clients", "clients that are connected")
+CLIENT_AHEAD: Final = _gauge(
+    "client_clock_ahead_seconds",
+    "least lead over the server's of the client clock that is most ahead; 0 if none is",
+)
+CLIENT_BEHIND: Final = _gauge(
+    "client_clock_behind_seconds",
+    "least lag behind the server's of the client clock that is most behind; 0 if none is",
+)
 THREADS: Final = _gauge("threads", "threads of Python in the server's process")
 READY: Final = _gauge("ready", "1 if the tree is claimed and served, else 0")
 HEALTHY: Final = _gauge("healthy", "1 if a worker has answered the latest probes, else 0")
@@ -159,7 +167,10 @@ BUILD: Final = Metric(
     "always 1; the labels say what runs",
     ("version", "python", "zenoh", "tree", "server_instance"),
 )
-OTHERS: Final = (REQUESTS, DURATION, LIMIT, CLIENTS, THREADS, READY, HEALTHY, PROBE, BUILD)
+OTHERS: Final = (
+    *(REQUESTS, DURATION, LIMIT, CLIENTS, CLIENT_AHEAD, CLIENT_BEHIND, THREADS),
+    *(READY, HEALTHY, PROBE, BUILD),
+)
 
 
 def all_metrics() -> Iterator[Metric]:

@@ -112,10 +112,13 @@ class Metrics:
         what_runs = (version("zenoh-tf"), platform.python_version(), version("eclipse-zenoh"))
         yield metric_table.BUILD, (*what_runs, *map(printable, labels)), 1.0
         yield metric_table.CLIENTS, (), float(len(server.clients))
+        ahead_s, behind_s = service.clocks.worst_clients_s()
+        yield metric_table.CLIENT_AHEAD, (), ahead_s
+        yield metric_table.CLIENT_BEHIND, (), behind_s
         for name, limit in service.limits.as_dict().items():
             yield metric_table.LIMIT, (name,), float(limit)
         yield from _from_stats(service.stats())
-        for name, fields in self._authorities.values(service.authorities()).items():
+        for name, fields in self._authorities.values(service.info_requests.authorities()).items():
             for field, value in fields.items():
                 yield FROM_AUTHORITIES[field], (name,), value
         yield from _from_requests(server)

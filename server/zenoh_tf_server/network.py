@@ -95,6 +95,12 @@ def certificates(session: zenoh.Session) -> Callable[[str], str | None]:
     return common_name
 
 
+def addresses(session: zenoh.Session) -> Callable[[], dict[str, str]]:
+    """A function that returns the address at the other end of each link, such as
+    ``tcp/10.0.0.7:50312``, by the Zenoh id there."""
+    return lambda: {str(link.zid): link.dst for link in session.info.links()}
+
+
 def _message(reason: str, listen: Sequence[str], connect: Sequence[str]) -> str:
     """Zenoh's reason in terms of the flags, without the paths into its sources."""
     if connect:

@@ -15,10 +15,10 @@ from typing import Final
 from .clients import UNKNOWN, Clients
 from .link_sockets import LinkSocket, LinkSockets
 
-#: This much may be sent to a link that takes more: Zenoh's own queue has room for two batches of
-#: 64 KiB.
+#: A link that is writable takes this much, whatever the kernel has free: Zenoh's own queue has room
+#: for two batches of 64 KiB.
 UNCHECKED_ROOM: Final = 60_000
-#: No more at once, so that clients take turns.
+#: No more is sent at once, so that clients take turns.
 _MAX_ROOM: Final = 1 << 20
 #: The longest reply to a client that takes no parts. It is sent when nothing is before it, and then
 #: fits into the kernel's buffer of a usual system.

@@ -112,9 +112,9 @@ class ReplyCache:
             entry = self._entries[request_id]
             entry.outcome, entry.failed = outcome, failed
             waiting, entry.waiting = entry.waiting, []
-            self._bytes.give_back(entry.client, entry.size)
-            entry.size = _OVERHEAD_BYTES + len(outcome)
-            self._bytes.take(entry.client, entry.size)
+            size = _OVERHEAD_BYTES + len(outcome)
+            self._bytes.take(entry.client, size - entry.size)
+            entry.size = size
             heapq.heappush(self._finished, (entry.until_ns, request_id))
         for on_repeat in waiting:
             on_repeat(outcome, failed)
@@ -146,9 +146,10 @@ class ReplyCache:
     ) -> int:
         until_ns = self.expiry(expires_ns)
         self._forget_expired()
-        self._count.check(client, 1, self._retry_after_s())
+        retry_after_s = self._retry_after_s()
+        self._count.check(client, 1, retry_after_s)
         size = _OVERHEAD_BYTES + reserve
-        self._bytes.check(client, size, self._retry_after_s())
+        self._bytes.check(client, size, retry_after_s)
         self._entries[request_id] = _Entry(client, what, until_ns, size)
         self._count.take(client, 1)
         self._bytes.take(client, size)

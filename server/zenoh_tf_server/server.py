@@ -98,6 +98,7 @@ class Server:
                 guard,
                 settings.future,
             )
+            service.info_requests.addresses = network.addresses(session)
             stream = Stream(tree, self.instance, limits)
             stack.callback(stream.close)
             stream.start(session, settings.tree)

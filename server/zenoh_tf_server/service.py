@@ -12,28 +12,26 @@ import logging
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf.errors import (
-    InvalidArgumentException,
-    TransformException,
-)
-from zenoh_tf.text import quoted
+from zenoh_tf.errors import TransformException
 
+from .admin_requests import AdminRequests
 from .batches import Batch
 from .clock_offsets import ClockOffsets
 from .future_stamps import FutureStamps
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
-from .rate_limited_log import RateLimitedLog
+from .reads import Reads
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
 from .request_counters import RequestCounters
 from .request_guard import RequestGuard
 from .state_file import Stored
-from .static_links import NO_TICKET, StaticLinks, apply
+from .static_links import NO_TICKET, StaticLinks
+from .tree_commits import apply
 from .waiters import Waiters
 from .writes import Writes
 
@@ -42,13 +40,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("zenoh_tf.server")
 
-#: Bytes of a row in a lookup's reply: status, stamp, newest stamp and pose.
-_ROW_BYTES: Final = 1 + 8 + 8 + 56
-#: Names that a row may use: target, source and the fixed frame.
-_NAMES_PER_ROW: Final = 3
-
 
 class Service:
+    """Serves the requests of one tree; see the module."""
+
     def __init__(
         self,
         tree: TransformTree,
@@ -65,19 +60,20 @@ class Service:
         self.instance = instance
         self.limits = limits
         self.waiters = Waiters(tree, limits, loop)
+        self._reads = Reads(tree, limits)
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
         self.clocks = ClockOffsets()
-        self._info = InfoRequests(tree, limits, self.refusals, self.clocks, self._counters)
+        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, self._counters)
         self._future = future or FutureStamps()
-        self._admin_log = RateLimitedLog(log)
         self._reply_cache = ReplyCache(limits)
         self._writes = Writes(instance, self._reply_cache, self.error)
         self.name = name
         self.requests = RequestCounters()
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
+        self._admin_requests = AdminRequests(self._links, limits)
         self._identity = {
             "tree": name,
             "instance": instance,
@@ -135,10 +131,6 @@ class Service:
 
             self._operations[operation] = reply
 
-    def authorities(self) -> list[dict[str, Any]]:
-        """The records of all authorities, with what was refused of each, and its clock."""
-        return self._info.authorities()
-
     @staticmethod
     def _typed(error: Exception) -> TransformException:
         if not isinstance(error, (TransformException, TypeError, ValueError, OverflowError)):
@@ -148,6 +140,7 @@ class Service:
     def client_gone(self, client: str) -> None:
         """Release what a client holds that is not connected any more."""
         self.waiters.client_gone(client)
+        self.clocks.client_gone(client)
 
     def _pack(self, reply: wire.Message) -> bytes:
         reply["v"] = wire.VERSION
@@ -156,7 +149,9 @@ class Service:
 
     def _pack_within(self, reply: wire.Message) -> bytes:
         """Raises LimitExceeded for more bytes than a reply may have."""
-        data = self._pack(reply)
+        reply["v"] = wire.VERSION
+        reply["instance"] = self.instance
+        data = wire.pack_in_steps(reply)
         self.limits.check("reply_bytes", len(data))
         return data
 
@@ -164,14 +159,14 @@ class Service:
 
     def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         one = wire.parse_one_read(message)
-        if one is not None and (found := self.read_one(*one)) is not None:
+        if one is not None and (found := self._reads.one(*one)) is not None:
             reply_to(self._pack(found), False)
             return
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)
         budget = self.limits.budget()
         if not lookup.timeout_ns:
-            reply_to(self._pack_within(self.read(lookup, budget)), False)
+            reply_to(self._pack_within(self._reads.rows(lookup, budget)), False)
             return
 
         def settle(found: list[Rows]) -> None:
@@ -191,51 +186,6 @@ class Service:
 
         self.waiters.ask(lookups, reply_to.client, budget, settle, fail)
 
-    def read_one(
-        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget | None = None
-    ) -> wire.Message | None:
-        """Fast path of a single lookup without options: the reply's fields, or None if the lookup
-        fails or is of another kind. The general path then finds out why."""
-        tree = self.tree
-        newest_ns = None
-        try:
-            if budget is not None:
-                budget.take_links(tree._links((target, source)) + 1)
-            if op == wire.OP_AT and stamp_ns != wire.NO_STAMP:
-                found = tree.lookup_transform(target, source, stamp_ns)
-            elif op == wire.OP_COMMON:
-                found = tree.lookup_transform(target, source)
-            elif op == wire.OP_LATEST:
-                found = latest = tree.lookup_latest_transform(target, source)
-                newest_ns = latest.newest_stamp_ns
-            elif op == wire.OP_LATEST_XACT:
-                found = latest = tree.lookup_latest_transform_xact(target, source)
-                newest_ns = latest.newest_stamp_ns
-            else:
-                return None
-        except TransformException:
-            return None
-        return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose())
-
-    def read(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
-        """The fields of the reply to a lookup that does not wait."""
-        self._check_names(lookup.names)
-        budget.take_reply(_ROW_BYTES * lookup.rows)
-        rows = self.tree._read_rows(
-            lookup.names,
-            lookup.op,
-            lookup.target,
-            lookup.source,
-            lookup.stamp,
-            lookup.fixed,
-            lookup.source_stamp,
-            atomic=lookup.atomic,
-            versions=lookup.versions,
-            errors=lookup.errors,
-            budget=budget,
-        )
-        return wire.lookup_reply(lookup, *rows)
-
     # --- writes
 
     def _commit(self, message: wire.Message, reply_to: ReplyCallback) -> None:
@@ -253,7 +203,7 @@ class Service:
         """The fields of the reply to a commit, and the ticket of its durability."""
         self._future.check(commit)
         commit.expires_ns = expires_ns
-        stored, ticket = self._store(commit)
+        stored, ticket = self._store(commit, by_call=True)
         return wire.commit_reply(stored), ticket
 
     def wait_until_durable(self, ticket: int) -> None:
@@ -263,26 +213,23 @@ class Service:
     def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
         """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
         `max_stamp_ns`. Static links are stored soon after."""
-        return self._store(commit, max_stamp_ns)[0]
+        return self._store(commit, max_stamp_ns, by_call=False)[0]
 
-    def _store(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> tuple[Any, int]:
+    def _store(
+        self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
+    ) -> tuple[Any, int]:
         """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
-        self._check_names(commit.names)
-        self._check_names(commit.read_names)
+        self.limits.check_names(commit.names)
+        self.limits.check_names(commit.read_names)
         if commit.static:
-            return self._links.commit(commit)
+            return self._links.commit(commit, by_call=by_call)
         stored = apply(self.tree, commit, max_stamp_ns)
         return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
-
-    def _check_names(self, names: list[str]) -> None:
-        """Refuse more names than the most rows can use."""
-        if len(names) > _NAMES_PER_ROW * self.limits.rows:
-            raise self.limits.exceeded("rows", len(names) // _NAMES_PER_ROW)
 
     # --- batches, info and administration
 
     def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        batch = Batch(message, self.limits, self.instance, self)
+        batch = Batch(message, self.limits, self.instance, self._reads, self)
         if batch.commits:
 
             def run(expires_ns: int) -> tuple[bytes, bytes]:
@@ -315,7 +262,7 @@ class Service:
             self._reply_to_hello(message, reply_to)
         else:
             budget = self.limits.budget()
-            reply_to(self._pack_within(self._info.reply(message, budget)), False)
+            reply_to(self._pack_within(self.info_requests.reply(message, budget)), False)
 
     def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if "clock_ns" in message:
@@ -327,7 +274,7 @@ class Service:
         """The fields of the reply to an info request."""
         if wire.text(message, "what") == "hello":
             return {"value": self._hello(message)}
-        return self._info.reply(message, budget)
+        return self.info_requests.reply(message, budget)
 
     def _counters(self) -> dict[str, int]:
         counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
@@ -343,25 +290,7 @@ class Service:
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
-            self._reply_cache.expiry(expires_ns)  # again, as late as can be
-            reply = self._pack(self._administer(message))
+            reply = self._pack(self._admin_requests.reply(message, expires_ns))
             return reply, reply
 
         self._writes.run(message, reply_to, "an administrative operation", run)
-
-    def _administer(self, message: wire.Message) -> wire.Message:
-        what = wire.text(message, "what")
-        if what == "clear":
-            ticket = self._links.clear(wire.flag(message, "keep_static", True))
-            self._admin_log.info("clear", "cleared the tree")
-        elif what == "reset":
-            ticket = self._links.reset()
-            self._admin_log.info("reset", "reset the tree: every frame is gone")
-        elif what == "remove_frame":
-            name = wire.name(message, "name", self.limits.name_bytes)
-            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"))
-            self._admin_log.info("remove_frame", f"removed frame {quoted(name)}")
-        else:
-            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
-        self._links.wait(ticket)
-        return {"value": None}

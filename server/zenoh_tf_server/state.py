@@ -18,7 +18,8 @@ from .limits import Limits
 from .remember import LastPoses
 from .state_file import Link, StateError, StateFile, Stored, Sync
 from .state_writer import StateWriter
-from .static_links import StaticLinks, apply
+from .static_links import StaticLinks
+from .tree_commits import apply
 
 log = logging.getLogger("zenoh_tf.server.state")
 

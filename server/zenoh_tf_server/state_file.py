@@ -21,7 +21,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 #: Tells the file from other SQLite databases ("ztfs").
 _APPLICATION_ID: Final = 0x7A746673
 _NAME: Final = "state.sqlite3"
@@ -30,7 +30,7 @@ _LINK_COLUMNS: Final = (
     "child TEXT PRIMARY KEY NOT NULL, parent TEXT NOT NULL, stamp_ns INTEGER NOT NULL, "
     "x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, "
     "qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL, qw REAL NOT NULL, "
-    "authority TEXT NOT NULL, checksum INTEGER NOT NULL"
+    "authority TEXT NOT NULL, by_call INTEGER NOT NULL, checksum INTEGER NOT NULL"
 )
 
 #: SQLite's codes for a file that is damaged, is none of its own, or has other tables.
@@ -59,6 +59,7 @@ class Link(NamedTuple):
     stamp_ns: int
     pose: tuple[float, ...]  # x y z qx qy qz qw of the child in the parent
     authority: str
+    by_call: bool = False  # a call has set it, not a put
 
 
 #: What is to be stored under (table, child): a link, the number of a removal, or None for nothing.
@@ -135,7 +136,7 @@ class StateFile:
                 elif isinstance(value, int):
                     execute("INSERT OR REPLACE INTO removed_links VALUES (?, ?)", (child, value))
                 else:
-                    places = ", ".join("?" * 12)
+                    places = ", ".join("?" * 13)
                     execute(
                         f"INSERT OR REPLACE INTO {table.value} VALUES ({places})",
                         _row(child, value),
@@ -224,8 +225,8 @@ class StateFile:
 
     def _links(self, table: Table) -> Iterator[tuple[str, Link]]:
         for row in self._database.execute(f"SELECT * FROM {table.value} ORDER BY child"):
-            child, parent, stamp_ns, *pose, authority, _ = row
-            link = Link(parent, stamp_ns, tuple(pose), authority)
+            child, parent, stamp_ns, *pose, authority, by_call, _ = row
+            link = Link(parent, stamp_ns, tuple(pose), authority, bool(by_call))
             if row != _row(child, link):
                 raise self._damaged(f"the row of {child!r} in {table.value} has a wrong checksum")
             yield child, link
@@ -251,8 +252,8 @@ def _row(child: str, link: Link) -> tuple[str | int | float, ...]:
     """A link as a row of its table. SQLite has no -0.0, hence the sum."""
     pose = tuple(value + 0.0 for value in link.pose)
     names = "\0".join((child, link.parent, link.authority)).encode()
-    checksum = zlib.crc32(names + struct.pack("<q7d", link.stamp_ns, *pose))
-    return child, link.parent, link.stamp_ns, *pose, link.authority, checksum
+    checksum = zlib.crc32(names + struct.pack("<q7d?", link.stamp_ns, *pose, link.by_call))
+    return child, link.parent, link.stamp_ns, *pose, link.authority, link.by_call, checksum
 
 
 def _lock(folder: Path) -> int:

@@ -27,6 +27,7 @@ from .limits import Limits
 from .rate_limited_log import RateLimitedLog
 from .state_file import Link, Stored, Table
 from .state_writer import StateWriter
+from .tree_commits import Stores, apply, last_links
 
 #: How often an announcement is tried that meets other commits of the same frames.
 _ANNOUNCE_ATTEMPTS: Final = 5
@@ -35,7 +36,6 @@ _MAX_SINGLE_ROWS: Final = 4096
 #: A ticket of nothing.
 NO_TICKET: Final = 0
 
-Stores = NDArray[np.uint8]
 Changed = dict[tuple[Table, str], Link | int | None]
 
 
@@ -57,6 +57,9 @@ class StaticLinks:
         #: Also held by the thread that stores last poses, so that no removed pose is stored.
         self.lock = threading.Lock()
         self._names = set(stored.static_links)
+        # Those of them that a call has set. No announcement replaces them: a call is a correction,
+        # and whoever announces does not know of it.
+        self._by_call = {name for name, link in stored.static_links.items() if link.by_call}
         self._remembered = frozenset(remembered)
         # Frames whose static link was removed, by the number of the removal; oldest first.
         self._removed = OrderedDict(stored.removed_links)
@@ -65,11 +68,15 @@ class StaticLinks:
         #: False: nothing is stored, and dynamic commits need no call of `made_dynamic`.
         self.is_stored = writer is not None
 
-    def commit(self, commit: wire.Commit) -> tuple[Stores, int]:
+    def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
         """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the ticket.
 
         An announcement stores a row only if its frame has no link and none was removed, or has a
-        static link of the same authority.
+        static link that the same authority has published.
+
+        Args:
+            commit: The transforms.
+            by_call: They come from a call, not from a put.
 
         Raises:
             TransformException: The commit is rejected.
@@ -77,7 +84,7 @@ class StaticLinks:
         with self.lock:
             if commit.announce:
                 return self._announce(commit)
-            return self._commit(commit)
+            return self._commit(commit, by_call=by_call)
 
     def made_dynamic(self, commit: wire.Commit) -> int:
         """Follow a dynamic commit that the tree has applied. Returns the ticket, which is
@@ -91,37 +98,41 @@ class StaticLinks:
             return NO_TICKET
         with self.lock:
             switched = [name for name in children & self._names if not self._is_static(name)]
-            self._names.difference_update(switched)
+            self._drop_names(switched)
             return self._put({(Table.STATIC_LINKS, name): None for name in switched})
 
-    def clear(self, keep_static: bool) -> int:
-        """Drop all samples, and static links unless they are kept. Returns the ticket."""
+    # The next three return the ticket, and raise TimeoutException if they could begin only after
+    # `expires_ns` of the monotonic clock.
+
+    def clear(self, keep_static: bool, expires_ns: int) -> int:
+        """Drop all samples, and static links unless they are kept."""
         with self.lock:
-            self._tree.clear(keep_static)
+            self._tree._clear(keep_static, expires_ns)
             gone = [] if keep_static else list(self._names)
             return self._put(self._forget(gone) | self._forget_poses(self._remembered))
 
-    def reset(self) -> int:
-        """Drop every frame, and what is known of removed links. Returns the ticket."""
+    def reset(self, expires_ns: int) -> int:
+        """Drop every frame, and what is known of removed links."""
         with self.lock:
-            self._tree.reset()
+            self._tree._reset(expires_ns)
             changes = self._forget_poses(self._remembered)
             changes |= {(Table.STATIC_LINKS, name): None for name in self._names}
             # The tree is as new: every broadcaster may announce its links to the next server.
             changes |= {(Table.REMOVED_LINKS, name): None for name in self._removed}
             self._names.clear()
+            self._by_call.clear()
             self._removed.clear()
             return self._put(changes)
 
-    def remove_frame(self, name: str, subtree: bool) -> int:
-        """Remove a frame, or all frames below it as well. Returns the ticket.
+    def remove_frame(self, name: str, subtree: bool, expires_ns: int) -> int:
+        """Remove a frame, or all frames below it as well.
 
         Raises:
             TransformException: The frame cannot be removed.
         """
         with self.lock:
             before = self._names | self._remembered
-            self._tree.remove_frame(name, subtree)
+            self._tree._remove_frame(name, subtree, expires_ns)
             gone = self._missing(list(before)) if subtree else before & {name}
             return self._put(
                 self._forget(list(gone & self._names)) | self._forget_poses(gone & self._remembered)
@@ -142,8 +153,8 @@ class StaticLinks:
 
     # --- the rest requires the lock
 
-    def _commit(self, commit: wire.Commit) -> tuple[Stores, int]:
-        links = _last_links(commit)
+    def _commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
+        links = last_links(commit, by_call=by_call)
         new = links.keys() - self._names
         self._names |= new
         try:
@@ -151,6 +162,10 @@ class StaticLinks:
         except BaseException:
             self._names -= new
             raise
+        if by_call:
+            self._by_call.update(links)
+        else:
+            self._by_call.difference_update(links)
         changes: Changed = {(Table.STATIC_LINKS, child): link for child, link in links.items()}
         for child in self._removed.keys() & links.keys():
             del self._removed[child]
@@ -198,7 +213,7 @@ class StaticLinks:
                 read_versions=np.array([v for v in versions if v is not None], np.uint64),
             )
             try:
-                _, ticket = self._commit(part)
+                _, ticket = self._commit(part, by_call=False)
             except TransactionConflict:
                 if attempt + 1 == _ANNOUNCE_ATTEMPTS:
                     raise
@@ -215,7 +230,11 @@ class StaticLinks:
         record = self._record(child)
         if record is None:
             return 0  # the version of a frame that does not exist
-        is_own = record["static"] and record["authority"] == commit.authority
+        is_own = (
+            record["static"]
+            and record["authority"] == commit.authority
+            and child not in self._by_call
+        )
         version: int = record["version"]
         return version if is_own or record["parent"] is None else None
 
@@ -225,7 +244,7 @@ class StaticLinks:
             self._log.warn(
                 f"statics of {commit.authority!r}",
                 f"announced again, but {rows.size} left out, {first!r} first: they were changed by "
-                "another authority, or removed, since",
+                "a call or another authority, or removed, since",
             )
 
     def _record(self, frame: str) -> dict[str, Any] | None:
@@ -251,11 +270,15 @@ class StaticLinks:
             self._last_removal += 1
             self._removed[name] = changes[Table.REMOVED_LINKS, name] = self._last_removal
             self._removed.move_to_end(name)
-        self._names.difference_update(names)
+        self._drop_names(names)
         while len(self._removed) > self._limits.removed_statics:
             oldest, _ = self._removed.popitem(last=False)
             changes[Table.REMOVED_LINKS, oldest] = None
         return changes
+
+    def _drop_names(self, names: list[str]) -> None:
+        self._names.difference_update(names)
+        self._by_call.difference_update(names)
 
     @staticmethod
     def _forget_poses(names: Iterable[str]) -> Changed:
@@ -265,41 +288,3 @@ class StaticLinks:
         if not changes or self._writer is None:
             return NO_TICKET
         return self._writer.put(changes)
-
-
-def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = None) -> Stores:
-    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old, 2 dropped as
-    later than `max_stamp_ns`."""
-    return tree._commit_rows(
-        commit.names,
-        commit.parent,
-        commit.child,
-        commit.stamp,
-        commit.pose,
-        authority=commit.authority,
-        static=commit.static,
-        drop_old=commit.drop_old,
-        read_names=commit.read_names,
-        read_versions=commit.read_versions,
-        expires_ns=commit.expires_ns,
-        max_stamp_ns=max_stamp_ns,
-    )
-
-
-def _last_links(commit: wire.Commit) -> dict[str, Link]:
-    """The link of each child as the tree has it after the commit: of several rows of one child it
-    applies the one with the highest stamp last, and the last of those."""
-    links: dict[str, Link] = {}
-    names = commit.names
-    columns = zip(
-        commit.parent.tolist(),
-        commit.child.tolist(),
-        commit.stamp.tolist(),
-        commit.pose.tolist(),
-        strict=True,
-    )
-    for parent, child, stamp_ns, pose in columns:
-        before = links.get(names[child])
-        if before is None or stamp_ns >= before.stamp_ns:
-            links[names[child]] = Link(names[parent], stamp_ns, tuple(pose), commit.authority)
-    return links

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from zenoh_tf_client import TransformClient
+
 from .conftest import Run, document, refusal, succeeds
 
 
@@ -227,6 +229,23 @@ def test_authorities(run: Run) -> None:
     assert ["a", "hand", *"1110110", "0", "-", "-"] in [line.split() for line in lines]
 
 
+def test_clients(run: Run, client: TransformClient) -> None:
+    name = str(client._connection.session.zid())
+    deadline_s = time.monotonic() + 20
+    while True:  # until it has told its clock
+        found = {each["client"]: each for each in document(run("clients", "--json"))["clients"]}
+        if name in found:
+            break
+        assert time.monotonic() < deadline_s
+        client.stats()
+    assert found[name]["clock_offset_min_s"] <= 0 <= found[name]["clock_offset_max_s"]
+    header, *lines = succeeds(run("clients")).splitlines()
+    assert header.split() == ["client", "address", "ahead_min_s", "ahead_max_s"]
+    assert (name, "tcp/127.0.0.1") in [
+        (line.split()[0], line.split()[1].rpartition(":")[0]) for line in lines
+    ]
+
+
 def test_authorities_of_an_empty_tree(run: Run) -> None:
     assert succeeds(run("authorities")) == "no authorities\n"
 
@@ -280,6 +299,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
     reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
+    reading |= {"clients"}
     assert {*commands} == reading | {
         "calibration",
         "certificates",

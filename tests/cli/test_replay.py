@@ -331,7 +331,7 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
         server.kill()
         if restarted:
             start_server(endpoint=server.endpoint)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=50)
     assert process.returncode == 1
     assert out == ""
     said = "zenoh-tf: the server was restarted" if restarted else "zenoh-tf: ServerUnavailable: "

@@ -83,6 +83,44 @@ TEST(a_commit_that_expires_while_it_waits_writes_nothing) {
   });
 }
 
+// As the commit above, for the writes that drop samples.
+TEST(a_removal_that_expires_while_it_waits_drops_nothing) {
+  const std::function<void(Tree&, std::int64_t)> removals[] = {
+      [](Tree& tree, std::int64_t expires_ns) { tree.clear(false, expires_ns); },
+      [](Tree& tree, std::int64_t expires_ns) { tree.reset(expires_ns); },
+      [](Tree& tree, std::int64_t expires_ns) { tree.remove_frame("a", false, expires_ns); },
+      [](Tree& tree, std::int64_t expires_ns) { tree.remove_frame("root", true, expires_ns); }};
+  for_each_concurrency([&](Concurrency c) {
+    for (const auto& remove : removals) {
+      World w(c);
+      w.set("root", "a", 1);
+      const FrameId a = w.id("a");
+      const Version before = w.tree.version(a);
+      const std::int64_t expires_ns = now_ns() + 20'000'000;
+      int stops = 0;
+      const std::function<void()> stop = [&] {
+        ++stops;
+        while (now_ns() < expires_ns) continue;
+      };
+      yield_hook = &stop;
+      bool is_rejected = false;
+      try {
+        remove(w.tree, expires_ns);
+      } catch (const Rejected& rejected) {
+        is_rejected = rejected.code == Code::timeout && rejected.field == "expires_ns";
+      }
+      yield_hook = nullptr;
+      CHECK(stops > 0);
+      CHECK(is_rejected);
+      CHECK_EQ(w.tree.version(a), before);
+      CHECK_EQ(w.tree.info(a).newest, 1);
+      CHECK(w.set("root", "a", 2));  // no lock was left
+      remove(w.tree, now_ns() + 1'000'000'000'000);
+      CHECK_EQ(w.tree.info(a).samples, 0u);
+    }
+  });
+}
+
 TEST(rows_from_the_future_are_rejected_or_dropped) {
   World w;
   w.set("root", "a", 1);

@@ -136,7 +136,7 @@ def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None
         [sys.executable, "-m", "zenoh_tf_server", "--config", str(path)],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=50,
         check=False,
     )
     assert done.returncode == 2

@@ -176,7 +176,15 @@ def test_something_else_listens(silent_port: str) -> None:
 def test_a_server_without_room(start_server: StartServer) -> None:
     server = start_server("--max-connections", "1")
     with server.connect():
-        unavailable(server.endpoint, Credentials(), "")
+        unavailable(server.endpoint, Credentials(), "--max-connections")
+
+
+def test_a_frozen_server(start_server: StartServer, files: Files) -> None:
+    server = start_server()
+    server.freeze()
+    unavailable(server.endpoint, Credentials(), "answers nothing", "stopped")
+    secure = server.endpoint.replace("tcp/", "tls/")
+    unavailable(secure, Credentials(ca=files.ca), "answers nothing", "stopped")
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ std::string_view text_of(nb::handle name, const char* field) {
   return {text, static_cast<std::size_t>(size)};
 }
 
-FrameId frame_of(const Tree& tree, nb::handle name, const char* field) {
+FrameRef frame_of(const Tree& tree, nb::handle name, const char* field) {
   const std::string_view text = text_of(name, field);
   if (text.empty()) raise_invalid(std::string(field) + " is empty", field);
   if (text[0] == '/') {
@@ -28,11 +28,13 @@ FrameId frame_of(const Tree& tree, nb::handle name, const char* field) {
                          " is spelled " + quoted(text.substr(1)),
                      facts));
   }
-  return tree.find(text);
+  return tree.find_ref(text);
 }
 
-Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
-  return {op, frame_of(tree, target, "target_frame"), frame_of(tree, source, "source_frame")};
+NamedQuery query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
+  const FrameRef target_ref = frame_of(tree, target, "target_frame");
+  const FrameRef source_ref = frame_of(tree, source, "source_frame");
+  return {{op, target_ref.id, source_ref.id}, target_ref, source_ref};
 }
 
 Stamp stamp_of(nb::handle stamp, const char* field) {

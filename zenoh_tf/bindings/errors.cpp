@@ -73,10 +73,12 @@ nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb:
   } else {
     const std::string child(tree.name(f.frame)), parent(tree.name(f.parent));
     facts["frame"] = child;
-    facts["parent_frame"] = parent;
+    if (f.parent != 0) facts["parent_frame"] = parent;
     facts["oldest_stamp_ns"] = f.oldest;
     facts["newest_stamp_ns"] = f.newest;
-    message = extrapolation_message(f, "the link from " + quoted(parent) + " to " + quoted(child)) +
+    message = extrapolation_message(f, "the link from " +
+                                           (f.parent != 0 ? quoted(parent) : "a removed frame") +
+                                           " to " + quoted(child)) +
               ", but " + ns(f.stamp) + " was requested to look up " + source_name + " in " +
               target_name;
   }

@@ -9,7 +9,7 @@ namespace {
 
 // The id of a frame that must exist.
 FrameId known(const Tree& tree, nb::handle name) {
-  const FrameId id = frame_of(tree, name, "frame");
+  const FrameId id = frame_of(tree, name, "frame").id;
   if (id == 0) {
     nb::dict facts;
     facts["frame"] = name;
@@ -78,7 +78,7 @@ T load(const std::atomic<T>& counter) {
 }
 
 // The fields of zenoh_tf.FrameInfo.
-nb::dict frame_record(const Tree& tree, nb::handle name) {
+nb::dict read_frame_record(const Tree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
   const FrameInfo info = info_holding_gil(tree, id);
   const FrameEvents& events = tree.events(id);
@@ -104,6 +104,10 @@ nb::dict frame_record(const Tree& tree, nb::handle name) {
   out["time_jumps"] = load(events.time_jumps);
   out["last_change"] = last_change(tree, info);
   return out;
+}
+
+nb::dict frame_record(const Tree& tree, nb::handle name) {
+  return tree.read_names([&] { return read_frame_record(tree, name); });
 }
 
 // The fields of zenoh_tf.AuthorityInfo, in the order of first commits.
@@ -149,17 +153,19 @@ std::uint64_t links(const Tree& tree, nb::handle frames) {
 }
 
 nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
-  const FrameId id = known(tree, frame);
   const Stamp at = stamp_of(stamp, "stamp_ns");
-  FrameId found;
-  {
-    const GilReleasedOnWait released;
-    found = tree.parent(id, at);
-  }
-  return name_or_none(tree, found);
+  return tree.read_names([&] {
+    const FrameId id = known(tree, frame);
+    FrameId found;
+    {
+      const GilReleasedOnWait released;
+      found = tree.parent(id, at);
+    }
+    return name_or_none(tree, found);
+  });
 }
 
-nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+nb::list read_chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
   Query query = query_of(tree, Op::at, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   std::vector<FrameId> ids;
@@ -174,7 +180,11 @@ nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handl
   return out;
 }
 
-nb::dict stats(const Tree& tree) {
+nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+  return tree.read_names([&] { return read_chain(tree, target, source, stamp); });
+}
+
+nb::dict read_stats(const Tree& tree) {
   std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0, frames = 0;
   std::optional<GilReleased> released(std::in_place);
   for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
@@ -190,6 +200,9 @@ nb::dict stats(const Tree& tree) {
     evicted += info.evicted;
   }
   released.reset();
+  rewritten += tree.totals_of_freed().rewritten;
+  dropped += tree.totals_of_freed().dropped;
+  evicted += tree.totals_of_freed().evicted;
   nb::dict out;
   out["frames"] = frames;
   out["static_links"] = statics;
@@ -205,10 +218,18 @@ nb::dict stats(const Tree& tree) {
   return out;
 }
 
+nb::dict stats(const Tree& tree) {
+  // If frames lose their names all the time, some of their events may count twice.
+  return tree.read_names([&] { return read_stats(tree); }, 3);
+}
+
 // What happened since the last call: maps, and how many events found no room.
 nb::tuple take_events(Tree& tree) {
   using Kind = TreeEvent::Kind;
-  const auto [events, lost] = tree.take_events();
+  const auto [events, lost] = [&] {
+    const GilReleasedOnWait released;
+    return tree.take_events();
+  }();
   const auto stamp = [](Stamp value) {
     return value == kNoStamp ? nb::none() : nb::object(nb::int_(value));
   };
@@ -216,18 +237,21 @@ nb::tuple take_events(Tree& tree) {
   const auto authority = [&](AuthorityId id) {
     return text(id <= tree.authorities() ? tree.authority(id) : std::string_view());
   };
+  const auto name_or_none = [](const std::string& name) {
+    return name.empty() ? nb::none() : text(name);
+  };
   nb::list out;
-  for (const TreeEvent& event : events) {
+  for (const auto& [event, frame, parent, parent_before] : events) {
     nb::dict record;
     record["kind"] = event.kind == Kind::late        ? "late"
                      : event.kind == Kind::time_jump ? "time_jump"
                      : event.kind == Kind::conflict  ? "conflict"
                                                      : "reparented";
-    record["frame"] = name_or_none(tree, event.frame);
+    record["frame"] = name_or_none(frame);
     record["authority"] = authority(event.authority);
     record["authority_before"] = authority(event.authority_before);
-    record["parent"] = name_or_none(tree, tree.info(event.frame).parent);
-    record["parent_before"] = name_or_none(tree, event.parent_before);
+    record["parent"] = name_or_none(parent);
+    record["parent_before"] = name_or_none(parent_before);
     record["stamp_ns"] = stamp(event.stamp);
     record["newest_stamp_ns"] = stamp(event.newest);
     record["count"] = event.count;

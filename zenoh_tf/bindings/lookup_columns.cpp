@@ -35,30 +35,45 @@ class RowCount {
 class FrameColumn {
  public:
   FrameColumn(const Tree& tree, nb::handle names, const char* field, RowCount& rows)
-      : single_(PyUnicode_Check(names.ptr())) {
+      : tree_(tree), field_(field), single_(PyUnicode_Check(names.ptr())) {
     if (single_) {
-      ids_.push_back(frame_of(tree, names, field));
+      items_ = nb::make_tuple(names);
+      frames_.push_back(frame_of(tree, names, field));
       return;
     }
-    const nb::tuple items = nb::steal<nb::tuple>(PySequence_Tuple(names.ptr()));
-    if (!items.is_valid()) {
+    items_ = nb::steal<nb::tuple>(PySequence_Tuple(names.ptr()));
+    if (!items_.is_valid()) {
       PyErr_Clear();
       raise_invalid(std::string(field) + " must be a name or a sequence of names", field);
     }
-    rows.fit(items.size(), field);
-    ids_.reserve(items.size());
+    rows.fit(items_.size(), field);
+    frames_.reserve(items_.size());
     // Often one str object is repeated many times in a row.
     const PyObject* last = nullptr;
-    for (const nb::handle item : items) {
-      ids_.push_back(item.ptr() == last ? ids_.back() : frame_of(tree, item, field));
+    for (const nb::handle item : items_) {
+      frames_.push_back(item.ptr() == last ? frames_.back() : frame_of(tree, item, field));
       last = item.ptr();
     }
   }
-  FrameId operator[](std::size_t row) const noexcept { return ids_[single_ ? 0 : row]; }
+  FrameId operator[](std::size_t row) const noexcept { return frames_[index(row)].id; }
+  // Returns whether the names of these rows still have the ids that were found. Needs no GIL.
+  [[nodiscard]] bool are_current(std::size_t begin, std::size_t end) const noexcept {
+    if (single_) return tree_.is_current(frames_[0]);
+    const auto rows = std::span(frames_).subspan(begin, end - begin);
+    return std::ranges::all_of(rows, [&](FrameRef frame) { return tree_.is_current(frame); });
+  }
+  [[nodiscard]] FrameRef find_again(std::size_t row) const {
+    return frame_of(tree_, items_[index(row)], field_);
+  }
 
  private:
+  [[nodiscard]] std::size_t index(std::size_t row) const noexcept { return single_ ? 0 : row; }
+
+  const Tree& tree_;
+  const char* const field_;
   const bool single_;
-  std::vector<FrameId> ids_;
+  nb::tuple items_;
+  std::vector<FrameRef> frames_;
 };
 
 // Stamps of a column, or one stamp for every row; kNoStamp only if None was given.
@@ -123,28 +138,49 @@ class StampColumn {
   std::optional<Column<Stamp>> column_;
 };
 
-void look_up(const Tree& tree, const FrameColumn& targets, const FrameColumn& sources,
-             const StampColumn& stamps, std::size_t n, std::uint8_t* status, Stamp* stamp,
-             double* pose) {
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+// The columns of the reply.
+struct Output {
+  std::uint8_t* status;
+  Stamp* stamp;
+  double* pose;
+
+  void store(std::size_t row, const Answer& a) const {
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    status[row] = static_cast<std::uint8_t>(a.failure.code);
+    stamp[row] = a.stamp;
+    if (a.failure.code == Code::ok)
+      std::copy_n(&a.pose.x, 7, pose + 7 * row);
+    else
+      std::fill_n(pose + 7 * row, 7, nan);
+  }
+};
+
+Query query_of_row(FrameId target, FrameId source, Stamp time) {
+  return {time == kNoStamp ? Op::latest_common : Op::at, target, source, time};
+}
+
+// Returns the rows whose names have lost their ids meanwhile.
+std::vector<std::size_t> look_up(const Tree& tree, const FrameColumn& targets,
+                                 const FrameColumn& sources, const StampColumn& stamps,
+                                 std::size_t n, const Output& out) {
+  std::vector<std::size_t> lost;
   std::vector<Query> queries(std::min(n, kPortion));
   std::vector<Answer> answers(queries.size());
   for (std::size_t done = 0; done < n; done += queries.size()) {
     const std::size_t portion = std::min(queries.size(), n - done);
-    for (std::size_t i = 0; i < portion; ++i) {
-      const Stamp time = stamps[done + i];
-      queries[i] = {time == kNoStamp ? Op::latest_common : Op::at, targets[done + i],
-                    sources[done + i], time};
-    }
+    for (std::size_t i = 0; i < portion; ++i)
+      queries[i] = query_of_row(targets[done + i], sources[done + i], stamps[done + i]);
     tree.lookup_batch({queries.data(), portion}, {answers.data(), portion});
-    for (std::size_t i = 0; i < portion; ++i) {
-      const Answer& a = answers[i];
-      const bool ok = a.failure.code == Code::ok;
-      *status++ = static_cast<std::uint8_t>(a.failure.code);
-      *stamp++ = a.stamp;
-      pose = ok ? std::copy_n(&a.pose.x, 7, pose) : std::fill_n(pose, 7, nan);
-    }
+    for (std::size_t i = 0; i < portion; ++i) out.store(done + i, answers[i]);
+    const auto are_current = [&](std::size_t begin, std::size_t end) {
+      return targets.are_current(begin, end) && sources.are_current(begin, end);
+    };
+    if (are_current(done, done + portion)) [[likely]]
+      continue;
+    for (std::size_t row = done; row < done + portion; ++row)
+      if (!are_current(row, row + 1)) lost.push_back(row);
   }
+  return lost;
 }
 
 // (status, stamps, poses) of one lookup per row.
@@ -155,17 +191,25 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle target_names, nb::handle s
   const FrameColumn sources(tree, source_names, "sources", rows);
   const StampColumn stamps(stamps_ns, rows);
   const std::size_t n = rows.value();
-  std::uint8_t* status;
-  Stamp* stamp;
-  double* pose;
-  const nb::object out[] = {make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { status = d; }),
-                            make_array<Stamp>({n}, [&](Stamp* d) { stamp = d; }),
-                            make_array<double>({n, 7}, [&](double* d) { pose = d; })};
+  Output out;
+  const nb::object columns[] = {
+      make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { out.status = d; }),
+      make_array<Stamp>({n}, [&](Stamp* d) { out.stamp = d; }),
+      make_array<double>({n, 7}, [&](double* d) { out.pose = d; })};
+  std::vector<std::size_t> lost;
   {
     const GilReleased released;
-    look_up(tree, targets, sources, stamps, n, status, stamp, pose);
+    lost = look_up(tree, targets, sources, stamps, n, out);
   }
-  return nb::make_tuple(out[0], out[1], out[2]);
+  for (const std::size_t row : lost) {
+    Answer answer;
+    lookup_holding_gil(tree, answer, [&] {
+      const FrameRef target = targets.find_again(row), source = sources.find_again(row);
+      return NamedQuery{query_of_row(target.id, source.id, stamps[row]), target, source};
+    });
+    out.store(row, answer);
+  }
+  return nb::make_tuple(columns[0], columns[1], columns[2]);
 }
 
 }  // namespace

@@ -13,4 +13,5 @@ NB_MODULE(_core, m) {
   ztf::bind_change_log(m);
   ztf::bind_change_replay(m);
   ztf::bind_message_size(m);
+  ztf::bind_join_buffers(m);
 }

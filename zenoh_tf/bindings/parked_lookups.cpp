@@ -134,11 +134,12 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   [[nodiscard]] std::string refusal() const;
   void look_up_now(std::size_t i, Answer& answer) {
     const auto [target, source, fixed] = rows_.names[i];
-    Query& query = rows_.queries[i];
-    query.target = tree_.find(rows_.texts[target]);
-    query.source = tree_.find(rows_.texts[source]);
-    if (query.op == Op::full) query.fixed = tree_.find(rows_.texts[fixed]);
-    lookup_holding_gil(tree_, query, answer);
+    for (const std::uint32_t name : {target, source, fixed})
+      rows_.frames[name] = tree_.find_ref(rows_.texts[name]);
+    rows_.look_up_row(tree_, i, [&](const Query& query) {
+      const GilReleasedOnWait released;
+      tree_.lookup(query, answer);
+    });
   }
 
   const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive

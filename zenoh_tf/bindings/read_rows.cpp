@@ -45,8 +45,8 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
   if (budget) {
     std::uint64_t bytes = 0;
     for (const ReadVersion& r : read_set) bytes += tree.name(r.frame).size() + 11;
-    for (std::size_t i = 0; i < rows.ids.size(); ++i)
-      if (rows.ids[i] == 0) bytes += rows.texts[i].size() + 11;
+    for (std::size_t i = 0; i < rows.frames.size(); ++i)
+      if (rows.frames[i].id == 0) bytes += rows.texts[i].size() + 11;
     budget->reply_bytes.take(bytes);
   }
   nb::list read_names;
@@ -55,8 +55,8 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
     read_names.append(nb::str(name.data(), name.size()));
   }
   std::size_t unknown = 0;
-  for (std::size_t i = 0; i < rows.ids.size(); ++i)
-    if (rows.ids[i] == 0 && !rows.invalid_name[i]) {
+  for (std::size_t i = 0; i < rows.frames.size(); ++i)
+    if (rows.frames[i].id == 0 && !rows.invalid_name[i]) {
       read_names.append(rows.name_objects[i]);
       ++unknown;
     }
@@ -74,13 +74,24 @@ void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_read
   ReadSet reads;
   if (atomic) {
     do tree.lookup_transaction(rows.queries, answers, reads, max_reads);
-    while (!rows.refresh_ids(tree));
+    while (!rows.find_names_again(tree));
     if (read_set) read_set->add(reads);
   } else if (!read_set) {
     tree.lookup_batch(rows.queries, answers);
+    std::vector<bool> lost(rows.frames.size());
+    for (std::size_t i = 0; i < lost.size(); ++i) lost[i] = !tree.is_current(rows.frames[i]);
+    if (std::find(lost.begin(), lost.end(), true) == lost.end()) [[likely]]
+      return;
+    for (std::size_t i = 0; i < answers.size(); ++i) {
+      const auto [target, source, fixed] = rows.names[i];
+      if (lost[target] || lost[source] || lost[fixed])
+        rows.look_up_row(tree, i, [&](const Query& query) { tree.lookup(query, answers[i]); });
+    }
   } else {
     for (std::size_t i = 0; i < answers.size(); ++i) {
-      tree.lookup_transaction({&rows.queries[i], 1}, {&answers[i], 1}, reads);
+      rows.look_up_row(tree, i, [&](const Query& query) {
+        tree.lookup_transaction({&query, 1}, {&answers[i], 1}, reads);
+      });
       read_set->add(reads);
       if (read_set->list().size() > max_reads)
         throw Rejected{.code = Code::limit, .message = "the read set has too many frames"};
@@ -188,10 +199,10 @@ ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const ReadColumns& co
     : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
   for (std::size_t i = 0; i < name_objects.size(); ++i) {
     try {
-      ids.push_back(frame_of(tree, name_objects[i], "frame"));
+      frames.push_back(frame_of(tree, name_objects[i], "frame"));
     } catch (nb::python_error&) {
       invalid_name[i] = true;
-      ids.push_back(0);
+      frames.emplace_back();
     }
   }
   const std::size_t n = columns.op.shape(0);
@@ -213,8 +224,8 @@ void ReadRows::set(const ReadColumns& columns) {
       throw malformed("op must be below " + std::to_string(kOps) + ", not " + std::to_string(op),
                       "op");
     q.op = static_cast<Op>(op);
-    names[i] = {checked(columns.target(i), ids.size(), "target"),
-                checked(columns.source(i), ids.size(), "source"), 0};
+    names[i] = {checked(columns.target(i), frames.size(), "target"),
+                checked(columns.source(i), frames.size(), "source"), 0};
     q.stamp = columns.stamp(i);
     if (q.op == Op::at && q.stamp == kNoStamp)
       throw malformed("stamp_ns is -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
@@ -222,7 +233,7 @@ void ReadRows::set(const ReadColumns& columns) {
     if (q.op == Op::full) {
       if (!columns.fixed || !columns.source_stamp)
         throw malformed("a full lookup needs fixed and source_stamp_ns", "fixed");
-      names[i].fixed = checked((*columns.fixed)(i), ids.size(), "fixed");
+      names[i].fixed = checked((*columns.fixed)(i), frames.size(), "fixed");
       q.source_stamp = (*columns.source_stamp)(i);
     }
   }
@@ -230,32 +241,45 @@ void ReadRows::set(const ReadColumns& columns) {
 }
 
 void ReadRows::set_query_ids() {
-  for (std::size_t i = 0; i < queries.size(); ++i) {
-    queries[i].target = ids[names[i].target];
-    queries[i].source = ids[names[i].source];
-    if (queries[i].op == Op::full) queries[i].fixed = ids[names[i].fixed];
-  }
+  for (std::size_t i = 0; i < queries.size(); ++i) set_query_ids(i);
 }
 
-bool ReadRows::refresh_ids(const Tree& tree) {
+void ReadRows::set_query_ids(std::size_t row) {
+  Query& query = queries[row];
+  query.target = frames[names[row].target].id;
+  query.source = frames[names[row].source].id;
+  if (query.op == Op::full) query.fixed = frames[names[row].fixed].id;
+}
+
+bool ReadRows::find_names_again(const Tree& tree) {
   bool unchanged = true;
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    const FrameId id = invalid_name[i] ? 0 : tree.find(texts[i]);
-    unchanged &= id == ids[i];
-    ids[i] = id;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const FrameRef frame = invalid_name[i] ? FrameRef() : tree.find_ref(texts[i]);
+    unchanged &= frame == frames[i];
+    frames[i] = frame;
   }
   if (!unchanged) set_query_ids();
   return unchanged;
 }
 
+bool ReadRows::find_lost_names(const Tree& tree, std::size_t row) {
+  bool none = true;
+  for (const std::uint32_t name : {names[row].target, names[row].source, names[row].fixed}) {
+    if (tree.is_current(frames[name])) continue;
+    frames[name] = tree.find_ref(texts[name]);
+    none = false;
+  }
+  return none;
+}
+
 std::uint64_t ReadRows::links(const Tree& tree, std::uint64_t most) const {
   constexpr std::uint32_t kUnknown = 0xffffffff;
-  std::vector<std::uint32_t> depths(ids.size(), kUnknown);
+  std::vector<std::uint32_t> depths(frames.size(), kUnknown);
   const auto depth_of = [&](std::uint32_t name) {
     std::uint32_t& depth = depths[name];
     if (depth == kUnknown) {
       depth = 0;
-      for (FrameId id = ids[name]; id != 0 && depth <= tree.options().max_depth; ++depth)
+      for (FrameId id = frames[name].id; id != 0 && depth <= tree.options().max_depth; ++depth)
         id = tree.parent(id, kNoStamp);
     }
     return depth;

@@ -55,15 +55,24 @@ struct ReadRows {
   };
   std::vector<std::string_view> texts;   // point into name_objects
   std::vector<nb::object> name_objects;  // str
-  std::vector<FrameId> ids;              // 0 if there is no such frame
+  std::vector<FrameRef> frames;          // as the names were found last
   std::vector<bool> invalid_name;        // no frame can have it
   std::vector<Names> names;
   std::vector<Query> queries;
 
-  // Resolves the names again and updates the queries. Returns true if every name still has the
-  // id that the queries used: otherwise their answers may be from before a frame was created.
-  // Needs no GIL.
-  [[nodiscard]] bool refresh_ids(const Tree& tree);
+  // Finds all names again and updates the queries. Returns true if every name still has the id
+  // that the queries used: otherwise their answers may be another frame's, or from before a frame
+  // was created. Needs no GIL.
+  [[nodiscard]] bool find_names_again(const Tree& tree);
+  // Calls look_up(query) for one row, again if a name of it has lost its id meanwhile. Needs no
+  // GIL, unless look_up does.
+  template <class LookUp>
+  void look_up_row(const Tree& tree, std::size_t row, LookUp&& look_up) {
+    do {
+      set_query_ids(row);
+      look_up(queries[row]);
+    } while (!find_lost_names(tree, row));
+  }
 
   // The links that the rows climb at most, by the newest parents; if that is more than `most`, any
   // number above it. Costs a walk for each name that a row uses. Needs no GIL.
@@ -76,6 +85,9 @@ struct ReadRows {
 
  private:
   void set_query_ids();
+  void set_query_ids(std::size_t row);
+  // Finds those names of a row again that have lost their ids. Returns true if there are none.
+  bool find_lost_names(const Tree& tree, std::size_t row);
 };
 
 // How the failures of a reply are reported.

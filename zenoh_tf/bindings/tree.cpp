@@ -30,9 +30,10 @@ struct OwnedWaiter {
 
 constexpr std::int64_t kLeastMemory = 1 << 16;  // bytes
 
-// Blocks until there is an answer, none can come, or the deadline has passed. Returns the note
-// to append to a failure's message.
-[[gnu::noinline]] std::string wait(const Tree& tree, const Query& query, nb::handle target,
+// Blocks until there is an answer to the query that find_names() returns, none can come, or the
+// deadline has passed. Returns the note to append to a failure's message.
+template <class FindNames>
+[[gnu::noinline]] std::string wait(const Tree& tree, FindNames&& find_names, nb::handle target,
                                    nb::handle source, nb::handle fixed, double timeout_s,
                                    Answer& answer) {
   if (!(timeout_s >= 0)) raise_invalid("timeout_s must be 0 or more seconds", "timeout_s");
@@ -45,9 +46,10 @@ constexpr std::int64_t kLeastMemory = 1 << 16;  // bytes
   const auto slice =
       is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
   OwnedWaiter owned;
-  BlockingWaiter& waiter = owned.waiter.emplace(
-      tree.wait_list(), query, text_of(target, "target_frame"), text_of(source, "source_frame"),
-      fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
+  BlockingWaiter& waiter =
+      owned.waiter.emplace(tree.wait_list(), find_names(), text_of(target, "target_frame"),
+                           text_of(source, "source_frame"),
+                           fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
     bool done;
     {
@@ -61,7 +63,7 @@ constexpr std::int64_t kLeastMemory = 1 << 16;  // bytes
     }
     if (Clock::now() >= deadline) break;
   }
-  lookup_holding_gil(tree, waiter.query(), answer);  // the failure as of the deadline
+  lookup_holding_gil(tree, answer, find_names);  // the failure as of the deadline
   return waited(timeout_s);
 }
 
@@ -78,8 +80,8 @@ LatestTransform latest_answer(const Tree& tree, const Answer& a, nb::handle targ
   return {stamped_answer(tree, a, target, source), a.newest};
 }
 
-Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
-  Query query = query_of(tree, Op::latest_common, target, source);
+NamedQuery query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+  NamedQuery query = query_of(tree, Op::latest_common, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   if (query.stamp != kNoStamp) query.op = Op::at;
   return query;
@@ -87,10 +89,10 @@ Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handl
 
 StampedTransform lookup(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
                         double timeout_s) {
-  const Query query = query_at(tree, target, source, stamp);
+  const auto query = [&] { return query_at(tree, target, source, stamp); };
   Answer a;
   if (timeout_s == 0.0) [[likely]] {
-    lookup_holding_gil(tree, query, a);
+    lookup_holding_gil(tree, a, query);
     return stamped_answer(tree, a, target, source);
   }
   const std::string note = wait(tree, query, target, source, nb::none(), timeout_s, a);
@@ -100,14 +102,18 @@ StampedTransform lookup(const Tree& tree, nb::handle target, nb::handle source, 
 StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle target_stamp,
                              nb::handle source, nb::handle source_stamp, nb::handle fixed,
                              double timeout_s) {
-  Query query = query_of(tree, Op::full, target, source);
-  query.stamp = stamp_of(target_stamp, "target_stamp_ns");
-  query.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
-  query.fixed = frame_of(tree, fixed, "fixed_frame");
+  const auto query = [&] {
+    NamedQuery named = query_of(tree, Op::full, target, source);
+    named.stamp = stamp_of(target_stamp, "target_stamp_ns");
+    named.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
+    named.fixed_ref = frame_of(tree, fixed, "fixed_frame");
+    named.fixed = named.fixed_ref.id;
+    return named;
+  };
   Answer a;
   std::string note;
   if (timeout_s == 0.0)
-    lookup_holding_gil(tree, query, a);
+    lookup_holding_gil(tree, a, query);
   else
     note = wait(tree, query, target, source, fixed, timeout_s, a);
   if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
@@ -122,10 +128,10 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
     const std::string_view text = text_of(name, "frame");
     if (text.empty() || text[0] == '/') return false;
   }
-  const Query query = query_at(tree, target, source, stamp);
+  const auto query = [&] { return query_at(tree, target, source, stamp); };
   Answer a;
   if (timeout_s == 0.0)
-    lookup_holding_gil(tree, query, a);
+    lookup_holding_gil(tree, a, query);
   else
     wait(tree, query, target, source, nb::none(), timeout_s, a);
   return a.failure.code == Code::ok;
@@ -134,13 +140,14 @@ bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stam
 template <Op op>
 LatestTransform latest(const Tree& tree, nb::handle target, nb::handle source) {
   Answer a;
-  lookup_holding_gil(tree, query_of(tree, op, target, source), a);
+  lookup_holding_gil(tree, a, [&] { return query_of(tree, op, target, source); });
   return latest_answer(tree, a, target, source);
 }
 
 nb::list latest_all(const Tree& tree, nb::handle pairs) {
   const nb::tuple items = tuple_of(pairs);
   std::vector<Query> queries;
+  std::vector<NamedQuery> named;  // the same
   std::vector<std::pair<nb::object, nb::object>> names;
   for (const nb::handle item : items) {
     const nb::tuple pair = nb::steal<nb::tuple>(PySequence_Tuple(item.ptr()));
@@ -149,7 +156,8 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
       raise_invalid("pairs must hold (target_frame, source_frame) tuples", "pairs");
     }
     names.emplace_back(pair[0], pair[1]);
-    queries.push_back(query_of(tree, Op::latest_xact, pair[0], pair[1]));
+    named.push_back(query_of(tree, Op::latest_xact, pair[0], pair[1]));
+    queries.push_back(named.back());
   }
   std::vector<Answer> answers(queries.size());
   ReadSet reads;
@@ -162,9 +170,9 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
     }
     unchanged = true;
     for (std::size_t i = 0; i < queries.size(); ++i) {
-      const Query now = query_of(tree, Op::latest_xact, names[i].first, names[i].second);
-      unchanged &= now.target == queries[i].target && now.source == queries[i].source;
-      queries[i] = now;
+      const NamedQuery now = query_of(tree, Op::latest_xact, names[i].first, names[i].second);
+      unchanged &= now.target_ref == named[i].target_ref && now.source_ref == named[i].source_ref;
+      queries[i] = named[i] = now;
     }
   }
   nb::list out;
@@ -175,7 +183,7 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
 
 std::optional<Stamp> latest_common_time(const Tree& tree, nb::handle a, nb::handle b) {
   Answer answer;
-  lookup_holding_gil(tree, query_of(tree, Op::common_time, a, b), answer);
+  lookup_holding_gil(tree, answer, [&] { return query_of(tree, Op::common_time, a, b); });
   if (answer.failure.code != Code::ok) raise(make_error(tree, answer.failure, a, b));
   return answer.stamp == kNoStamp ? std::nullopt : std::optional(answer.stamp);
 }
@@ -215,15 +223,29 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
          stored, true);
 }
 
-void remove_frame(Tree& tree, nb::handle name, bool subtree) {
-  (void)frame_of(tree, name, "name");  // raises for an invalid name
-  const std::string_view text = text_of(name, "name");
+// Runs a write without the interpreter lock.
+template <class Write>
+void run_released(Write write) {
   try {
     const GilReleased released;
-    tree.remove_frame(text, subtree);
+    write();
   } catch (const Rejected& rejected) {
     raise(make_error(rejected));
   }
+}
+
+void clear(Tree& tree, bool keep_static, std::int64_t expires_ns) {
+  run_released([&] { tree.clear(keep_static, expires_ns); });
+}
+
+void reset(Tree& tree, std::int64_t expires_ns) {
+  run_released([&] { tree.reset(expires_ns); });
+}
+
+void remove_frame(Tree& tree, nb::handle name, bool subtree, std::int64_t expires_ns) {
+  (void)frame_of(tree, name, "name");  // raises for an invalid name
+  const std::string_view text = text_of(name, "name");
+  run_released([&] { tree.remove_frame(text, subtree, expires_ns); });
 }
 
 std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most,
@@ -291,11 +313,20 @@ void bind_writes(nb::class_<Tree>& tree) {
            nb::arg("authority") = "", nb::arg("static") = false)
       .def("set_transforms_xact", &set_all, ZTF_DOC(Tree_set_transforms_xact), nb::arg("stampeds"),
            nb::arg("authority") = "", nb::arg("static") = false)
-      .def("clear", &Tree::clear, ZTF_DOC(Tree_clear), nb::arg("keep_static") = true,
-           nb::call_guard<GilReleased>())
-      .def("reset", &Tree::reset, ZTF_DOC(Tree_reset), nb::call_guard<GilReleased>())
-      .def("remove_frame", &remove_frame, ZTF_DOC(Tree_remove_frame), nb::arg("name"),
-           nb::arg("subtree") = false);
+      .def(
+          "clear", [](Tree& t, bool keep_static) { clear(t, keep_static, kNeverExpires); },
+          ZTF_DOC(Tree_clear), nb::arg("keep_static") = true)
+      .def("reset", [](Tree& t) { reset(t, kNeverExpires); }, ZTF_DOC(Tree_reset))
+      .def(
+          "remove_frame",
+          [](Tree& t, nb::handle name, bool subtree) {
+            remove_frame(t, name, subtree, kNeverExpires);
+          },
+          ZTF_DOC(Tree_remove_frame), nb::arg("name"), nb::arg("subtree") = false)
+      .def("_clear", &clear, nb::arg("keep_static"), nb::arg("expires_ns"))
+      .def("_reset", &reset, nb::arg("expires_ns"))
+      .def("_remove_frame", &remove_frame, nb::arg("name"), nb::arg("subtree"),
+           nb::arg("expires_ns"));
 }
 
 void bind_lookups(nb::class_<Tree>& tree) {

@@ -161,10 +161,10 @@ void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
       case ChangeKind::sample:
       case ChangeKind::static_link:
         store_sample(target, changes, this_row, kind == ChangeKind::static_link);
-        target.is_live = true;
-        break;
+        [[fallthrough]];
       case ChangeKind::created:
         target.is_live = true;
+        tree_.names_.show(target.id);
         break;
       case ChangeKind::cleared:
         clear_history(frame);
@@ -173,21 +173,19 @@ void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
         clear_history(frame);
         frame.authority.store(0, release);
         target.is_live = false;
+        tree_.names_.hide(target.id);
         break;
       case ChangeKind::new_version:
         tree_.ever_reparented_.store(true);
         break;
       case ChangeKind::orphaned:
+        tree_.forget_removed_parents(target.id);
         break;
     }
   }
-  for (Target& target : targets_) {
+  for (const Target& target : targets_) {
     Frame& frame = tree_.frames_[target.id];
-    if (target.is_live) {
-      tree_.names_.show(target.id);
-      continue;
-    }
-    tree_.names_.hide(target.id);
+    if (target.is_live) continue;
     const Ring ring = frame.ring.load(std::memory_order_relaxed);
     if (!ring || ring.is_empty()) continue;
     PreparedRing old{};

@@ -1,4 +1,5 @@
 // What commits write to the change log. Only trees that have a log come here.
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -96,6 +97,19 @@ void Tree::log_removal(LogTicket& ticket, const WriteLocks& locks) const {
   for (const FrameId id : locks.frames())
     if (!names_.hidden(id)) removed.emplace_back(name(id), version_after(locks, id));
   log_names(ticket, ChangeKind::removed, removed);
+}
+
+// The frames that refer to removed ones, with the versions that free_removed_names() gives them.
+void Tree::log_orphans(LogTicket& ticket, const WriteLocks& locks) const {
+  if (!ticket.wants_entry()) return;
+  Version base = version_base_;
+  for (const FrameId id : locks.frames())
+    if (names_.hidden(id)) base = std::max(base, version_after(locks, id));
+  std::vector<std::pair<std::string, Version>> orphans;
+  for (const FrameId id : locks.frames())
+    if (!names_.hidden(id))
+      orphans.emplace_back(name(id), std::max(version_after(locks, id), base));
+  log_names(ticket, ChangeKind::orphaned, orphans);
 }
 
 }  // namespace ztf

@@ -1,16 +1,23 @@
 // The names of a commit as frame ids.
 //
 // A name is new if no frame has it now: it never existed, or its frame was removed. A removed name
-// comes back with its old id; the others get the next ids, in the order of the commit's rows.
+// comes back with its old id, if it still has one (tree_names.cpp). The others get the next ids, in
+// the order of the commit's rows.
 //
 // Thread safety: lives on the writer's stack. Assigning ids and publishing names require the
 // topology mutex: it keeps a new name new, and the next id free.
-// Invariant: ids that were found without the mutex may be stale, which is safe. A removed child has
-// no parent, and a removed parent has no children. So the row stores another parent than the child
-// has: CommitPlan::decide() asks for the topology mutex, and the names are looked up again.
+// Invariant: ids that were found without the mutex may be stale, which is safe.
+// 1. If a frame was removed, and its id is still its own or nobody's: a removed child has no
+//    parent, and a removed parent has no children. So the row stores another parent than the child
+//    has: CommitPlan::decide() asks for the topology mutex, and the names are looked up again.
+// 2. If another name has the id by now: the commit holds the child's lock, and finds that the child
+//    has the parent that the row has. One of these two got its id from another name, and then that
+//    link. The commit that made the link released the child's lock afterwards, so are_ids_current()
+//    is false, and the names are looked up again.
 #pragma once
 
 #include <algorithm>
+#include <cassert>
 #include <map>
 #include <optional>
 #include <utility>
@@ -29,6 +36,7 @@ class CommitNames {
       all_valid_ &= is_valid_name(*name++, tree.options_);
     }
     (void)ids_.append(request.names.size());
+    ids_freed_ = tree.ids_freed_.load(std::memory_order_acquire);
     find();
   }
 
@@ -41,14 +49,17 @@ class CommitNames {
 
   // Looks up the authority, and with `may_add` looks up the names again and forgets the ids that an
   // earlier attempt has assigned. Returns false if a name or the authority is new and may not be
-  // added. `may_add` requires the topology mutex. Throws Rejected.
+  // added. `may_add` requires the topology mutex. Throws Rejected and bad_alloc.
   bool resolve(bool may_add) {
-    if (may_add) {
-      new_.reset();
-      find();
-    }
-    return find_authority(may_add) &&
-           (may_add || std::find(ids_.begin(), ids_.end(), FrameId{0}) == ids_.end());
+    if (!may_add)
+      return find_authority(false) && std::find(ids_.begin(), ids_.end(), FrameId{0}) == ids_.end();
+    new_.reset();
+    find();
+    // Before any id is assigned: a removed name of this commit may lose its own.
+    if (most_created() > tree_.names_.left()) tree_.free_removed_names();
+    (void)find_authority(true);
+    ids_freed_ = tree_.ids_freed_.load(std::memory_order_acquire);
+    return true;
   }
 
   // Returns the id of a name of the request; for a new name, the id that it will have. Requires the
@@ -59,16 +70,14 @@ class CommitNames {
   }
 
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
-  // False if the authority's id may have passed to another one since resolve(). The answer holds
-  // for as long as the caller holds the write lock of any frame.
-  [[nodiscard]] bool is_authority_current() const noexcept {
-    return tree_.authorities_forgotten_.load(std::memory_order_acquire) == authorities_forgotten_;
+  // False if the id of a name or of the authority may have passed to another one since it was
+  // found. Requires the write locks of the frames that get samples; while they are held, no id
+  // that the commit may store passes on (the invariant above, tree_authorities.cpp).
+  [[nodiscard]] bool are_ids_current() const noexcept {
+    return tree_.ids_freed_.load(std::memory_order_acquire) == ids_freed_;
   }
   // True if id_or_new() has assigned an id to a new name.
   [[nodiscard]] bool any_new() const noexcept { return new_.has_value(); }
-  [[nodiscard]] std::uint64_t frame_count_after() const noexcept {
-    return std::uint64_t{tree_.names_.size()} + (new_ ? new_->created : 0);
-  }
   template <class Visit>
   void for_each_new(Visit&& visit) const {
     if (!new_) return;
@@ -80,12 +89,8 @@ class CommitNames {
     if (new_authority_) tree_.authorities_.reserve(1, request_.authority.size());
     if (!new_) return;
     std::size_t bytes = 0;
-    for (const auto& [name, id] : new_->ids) {
-      new_->in_order.emplace_back(id, name);
-      bytes += name.size();
-    }
-    std::sort(new_->in_order.begin(), new_->in_order.end());
-    tree_.names_.reserve(new_->in_order.size(), bytes);
+    for (const auto& [id, name] : new_->created) bytes += name.size();
+    tree_.names_.reserve(new_->created.size(), bytes);
   }
 
   // Publishes the new names one by one; they are no part of a reader's snapshot. Requires
@@ -93,20 +98,20 @@ class CommitNames {
   //
   // Version 0 means that a frame does not exist. `children`, ascending, are locked and get a new
   // version when they are unlocked. A frame that is only a parent gets its first version here. One
-  // that comes back keeps its version: its record does not change, and the version is not 0.
+  // that comes back, or has the id of another, keeps its version: its record does not change, and
+  // the version is not 0 (tree_names.cpp).
   void publish(const FrameList& children) const noexcept {
     if (new_authority_)
       tree_.authority_counters_.start(tree_.authorities_.insert(request_.authority));
     if (!new_) return;
-    for (const auto& [id, name] : new_->in_order) {
-      if (id <= tree_.names_.size()) {
-        tree_.names_.show(id);
-        continue;
-      }
-      // Nobody holds this lock. No other thread uses a frame without a name, so a store suffices.
-      if (!std::binary_search(children.begin(), children.end(), id))
-        tree_.frames_[id].version.unlock_changed(0);
-      tree_.names_.insert(name);
+    for (const FrameId id : new_->returning) tree_.names_.show(id);
+    for (const auto& [id, name] : new_->created) {
+      SeqLock& version = tree_.frames_[id].version;
+      // If the id is used for the first time, no other thread knows it, so a store suffices.
+      if (!std::binary_search(children.begin(), children.end(), id) && version.current() == 0)
+        version.unlock_changed(0);
+      [[maybe_unused]] const FrameId inserted = tree_.names_.insert(name);
+      assert(inserted == id);
     }
   }
 
@@ -114,14 +119,13 @@ class CommitNames {
   struct NewNames {
     NewNames() {}  // a constructor of its own: clang needs one for optional::emplace()
 
-    std::map<std::string_view, FrameId> ids;                     // the ids that they will have
-    std::uint32_t created = 0;                                   // how many of them never existed
-    std::vector<std::pair<FrameId, std::string_view>> in_order;  // by id
+    std::map<std::string_view, FrameId> ids;                    // the ids that they will have
+    std::vector<FrameId> returning;                             // of those that have one already
+    std::vector<std::pair<FrameId, std::string_view>> created;  // the others, as they get theirs
   };
 
   bool find_authority(bool may_add) {
     const NameTable& authorities = tree_.authorities_;
-    authorities_forgotten_ = tree_.authorities_forgotten_.load(std::memory_order_acquire);
     new_authority_ = false;
     authority_ = 0;
     if (request_.authority.empty() || request_.rows.empty()) return true;
@@ -130,10 +134,17 @@ class CommitNames {
     if (!may_add) return false;
     if (authorities.left() == 0) tree_.forget_authorities();
     if (authorities.left() == 0) reject_authority(request_.authority, authorities.max_size());
-    authorities_forgotten_ = tree_.authorities_forgotten_.load(std::memory_order_acquire);
     authority_ = authorities.next_id();
     new_authority_ = true;
     return true;
+  }
+
+  // Returns how many ids the commit needs at most. Requires the topology mutex.
+  [[nodiscard]] std::size_t most_created() const noexcept {
+    std::size_t most = 0;
+    for (std::size_t i = 0; i < ids_.size(); ++i)
+      if (ids_[i] == 0 && tree_.names_.find_any(names_[i]) == 0) ++most;
+    return most;
   }
 
   void find() noexcept { tree_.names_.find_each({names_.begin(), names_.size()}, ids_.begin()); }
@@ -143,18 +154,22 @@ class CommitNames {
     if (!new_) new_.emplace();
     const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
     FrameId& id = it->second;
-    if (!is_first || id != 0) return id;  // an earlier row's name, or a removed frame's
-    if (frame_count_after() >= tree_.options_.max_frames)
-      reject_frame(name, tree_.options_.max_frames);
-    ++new_->created;
-    return id = static_cast<FrameId>(frame_count_after());
+    if (!is_first) return id;
+    if (id != 0) {  // a removed frame's
+      new_->returning.push_back(id);
+      return id;
+    }
+    if (new_->created.size() >= tree_.names_.left()) reject_frame(name, tree_.options_.max_frames);
+    id = tree_.names_.next_id(new_->created.size());
+    new_->created.emplace_back(id, name);
+    return id;
   }
 
   Tree& tree_;
   const CommitRequest& request_;
   AuthorityId authority_ = 0;
   bool new_authority_ = false;
-  std::uint64_t authorities_forgotten_ = 0;  // as of resolve()
+  std::uint64_t ids_freed_ = 0;  // from before the ids were found
   bool all_valid_ = true;
   SmallVector<std::string_view, 32> names_;  // of the request, without a leading slash
   SmallVector<FrameId, 32> ids_;             // of names_; 0: new

@@ -133,8 +133,8 @@ void CommitPlan::validate_read_set(const WriteLocks& locks) const {
 }
 
 PlanOutcome CommitPlan::decide(CommitScope scope) {
-  // With the topology mutex no authority is forgotten.
-  if (!names_.is_authority_current()) [[unlikely]]
+  // With the topology mutex no id is freed.
+  if (!names_.are_ids_current()) [[unlikely]]
     return PlanOutcome::needs_topology;
   is_first_reparenting_ = false;
   bool topology_changes = names_.any_new();

@@ -90,9 +90,7 @@ class CommitPlan {
   void validate_read_set(const WriteLocks& locks) const;
 
   // Throws Rejected if the request has expired. To be called when nothing is left to wait for.
-  void check_expiry() const {
-    if (request_.expires_ns != CommitRequest::kNeverExpires) check_not_expired(request_);
-  }
+  void check_expiry() const { check_not_expired(request_.expires_ns); }
 
   // Step 3: decides what each group stores, and reserves memory for it. Requires the write locks.
   // Throws Rejected and bad_alloc.

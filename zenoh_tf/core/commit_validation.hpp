@@ -94,18 +94,19 @@ inline std::string_view stripped(std::string_view name) noexcept {
                  .value = row.stamp};
 }
 
-// Throws Rejected if the request has expired.
-inline void check_not_expired(const CommitRequest& request) {
+// Throws Rejected if a write that expires at this time is too late now.
+inline void check_not_expired(std::int64_t expires_ns) {
+  if (expires_ns == kNeverExpires) return;
   timespec time{};
   (void)::clock_gettime(CLOCK_MONOTONIC, &time);
   const std::int64_t now = std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-  if (now < request.expires_ns) return;
+  if (now < expires_ns) return;
   throw Rejected{.code = Code::timeout,
                  .message = "the write was not applied: it expired " +
-                            std::to_string((now - request.expires_ns) / 1'000'000) +
+                            std::to_string((now - expires_ns) / 1'000'000) +
                             " ms before its turn came (expires_ns)",
                  .field = "expires_ns",
-                 .limit = request.expires_ns,
+                 .limit = expires_ns,
                  .value = now};
 }
 

@@ -5,6 +5,7 @@
 // counted.
 #pragma once
 
+#include <algorithm>
 #include <mutex>
 #include <utility>
 #include <vector>
@@ -48,6 +49,20 @@ class EventLog {
       ++lost_;
     else
       events_[size_++] = event;
+  }
+
+  // Drops the events of frames for which is_removed(id) is true, and counts them as lost. No event
+  // refers to such a frame afterwards.
+  template <class IsRemoved>
+  void forget(IsRemoved&& is_removed) noexcept {
+    const std::lock_guard lock(mutex_);
+    TreeEvent* const end = std::remove_if(
+        events_, events_ + size_, [&](const TreeEvent& event) { return is_removed(event.frame); });
+    const auto kept = static_cast<std::size_t>(end - events_);
+    lost_ += size_ - kept;
+    size_ = kept;
+    for (TreeEvent* event = events_; event != end; ++event)
+      if (event->parent_before != 0 && is_removed(event->parent_before)) event->parent_before = 0;
   }
 
   // Returns the events since the last call, and how many more found no room.

@@ -38,6 +38,21 @@ struct FrameEvents {
   std::atomic<FrameId> parent_before;
   std::atomic<bool> static_before;
   std::atomic<Change> change;
+
+  // Forgets everything, as the frame gets another name. Requires the frame's write lock.
+  void reset() noexcept {
+    const auto release = std::memory_order_release;
+    for (auto* counter :
+         {&rewritten, &dropped, &reparented, &switched, &authority_changes, &time_jumps})
+      counter->store(0, release);
+    late_stamp.store(0, release);
+    late_version.store(0, release);
+    change_stamp.store(0, release);
+    change_authority.store(0, release);
+    parent_before.store(0, release);
+    static_before.store(false, release);
+    change.store(Change::none, release);
+  }
 };
 
 struct FrameInfo {

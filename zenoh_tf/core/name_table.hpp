@@ -1,4 +1,5 @@
-// A hash table from names to dense ids, with open addressing. Ids of removed names can be reused.
+// A hash table from names to dense ids, with open addressing. Ids of removed names are used again.
+// A hidden name cannot be found, but keeps its id until it is removed.
 //
 // Thread safety: find(), name() and what is const and noexcept, from any thread, without locks. The
 // rest from one thread at a time (the tree's topology mutex).
@@ -6,7 +7,8 @@
 // 1. Ids count up from 1 without gaps; 0 means that there is no such name.
 // 2. An entry's state is a sequence lock: it is kChanging while the text is replaced, and its other
 //    bits count the names that the id has had. A reader compares the text between two loads of the
-//    state. If they are equal, the id had that name at both instants.
+//    state. If they are equal, the id had that name at both instants. For longer reads, a Ref says
+//    which of its names an id had, and is_current() whether it still has that one.
 // 3. A slot holds its id for as long as the name is in the table. Then it becomes a tombstone, and
 //    may become empty only if the next slot is: so no search that has begun misses a name behind
 //    it.
@@ -39,6 +41,14 @@ class NameTable {
  public:
   using Id = std::uint32_t;
 
+  // An id, and the number of names that it has had, the last of which is the one that was looked
+  // up. No other name ever has an equal Ref, but for one 2^30 names later.
+  struct Ref {
+    Id id = 0;  // 0: there is no such name
+    std::uint32_t generation = 0;
+    bool operator==(const Ref&) const = default;
+  };
+
   explicit NameTable(std::uint32_t max_names)
       : max_names_(max_names), names_(std::size_t{max_names} + 1) {
     tables_.push_back(std::make_unique<Table>(64));
@@ -48,12 +58,20 @@ class NameTable {
   NameTable& operator=(const NameTable&) = delete;
 
   // Returns the name's id; 0 if there is no such name, or it is hidden.
-  [[nodiscard]] Id find(std::string_view name) const noexcept {
+  [[nodiscard]] Id find(std::string_view name) const noexcept { return find_ref(name).id; }
+  [[nodiscard]] Ref find_ref(std::string_view name) const noexcept {
     return find<kLive>(*table_.load(std::memory_order_acquire), hash_(name), name);
   }
   // The same, hidden or not. Requires the mutex.
   [[nodiscard]] Id find_any(std::string_view name) const noexcept {
-    return find<0>(*table_.load(std::memory_order_acquire), hash_(name), name);
+    return find<0>(*table_.load(std::memory_order_acquire), hash_(name), name).id;
+  }
+  // Returns whether the id has had the name of this Ref all the time since it was found, hidden or
+  // not. A Ref without an id is always current. If the caller has acquired anything that was stored
+  // after another name got the id, it is not: insert() is sequenced before that store. The load is
+  // a hit, as find_ref() has compared the name in the same cache line.
+  [[nodiscard]] ZTF_ALWAYS_INLINE bool is_current(Ref ref) const noexcept {
+    return names_[ref.id].state.load(std::memory_order_acquire) / kIncrement == ref.generation;
   }
 
   // Does find() for each name. All slots are prefetched before the first is read, so that their
@@ -68,7 +86,8 @@ class NameTable {
         hashes[i] = hash_(some[i]);
         __builtin_prefetch(&table.slots[hashes[i] & table.mask]);
       }
-      for (std::size_t i = 0; i < some.size(); ++i) *ids++ = find<kLive>(table, hashes[i], some[i]);
+      for (std::size_t i = 0; i < some.size(); ++i)
+        *ids++ = find<kLive>(table, hashes[i], some[i]).id;
       names = names.subspan(some.size());
     }
   }
@@ -93,8 +112,20 @@ class NameTable {
   [[nodiscard]] bool hidden(Id id) const noexcept {
     return !(names_[id].state.load(std::memory_order_acquire) & kLive);
   }
-  void hide(Id id) noexcept { set_state(id, names_[id].state & ~kLive); }
-  void show(Id id) noexcept { set_state(id, names_[id].state | kLive); }
+  // Hides a name, or shows it again. Both require the mutex. Both do nothing to a name that is
+  // hidden, or shown, already, and hide() does nothing to an id that has no name.
+  void hide(Id id) noexcept {
+    if (hidden(id)) return;
+    set_state(id, names_[id].state & ~kLive);
+    ++hidden_;
+  }
+  void show(Id id) noexcept {
+    if (!hidden(id)) return;
+    set_state(id, names_[id].state | kLive);
+    --hidden_;
+  }
+  // How many names are hidden. Requires the mutex.
+  [[nodiscard]] std::size_t hidden_names() const noexcept { return hidden_; }
 
   // The highest id ever used.
   [[nodiscard]] std::uint32_t size() const noexcept {
@@ -103,9 +134,11 @@ class NameTable {
   [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
   // How many ids are not in use. Requires the mutex.
   [[nodiscard]] std::size_t left() const noexcept { return max_names_ - size() + free_ids_.size(); }
-  // The id that the next insert() returns. Requires the mutex, and that left() is not 0.
-  [[nodiscard]] Id next_id() const noexcept {
-    return free_ids_.empty() ? size() + 1 : free_ids_.back();
+  // The id that insert() returns after `inserts` more calls of it. Requires the mutex, and that
+  // left() is greater than `inserts`.
+  [[nodiscard]] Id next_id(std::size_t inserts = 0) const noexcept {
+    if (inserts < free_ids_.size()) return free_ids_[free_ids_.size() - 1 - inserts];
+    return static_cast<Id>(size() + 1 + (inserts - free_ids_.size()));
   }
 
   // Makes room for that many names of that many bytes in all, so that inserting them cannot fail.
@@ -136,16 +169,23 @@ class NameTable {
   // Removes a name, so that another may get its id. Requires a name that is in the table. Throws
   // bad_alloc, and then changes nothing.
   void remove(Id id) {
-    free_ids_.push_back(id);
-    hide(id);
     Table& table = *tables_.back();
     std::size_t i = hash_(name(id)) & table.mask;
+    free_ids_.push_back(id);
+    hide(id);
+    --hidden_;
     while (static_cast<Id>(table.slots[i].load(std::memory_order_relaxed)) != id)
       i = (i + 1) & table.mask;
     table.slots[i].store(kTombstone, std::memory_order_release);
     if (table.slots[(i + 1) & table.mask].load(std::memory_order_relaxed) != 0) return;
     for (; table.slots[i].load(std::memory_order_relaxed) == kTombstone; i = (i - 1) & table.mask)
       table.slots[i].store(0, std::memory_order_release);
+  }
+  // Removes all hidden names. Throws bad_alloc; then some may still be hidden.
+  void remove_hidden() {
+    const std::vector<bool> is_free = free_ids();
+    for (Id id = 1; id <= size(); ++id)
+      if (!is_free[id] && hidden(id)) remove(id);
   }
 
  private:
@@ -187,38 +227,41 @@ class NameTable {
       word |= std::uint64_t{static_cast<unsigned char>(name[i])} << (8 * i);
     return word;
   }
-  // Returns whether an entry that has the state's bits `wanted` has this name.
+  // Returns the state of an entry that has this name and the state's bits `wanted`; else 0, which
+  // no entry has that ever had a name.
   template <std::uint32_t wanted>
-  ZTF_ALWAYS_INLINE static bool has_name(const Entry& entry, std::string_view name) noexcept {
+  ZTF_ALWAYS_INLINE static std::uint32_t state_if_named(const Entry& entry,
+                                                        std::string_view name) noexcept {
     const std::uint32_t state = entry.state.load(std::memory_order_acquire);
-    if ((state & (wanted | kChanging)) != wanted) return false;
-    if (entry.length.load(std::memory_order_acquire) != name.size()) return false;
+    if ((state & (wanted | kChanging)) != wanted) return 0;
+    if (entry.length.load(std::memory_order_acquire) != name.size()) return 0;
     const Word* const words = entry.text(static_cast<std::uint32_t>(name.size()));
     // The address and the length must belong together before the text is read.
-    if (name.size() > kShortBytes && entry.state.load(std::memory_order_relaxed) != state)
-      return false;
+    if (name.size() > kShortBytes && entry.state.load(std::memory_order_relaxed) != state) return 0;
     std::size_t i = 0;
     for (; i < name.size() / 8; ++i)
       if (words[i].load(std::memory_order_acquire) != word_at<std::uint64_t>(name.data() + 8 * i))
-        return false;
+        return 0;
     if (name.size() % 8 != 0 && words[i].load(std::memory_order_acquire) != last_word(name))
-      return false;
-    return entry.state.load(std::memory_order_relaxed) == state;
+      return 0;
+    return entry.state.load(std::memory_order_relaxed) == state ? state : 0;
   }
 
   template <std::uint32_t wanted>
-  ZTF_ALWAYS_INLINE Id find(const Table& table, std::uint64_t hash,
-                            std::string_view name) const noexcept {
+  ZTF_ALWAYS_INLINE Ref find(const Table& table, std::uint64_t hash,
+                             std::string_view name) const noexcept {
     std::size_t i = hash & table.mask;
     for (std::size_t probes = 0; probes <= table.mask; ++probes, i = (i + 1) & table.mask) {
       const std::uint64_t slot = table.slots[i].load(std::memory_order_acquire);
-      if (slot == 0) return 0;
+      if (slot == 0) return {};
       if ((slot ^ hash) >> 32 == 0) {
         const Id id = static_cast<Id>(slot);
-        if (id != 0 && has_name<wanted>(names_[id], name)) return id;
+        if (id == 0) continue;
+        if (const std::uint32_t state = state_if_named<wanted>(names_[id], name); state != 0)
+          return {id, state / kIncrement};
       }
     }
-    return 0;
+    return {};
   }
   static void fill_slot(Table& table, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash & table.mask;
@@ -229,14 +272,19 @@ class NameTable {
   }
   void grow() {
     auto bigger = std::make_unique<Table>((tables_.back()->mask + 1) * 2);
-    std::vector<bool> is_free(size() + 1);
-    for (const Id id : free_ids_) is_free[id] = true;
+    const std::vector<bool> is_free = free_ids();
     for (Id id = 1; id <= size(); ++id)
       if (!is_free[id]) fill_slot(*bigger, hash_(name(id)), id);
     tables_.push_back(std::move(bigger));
     table_.store(tables_.back().get(), std::memory_order_release);
   }
 
+  // Returns for each id up to size() whether it has no name.
+  [[nodiscard]] std::vector<bool> free_ids() const {
+    std::vector<bool> is_free(size() + 1);
+    for (const Id id : free_ids_) is_free[id] = true;
+    return is_free;
+  }
   void set_state(Id id, std::uint32_t state) noexcept {
     names_[id].state.store(state, std::memory_order_release);
   }
@@ -289,6 +337,7 @@ class NameTable {
   std::atomic<const Table*> table_{nullptr};
   std::vector<std::unique_ptr<Table>> tables_;
   std::vector<Id> free_ids_;
+  std::size_t hidden_ = 0;
   std::vector<ZeroedArray<Word>> blocks_;
   Word* free_ = nullptr;
   std::size_t left_ = 0;

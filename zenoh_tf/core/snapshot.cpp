@@ -33,6 +33,10 @@ SnapshotPlan SnapshotReader::plan(std::size_t piece_bytes) {
 }
 
 SnapshotPiece SnapshotReader::read(FrameId after, FrameId last, std::size_t most_bytes) {
+  return tree_.read_names([&] { return read_once(after, last, most_bytes); });
+}
+
+SnapshotPiece SnapshotReader::read_once(FrameId after, FrameId last, std::size_t most_bytes) {
   SnapshotPiece piece;
   piece.reached = last;
   names_.clear();

@@ -69,6 +69,7 @@ class SnapshotReader {
     Pose pose;
   };
 
+  [[nodiscard]] SnapshotPiece read_once(FrameId after, FrameId last, std::size_t most_bytes);
   [[nodiscard]] FrameState copy(const Frame& frame);
   void add_frame(FrameId id, SnapshotPiece& piece);
   std::uint32_t name_of(FrameId id, SnapshotPiece& piece);

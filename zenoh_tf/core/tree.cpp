@@ -59,7 +59,7 @@ void Tree::notify_waiters_of(const FrameList& changed) const noexcept {
     if (has_waiters(frame)) wait_list_.notify_frame(frame, WaitList::Change::other);
 }
 
-void Tree::clear(bool keep_static) {
+void Tree::clear(bool keep_static, std::int64_t expires_ns) {
   const auto giant = lock_giant();
   FrameList all, dropped;
   {
@@ -69,6 +69,7 @@ void Tree::clear(bool keep_static) {
     LogTicket ticket(change_log_.get());
     WriteLocks locks(*this, all);
     log_clear(ticket, locks, keep_static);
+    check_not_expired(expires_ns);
     locks.begin_write();
     ticket.draw();
     drop_samples(all, keep_static, dropped);
@@ -79,24 +80,25 @@ void Tree::clear(bool keep_static) {
   notify_waiters_of(dropped);
 }
 
-void Tree::reset() {
+void Tree::reset(std::int64_t expires_ns) {
   const auto giant = lock_giant();
   FrameList all;
   {
     const auto topology = lock_announced(topology_);  // no name is added meanwhile
     list_frames(all);
-    drop_frames(all);
+    drop_frames(all, expires_ns);
   }
   commit_count_.add();
   notify_waiters_of(all);
 }
 
-void Tree::drop_frames(const FrameList& frames) {
+void Tree::drop_frames(const FrameList& frames, std::int64_t expires_ns) {
   SmallVector<Ring, 16> rings;
   (void)rings.reserve(frames.size());  // before the first write, after which nothing may fail
   LogTicket ticket(change_log_.get());
   WriteLocks locks(*this, frames);
   log_removal(ticket, locks);
+  check_not_expired(expires_ns);
   locks.begin_write();
   ticket.draw();
   for (const FrameId id : frames) {
@@ -141,13 +143,13 @@ void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) 
   std::sort(frames.begin(), frames.end());
 }
 
-void Tree::remove_frame(std::string_view name, bool subtree) {
+void Tree::remove_frame(std::string_view name, bool subtree, std::int64_t expires_ns) {
   const auto giant = lock_giant();
   FrameList removed;
   {
     const auto topology = lock_announced(topology_);  // no newest parent changes
     list_subtree(name, subtree, removed);
-    drop_frames(removed);
+    drop_frames(removed, expires_ns);
   }
   commit_count_.add();
   notify_waiters_of(removed);

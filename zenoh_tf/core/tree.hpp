@@ -7,10 +7,12 @@
 // one frame's writer lock for a moment. That cannot deadlock, because no thread takes the list's
 // mutex while it holds a frame's lock. Lookups take none of these mutexes but the giant one.
 // Invariants
-// 1. Frames are never freed or moved: an id stays valid for the tree's life.
+// 1. Frames are never freed or moved: an id stays valid for the tree's life. It may pass from a
+//    removed name to a new one (tree_names.cpp), which is_current() notices.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
 //    topology mutex and has checked that no cycle closes.
 // 3. A rejected commit leaves nothing behind, not even a name.
+// 4. The versions of a name only grow, also if it comes back under another id.
 #pragma once
 
 #include <memory>
@@ -57,6 +59,9 @@ struct Options {
   std::uint64_t max_log_bytes = 0;
 };
 
+// The expiry of a write that may be applied at any time.
+inline constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
+
 // One transform to be written. parent and child are indices into CommitRequest::names, and less
 // than its size.
 struct Row {
@@ -83,8 +88,6 @@ struct CommitRequest {
   // A dynamic row with a later stamp rejects the commit. With `drop_old` the row is dropped, as if
   // it were not there: it adds no name.
   Stamp max_stamp = std::numeric_limits<Stamp>::max();
-
-  static constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
 };
 
 // What a commit did with a row.
@@ -102,6 +105,11 @@ struct Rejected {
   std::string frame = {}, parent = {}, field = {};
   Stamp stamp = kNoStamp, oldest = kNoStamp, newest = kNoStamp;
   std::int64_t limit = -1, value = -1;
+};
+
+// Rare events of several frames (FrameEvents).
+struct FrameTotals {
+  std::atomic<std::uint64_t> rewritten{0}, dropped{0}, evicted{0};
 };
 
 template <class Guard>
@@ -122,6 +130,28 @@ class Tree {
 
   // Returns the frame's id; 0 if no frame has that name.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
+  using FrameRef = NameTable::Ref;
+  // The same, so that is_current() can tell after a read whether the id still belonged to the name.
+  // A lookup's answer belongs to the names if their Refs were found before the lookup and are
+  // current after it; if not, look the names up again. It succeeds unless one of them was removed.
+  [[nodiscard]] FrameRef find_ref(std::string_view name) const noexcept {
+    return names_.find_ref(name);
+  }
+  // Whether the id has had that name all the time since (name_table.hpp). The frame may be removed,
+  // and may have come back.
+  [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
+  // Calls read() until no id passed to another name, or authority, during the call. So all ids
+  // that it reads belong to the names that it finds for them. After so many attempts it takes the
+  // result as it is.
+  template <class Read>
+  auto read_names(Read&& read, int attempts = std::numeric_limits<int>::max()) const {
+    for (Backoff backoff;; backoff.wait()) {
+      const std::uint64_t before = ids_freed_.load(std::memory_order_acquire);
+      if (before % 2 != 0) continue;
+      auto result = read();
+      if (ids_freed_.load(std::memory_order_acquire) == before || --attempts == 0) return result;
+    }
+  }
   // Throws bad_alloc.
   [[nodiscard]] std::string name(FrameId id) const { return names_.name(id); }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
@@ -173,18 +203,26 @@ class Tree {
   // Of a mirror (change_replay.hpp): the tree's state is the original's after this number.
   [[nodiscard]] Seq replayed() const noexcept { return replayed_.load(std::memory_order_acquire); }
 
-  // Returns what happened since the last call (event_log.hpp).
-  auto take_events() { return event_log_.take(); }
+  // What happened to frames that have lost their names.
+  [[nodiscard]] const FrameTotals& totals_of_freed() const noexcept { return totals_of_freed_; }
+
+  struct NamedEvent {
+    TreeEvent event;
+    std::string frame, parent, parent_before;  // empty: none
+  };
+  // Returns what happened since the last call, and how many events found no room (event_log.hpp).
+  std::pair<std::vector<NamedEvent>, std::uint64_t> take_events();
+
+  // The next three are rejected as a commit is if they expire (CommitRequest::expires_ns).
 
   // Drops the samples of all frames at one instant. Names stay, and static links with keep_static.
-  void clear(bool keep_static);
-  // Drops all frames with their links, histories and names, at one instant. Authorities, counters
-  // and the ids of names stay: a name that returns gets its id again, and all ids count against the
-  // limit of frames.
-  void reset();
+  void clear(bool keep_static, std::int64_t expires_ns = kNeverExpires);
+  // Drops all frames with their links, histories and names, at one instant. Authorities and
+  // counters stay. The ids pass to new names once no others are left.
+  void reset(std::int64_t expires_ns = kNeverExpires);
   // Drops a frame with its link, history and name, and with `subtree` all its descendants, at one
   // instant. Throws Rejected if it is unknown, or, without `subtree`, has children.
-  void remove_frame(std::string_view name, bool subtree);
+  void remove_frame(std::string_view name, bool subtree, std::int64_t expires_ns = kNeverExpires);
 
   // True if a later commit could make a lookup succeed that failed so.
   [[nodiscard]] bool may_succeed_later(const Failure& failure) const noexcept;
@@ -224,6 +262,11 @@ class Tree {
   std::size_t lookup_block(std::span<const Query> queries, std::span<Answer> answers) const;
   [[gnu::noinline]] void lookup_guarded(const Query& query, Answer& answer) const;
 
+  // Gives the ids of all removed names to new ones. Requires the topology mutex, and no frame's
+  // lock. Throws bad_alloc.
+  void free_removed_names();
+  [[nodiscard]] bool refers_to_removed(FrameId id) const noexcept;
+  void forget_removed_parents(FrameId id) noexcept;
   // Makes room for a new authority: forgets those that own no frame, up to half of all, the least
   // recently used first. Requires the topology mutex. Throws bad_alloc.
   void forget_authorities();
@@ -242,12 +285,13 @@ class Tree {
   // write locks. Throw bad_alloc.
   void log_clear(LogTicket& ticket, const WriteLocks& locks, bool keep_static) const;
   void log_removal(LogTicket& ticket, const WriteLocks& locks) const;
+  void log_orphans(LogTicket& ticket, const WriteLocks& locks) const;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
   // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
   // Drops the frames with their names, at one instant. Requires the topology mutex. Throws
-  // bad_alloc.
-  void drop_frames(const FrameList& frames);
+  // Rejected if it has expired, and bad_alloc.
+  void drop_frames(const FrameList& frames, std::int64_t expires_ns);
   void list_subtree(std::string_view name, bool subtree, FrameList& frames) const;
   // Requires that the commit which changed the frame is counted (wait_list.hpp).
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
@@ -267,8 +311,11 @@ class Tree {
   std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
   NameTable names_;
   NameTable authorities_;
-  // How often authorities were forgotten. Changes only while all frames are locked.
-  std::atomic<std::uint64_t> authorities_forgotten_{0};
+  // Counts, twice each, how often ids of removed names or forgotten authorities were freed. Odd
+  // while that goes on. Changes only under the topology mutex (FreeingIds).
+  std::atomic<std::uint64_t> ids_freed_{0};
+  Version version_base_ = 0;  // of frames with a new name; guarded by the topology mutex
+  FrameTotals totals_of_freed_;
   mutable std::mutex giant_;
   std::mutex topology_;
   ShardedCounter commit_count_;
@@ -278,6 +325,19 @@ class Tree {
   std::atomic<Seq> replayed_{0};
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
+};
+
+// Makes the counter of freed ids odd in its scope.
+class FreeingIds {
+ public:
+  explicit FreeingIds(std::atomic<std::uint64_t>& counter) noexcept : counter_(counter) { add(); }
+  ~FreeingIds() { add(); }
+  FreeingIds(const FreeingIds&) = delete;
+  FreeingIds& operator=(const FreeingIds&) = delete;
+
+ private:
+  void add() noexcept { counter_.fetch_add(1, std::memory_order_seq_cst); }
+  std::atomic<std::uint64_t>& counter_;
 };
 
 }  // namespace ztf

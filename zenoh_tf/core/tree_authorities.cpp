@@ -7,7 +7,7 @@
 namespace ztf {
 
 // All frames are locked meanwhile. A commit that has looked up an id before, and locks its frames
-// afterwards, sees that authorities_forgotten_ has changed, and looks it up again. No commit
+// afterwards, sees that ids_freed_ has changed, and looks it up again. No commit
 // therefore stores the id of an authority that was forgotten.
 void Tree::forget_authorities() {
   FrameList all;
@@ -28,6 +28,7 @@ void Tree::forget_authorities() {
 
   std::vector<bool> forgotten(authorities_.size() + 1);
   for (const auto& [last_used, id] : idle) forgotten[id] = true;
+  const FreeingIds freeing(ids_freed_);
   // No word may keep an id that another authority will get.
   for (const FrameId id : all) {
     if (forgotten[frames_[id].authority.load(relaxed)])
@@ -36,7 +37,6 @@ void Tree::forget_authorities() {
         forgotten[last.load(relaxed)])
       last.store(0, std::memory_order_release);
   }
-  authorities_forgotten_.fetch_add(1, std::memory_order_release);
   for (const auto& [last_used, id] : idle) authorities_.remove(id);
 }
 

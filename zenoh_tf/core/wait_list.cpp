@@ -2,6 +2,7 @@
 #include "wait_list.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 
 #include "tree.hpp"
@@ -46,12 +47,16 @@ bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
   const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
   for (;;) {
     Query& query = waiter.query_;
-    query.target = tree_.find(waiter.target_);
-    query.source = tree_.find(waiter.source_);
-    query.fixed = query.op == Op::full ? tree_.find(waiter.fixed_) : 0;
-    const FrameId ids[] = {query.target, query.source, query.fixed};
+    const Tree::FrameRef refs[] = {
+        tree_.find_ref(waiter.target_), tree_.find_ref(waiter.source_),
+        query.op == Op::full ? tree_.find_ref(waiter.fixed_) : Tree::FrameRef()};
+    query.target = refs[0].id;
+    query.source = refs[1].id;
+    query.fixed = refs[2].id;
     ReadSet reads;
     tree_.lookup_transaction({&query, 1}, {&waiter.answer_, 1}, reads);
+    if (!std::all_of(refs, std::end(refs), [&](auto ref) { return tree_.is_current(ref); }))
+      continue;
     const Failure& failure = waiter.answer_.failure;
     if (failure.code == Code::ok || !tree_.may_succeed_later(failure)) return true;
     {
@@ -66,7 +71,8 @@ bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
     (void)tree_.commits();  // step W2
     bool unchanged = true;
     for (const ReadVersion& read : reads) unchanged &= tree_.version(read.frame) == read.version;
-    for (int i = 0; i < 3; ++i) unchanged &= names[i].empty() || tree_.find(names[i]) == ids[i];
+    for (int i = 0; i < 3; ++i)
+      unchanged &= names[i].empty() || tree_.find_ref(names[i]) == refs[i];
     // If something changed, a commit came in between. If that has woken the waiter already,
     // cancel() fails, and the waiter belongs to the woken thread.
     if (unchanged || !cancel(waiter)) return false;

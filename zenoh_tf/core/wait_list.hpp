@@ -24,7 +24,8 @@
 // The exception: notify_frame(appended) wakes selectively. It may pass over a waiter that was
 // parked by what Tree::parent() returned after the commit. The commit's unlock happened before that
 // read, so the comparison after W2 sees the new version. Both cases therefore need the comparison.
-// The same holds for names, with WaitList::size() as the mark. Names are compared by their ids.
+// The same holds for names, with WaitList::size() as the mark. Names are compared by their ids,
+// and how many names these have had.
 #pragma once
 
 #include <chrono>

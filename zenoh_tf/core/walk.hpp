@@ -142,9 +142,10 @@ class Walker {
       if (!has_link || path.steps.size() == max_depth_) [[unlikely]] {
         path.failure = link.status;
         path.highest_version = step->version;
-        path.state = has_link                                  ? State::too_deep
-                     : link.status == LinkLookup::Status::root ? State::root
-                                                               : State::no_sample;
+        // A past sample whose parent was removed has parent 0 (tree_names.cpp).
+        const bool is_root =
+            link.status == LinkLookup::Status::root || link.status == LinkLookup::Status::ok;
+        path.state = has_link ? State::too_deep : is_root ? State::root : State::no_sample;
         break;
       }
       path.steps.set_size(path.steps.size() + 1);

@@ -77,6 +77,13 @@ class WriteLocks {
     release(frames_);
   }
 
+  // Unlocks all frames, and gives each a new version, which is `least` or later.
+  void release_from(Version least) noexcept {
+    release_each([&](FrameId, Version before) noexcept {
+      return std::max(before, least - SeqLock::kIncrement);
+    });
+  }
+
   // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a
   // subset of the locked frames, ascending.
   void release(const FrameList& changed) noexcept {

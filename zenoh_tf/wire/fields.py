@@ -7,6 +7,7 @@ Columns are read with `numpy.frombuffer`: read-only views of the message, never 
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
@@ -15,7 +16,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import decoded_size
+from .._core import decoded_size, join_buffers
 from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
 from ..text import quoted
 
@@ -39,6 +40,7 @@ F64: Final = np.dtype("<f8")
 Message = dict[str, Any]
 
 _NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
+_BIN_32: Final = struct.Struct(">BI")
 _IN_STEPS_FROM: Final = 64 * 1024  # bytes of a message
 
 
@@ -68,6 +70,24 @@ def pack(message: Mapping[str, Any]) -> bytes:
         raise InvalidArgumentException(
             f"the arguments cannot be sent: {error}", field="message"
         ) from error
+
+
+def pack_in_steps(message: Mapping[str, Any]) -> bytes:
+    """As `pack`, for a reply that may be long. Other threads get the interpreter between the
+    entries of its lists, and while its columns are copied."""
+    packer = _packers.packer
+    parts: list[bytes | memoryview] = [packer.pack_map_header(len(message))]
+    for key, value in message.items():
+        parts.append(packer.pack(key))
+        if type(value) is memoryview:
+            parts += _BIN_32.pack(0xC6, value.nbytes), value
+        elif type(value) is list:
+            # Not `map`: within one call of `join` nobody else would get the interpreter.
+            items = [packer.pack(item) for item in value]
+            parts += packer.pack_array_header(len(items)), b"".join(items)
+        else:
+            parts.append(packer.pack(value))
+    return join_buffers(parts)
 
 
 def unpack(

@@ -227,7 +227,7 @@ def lookup_reply(
         "status": raw(status, U8),
         "stamp": raw(stamp, I64),
         "pose": raw(pose, F64),
-        "errors": [[row, encode_error(error)] for row, error in errors] if lookup.errors else [],
+        "errors": _encoded(errors) if lookup.errors else [],
     }
     op = lookup.op
     if op.size == 1:
@@ -240,6 +240,16 @@ def lookup_reply(
         reply["read_names"] = reads[0]
         reply["read_versions"] = raw(reads[1], U64)
     return reply
+
+
+def _encoded(errors: Sequence[tuple[int, TransformException]]) -> list[Any]:
+    encoded: list[Any] = []
+    last, body = None, {}
+    for row, error in errors:
+        if error is not last:  # rows in a row that fail alike share an error
+            last, body = error, encode_error(error)
+        encoded.append([row, body])
+    return encoded
 
 
 def parse_lookup_reply(reply: Message, rows: int) -> LookupReply:

@@ -1,4 +1,4 @@
-"""``zenoh-tf frames``, ``frame``, ``authorities`` and ``stats``: the contents of a tree."""
+"""``zenoh-tf frames``, ``frame``, ``authorities``, ``clients`` and ``stats``: what a tree has."""
 
 from __future__ import annotations
 
@@ -53,6 +53,16 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "below zero.",
     )
     authorities.set_defaults(run=_authorities)
+
+    clients = commands.add_parser(
+        "clients",
+        parents=[common],
+        help="list the clients, and how far their clocks are off",
+        description="Print for each connected client: its Zenoh id, which the server's log names, "
+        "its address, and by how many seconds its clock is ahead of the server's, at least and at "
+        "most.",
+    )
+    clients.set_defaults(run=_clients)
 
     stats = commands.add_parser(
         "stats",
@@ -162,6 +172,37 @@ def _authorities(args: argparse.Namespace) -> int:
                 export.printable(authority.last_refusal),
             )
             print(f"last refusal of {name}: {reason}")
+    return 0
+
+
+def _clients(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        clients = tf.clients()
+    if args.json:
+        records = [asdict(client) for client in clients]
+        output.print_json({"tree": args.tree, "clients": records})
+        return 0
+    rows = [("client", "address", "ahead_min_s", "ahead_max_s")]
+    for client in clients:
+        rows.append(
+            (
+                export.printable(client.client),
+                "-" if client.address is None else export.printable(client.address),
+                _seconds(client.clock_offset_min_s),
+                _seconds(client.clock_offset_max_s),
+            )
+        )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for number, (name, address, least, greatest) in enumerate(rows):
+        line = "  ".join(
+            (
+                name.ljust(widths[0]),
+                address.ljust(widths[1]),
+                least.rjust(widths[2]),
+                greatest.rjust(widths[3]),
+            )
+        )
+        print(line if number else output.paint("header", line))
     return 0
 
 

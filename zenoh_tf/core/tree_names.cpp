@@ -1,0 +1,122 @@
+// Removed names that lose their ids, so that new names can take them.
+//
+// A removed frame keeps its id at first, so that its name can come back to it. Once a commit needs
+// more ids than are left, all removed names lose theirs at once. This may take a while, but readers
+// go on meanwhile: they wait only for frames that no name has, and for those whose past parents
+// are replaced.
+//
+// Why nobody takes the next owner of an id for the last one
+// 1. Data. A frame's samples, FrameEvents and the event log may hold ids of removed parents. They
+//    are replaced by 0, under the frame's write lock and with a new version, before an id passes
+//    on. A past link to such a parent then ends at its child, as if that were a root. Until the
+//    topology mutex is released, no commit adds such an id: it adds only its rows' parents, and
+//    without that mutex only ones that are newest parents already. Those are never removed.
+// 2. Lookups. They compare the generations of their names' ids after the read (Tree::is_current).
+//    A commit publishes a name, which changes the generation, before it stores samples of the
+//    frame, or links to it. Those stores have release order, and readers load with acquire order.
+//    So a lookup that has seen anything of the next owner sees its generation, too. One that has
+//    seen nothing of it found the frame as it was removed, and is ordered before.
+// 3. Commits. Those that hold the topology mutex look their names up again, others compare
+//    ids_freed_ under their children's locks (commit_names.hpp).
+// 4. Read sets. They hold names and versions. A frame that loses its name gets a version above
+//    those of all frames that ever lost theirs (version_base_), and so does one that is used for
+//    the first time afterwards. The versions of a name therefore grow, whichever ids it has had,
+//    and a read set from before its removal never passes.
+// 5. Waiting lookups. Each removal wakes those that rest on the frame. One that rests on a past
+//    link to it sees the child's new version, or waits for the child to change. One that is parked
+//    under the frame of another name is woken without need, and parks again.
+#include <algorithm>
+
+#include "tree.hpp"
+#include "write_locks.hpp"
+
+namespace ztf {
+
+// Returns whether the frame holds the id of a removed one. Requires the topology mutex: then other
+// commits may take such ids away, but add none.
+bool Tree::refers_to_removed(FrameId id) const noexcept {
+  const auto acquire = std::memory_order_acquire;
+  const auto is_removed = [&](FrameId other) { return other != 0 && names_.hidden(other); };
+  if (is_removed(events_[id].parent_before.load(acquire))) return true;
+  const Frame& frame = frames_[id];
+  if (frame.parent_changes.load(acquire) == 0 && !ever_reparented_.load()) return false;
+  return frame.version.read_consistent([&](Version) noexcept {
+    const Ring ring = frame.ring.load(acquire);
+    if (!ring || frame.parent_changes.load(acquire) == 0) return false;
+    const std::uint32_t first = frame.first.load(acquire), count = frame.count.load(acquire);
+    for (std::uint32_t i = 0; i < count; ++i)
+      if (is_removed(ring.parent(first + i))) return true;
+    return false;
+  });
+}
+
+// Replaces the ids of removed frames by 0. Requires the topology mutex and the frame's write lock,
+// and that readers wait.
+void Tree::forget_removed_parents(FrameId id) noexcept {
+  const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
+  Frame& frame = frames_[id];
+  std::atomic<FrameId>& parent_before = events_[id].parent_before;
+  if (names_.hidden(parent_before.load(relaxed))) parent_before.store(0, release);
+  const std::uint32_t count = frame.count.load(relaxed), first = frame.first.load(relaxed);
+  if (count == 0 || frame.parent_changes.load(relaxed) == 0) return;
+  // The newest sample's parent exists. So if one is replaced, the parents still differ, and all
+  // that says so stays valid (frame.hpp, invariants 3 and 4).
+  const Ring ring = frame.ring.load(relaxed);
+  std::uint32_t changes = 0;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (names_.hidden(ring.parent(first + i))) ring.store_parent(first + i, 0);
+    changes += i != 0 && ring.parent(first + i) != ring.parent(first + i - 1);
+  }
+  frame.parent_changes.store(changes, release);
+}
+
+void Tree::free_removed_names() {
+  if (names_.hidden_names() == 0) return;
+  LongWait::announce();
+  const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
+  FrameList frames;  // those without a name, and those that refer to one
+  for (FrameId id = 1; id <= names_.size(); ++id)
+    if (names_.hidden(id) || refers_to_removed(id)) frames.push_back(id);
+  {
+    LogTicket ticket(change_log_.get());
+    WriteLocks locks(*this, frames);
+    log_orphans(ticket, locks);
+    locks.begin_write();
+    ticket.draw();
+    const FreeingIds freeing(ids_freed_);
+    for (const FrameId id : frames) {
+      if (!names_.hidden(id)) {
+        forget_removed_parents(id);
+        continue;
+      }
+      version_base_ = std::max(version_base_, *locks.version_before(id) + SeqLock::kIncrement);
+      Frame& frame = frames_[id];
+      FrameEvents& events = events_[id];
+      totals_of_freed_.rewritten += events.rewritten.load(relaxed);
+      totals_of_freed_.dropped += events.dropped.load(relaxed);
+      totals_of_freed_.evicted += frame.evicted.load(relaxed);
+      frame.evicted.store(0, release);
+      events.reset();
+    }
+    event_log_.forget([&](FrameId id) { return names_.hidden(id); });
+    locks.release_from(version_base_);
+    ticket.publish();
+  }
+  // Few: no ids are freed while as many are left as the commit may need. No thread knows them.
+  for (FrameId id = names_.size() + 1; id <= names_.max_size(); ++id)
+    frames_[id].version.unlock_changed(version_base_ - SeqLock::kIncrement);
+  names_.remove_hidden();
+}
+
+std::pair<std::vector<Tree::NamedEvent>, std::uint64_t> Tree::take_events() {
+  std::vector<NamedEvent> named;
+  const auto topology = lock_announced(topology_);  // no id passes to another name meanwhile
+  const auto [events, lost] = event_log_.take();
+  const auto name_of = [&](FrameId id) { return id != 0 ? name(id) : std::string(); };
+  for (const TreeEvent& event : events)
+    named.push_back({event, name_of(event.frame), name_of(info(event.frame).parent),
+                     name_of(event.parent_before)});
+  return {std::move(named), lost};
+}
+
+}  // namespace ztf
