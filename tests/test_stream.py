@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import zenoh
@@ -42,7 +42,7 @@ class Listener:
         self.messages.put(message)
 
     def close(self) -> None:
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber.undeclare()
 
     def load(self) -> None:
         """Begin with a snapshot."""
@@ -138,8 +138,10 @@ def test_puts_of_sensors_are_streamed(server: ServerProcess) -> None:
         for stamp in range(1, 500):
             sensor.send([stamped("base", stamp, stamp), stamped("mast", stamp)])
         listener.follow(
-            lambda: "mast" in listener.tree.frames()
-            and listener.tree.frame("mast").newest_stamp_ns == 499
+            lambda: (
+                "mast" in listener.tree.frames()
+                and listener.tree.frame("mast").newest_stamp_ns == 499
+            )
         )
         assert listener.tree.frame("base").samples == tf.frame("base").samples
 
@@ -258,10 +260,14 @@ def test_a_restarted_server_is_another_instance(start_server: StartServer) -> No
 def test_a_stopped_listener_harms_nobody(server: ServerProcess) -> None:
     """One listener takes nothing; writes, lookups and another listener go on."""
     release = threading.Event()
+
+    def hold(_: zenoh.Sample) -> None:
+        release.wait()
+
     with raw(server.endpoint) as slow, server.connect() as tf, listening(server) as listener:
         # A direct callback that blocks stops the whole session from reading its link.
         blocked = slow.session.declare_subscriber(
-            keys.streams("main"), zenoh.handlers.Callback(lambda _: release.wait(), indirect=False)
+            keys.streams("main"), cast("Any", zenoh.handlers.Callback(hold, indirect=False))
         )
         try:
             listener.load()
@@ -272,7 +278,7 @@ def test_a_stopped_listener_harms_nobody(server: ServerProcess) -> None:
             assert listener.tree.frame("frame7").samples == 399
         finally:
             release.set()
-            blocked.undeclare()  # type: ignore[no-untyped-call]
+            blocked.undeclare()
 
 
 def repaired(listener: Listener, version: int) -> None:

@@ -46,9 +46,7 @@ class Snapshots:
             self._stream.wait_until_active(_BEGIN_S)
             seq, ever_reparented, bounds = self._log.plan_snapshot(PIECE_BYTES)
             return wire.snapshot_plan_reply(
-                wire.SnapshotPlan(
-                    seq, ever_reparented, bounds, self._settings, time.monotonic_ns()
-                )
+                wire.SnapshotPlan(seq, ever_reparented, bounds, self._settings, time.monotonic_ns())
             )
         self._check_instance(request.instance)
         reached, frames = self._log.read_snapshot(request.after, request.until, 2 * PIECE_BYTES)

@@ -3,8 +3,8 @@
 One thread takes the entries of the tree's change log and puts each batch as one message. A commit
 that comes alone goes out at once; after a message, the next one waits for a millisecond and then
 has everything. With nothing to say, a heartbeat tells the last number. The publisher drops what a
-link does not take (docs/decisions/0010-a-stream-that-drops.md): so no listener delays the server
-or another listener, and those that miss a message ask for it.
+link does not take: so no listener delays the server or another listener, and those that miss a
+message ask for it (docs/decisions/0010-the-stream-tells-versions.md).
 
 Thread safety: all methods.
 """

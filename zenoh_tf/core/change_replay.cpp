@@ -154,6 +154,8 @@ void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
     const std::size_t this_row = row;
     row += has_sample(kind);
     Target& target = targets_[target_of_[changes.frame[i]]];
+    // Also if the frame is newer, as in a snapshot that was read after this commit.
+    if (kind == ChangeKind::new_version) tree_.ever_reparented_.store(true);
     if (changes.version[i] <= target.before) continue;
     target.after = changes.version[i];
     Frame& frame = tree_.frames_[target.id];
@@ -176,7 +178,6 @@ void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
         tree_.names_.hide(target.id);
         break;
       case ChangeKind::new_version:
-        tree_.ever_reparented_.store(true);
         break;
       case ChangeKind::orphaned:
         tree_.forget_removed_parents(target.id);

@@ -1,7 +1,8 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-and `calls` batches, info and admin requests, `stream` what mirrors follow. docs/protocol.md describes it for other languages.
+`calls` batches, info and admin requests, and `stream` what mirrors follow. docs/protocol.md
+describes it for other languages.
 """
 
 from .calls import (
@@ -89,16 +90,9 @@ from .stream import (
 )
 
 __all__ = [
-    "AnswerRow",
-    "Changes",
-    "Commit",
     "F64",
-    "Frames",
-    "Lookup",
-    "LookupReply",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
-    "Message",
     "NO_STAMP",
     "OP_AT",
     "OP_COMMON",
@@ -106,13 +100,20 @@ __all__ = [
     "OP_FULL",
     "OP_LATEST",
     "OP_LATEST_XACT",
+    "VERSION",
+    "AnswerRow",
+    "Changes",
+    "Commit",
+    "Frames",
+    "Lookup",
+    "LookupReply",
+    "Message",
     "Pose",
     "SnapshotPiece",
     "SnapshotPlan",
     "SnapshotRequest",
     "StreamMessage",
     "TreeSettings",
-    "VERSION",
     "Write",
     "as_transform_exception",
     "batch_body",
