@@ -125,7 +125,7 @@ class Mirroring:
         self._number = 0
         self._wants_plan = True
         self._wants_missed = False
-        self._new_trees = 0
+        self._snapshots = 0
 
     # --- what the owner reads
 
@@ -161,8 +161,8 @@ class Mirroring:
 
     @property
     def snapshots(self) -> int:
-        """How many copies were made."""
-        return self._new_trees
+        """How many snapshots were begun."""
+        return self._snapshots
 
     # --- what the owner feeds in
 
@@ -256,6 +256,7 @@ class Mirroring:
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
         self._next = _Copy(instance, plan, self._make_tree(plan.settings))
+        self._snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]
         self._waiting = deque(kept)
@@ -292,4 +293,3 @@ class Mirroring:
         self._wants_missed = bool(self._waiting)
         if copy is self._next and copy.is_complete:
             self._live, self._next = copy, None
-            self._new_trees += 1
