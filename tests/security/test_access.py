@@ -372,6 +372,7 @@ def test_the_stream_is_for_clients_that_may_read(secured: Secured) -> None:
     with (
         secured.raw("reader") as reader,
         secured.raw("listener") as listener,
+        secured.raw("wheels") as forger,
         secured.client("admin") as tf,
     ):
         for name, session in (("listener", listener), ("reader", reader)):
@@ -383,7 +384,7 @@ def test_the_stream_is_for_clients_that_may_read(secured: Secured) -> None:
         key = heard["reader"].get(timeout=10.0)
         assert key.startswith("tf/v1/main/stream/")
         # Nobody but the server may say what has changed.
-        listener.put(keys.stream("main", "forged"), b"")
+        forger.put(keys.stream("main", "forged"), b"")
         tf.set_transform(LINK, "admin")
         for _ in range(5):
             assert heard["reader"].get(timeout=10.0) == key

@@ -5,8 +5,6 @@
 #include <new>
 #include <utility>
 
-#include "yield_point.hpp"
-
 namespace ztf {
 
 LogEntry* LogEntry::make(std::size_t changes, std::size_t names, std::size_t name_bytes) {

@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "frame.hpp"
+#include "yield_point.hpp"
 #include "zeroed_array.hpp"
 
 namespace ztf {
@@ -120,7 +121,10 @@ class ChangeLog {
   // Returns an entry with this room, or null if it would be lost. Throws bad_alloc.
   LogEntry* make_entry(std::size_t changes, std::size_t names, std::size_t name_bytes);
   void discard(LogEntry* entry) noexcept;  // may be null
-  Seq draw() noexcept { return drawn_.fetch_add(1, std::memory_order_acq_rel) + 1; }
+  Seq draw() noexcept {
+    yield_point();
+    return drawn_.fetch_add(1, std::memory_order_acq_rel) + 1;
+  }
   void publish_empty(Seq seq) noexcept { publish(seq, kEmpty); }
   void publish_lost(Seq seq) noexcept { publish(seq, kLost); }
   void publish_entry(Seq seq, LogEntry* entry) noexcept {
