@@ -207,7 +207,7 @@ def test_hello_is_served_beside_long_requests(start_server: StartServer) -> None
             worker.start()
         try:
             for _ in range(20):
-                tf._connection._hello(10.0)
+                tf._connection.hello(10.0)
                 assert tf.can_transform("map", "base")
         finally:
             stop.set()

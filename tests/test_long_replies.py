@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import join_buffers
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_server.limits import Limits
+
+from .conftest import ServerProcess, free_endpoint
 
 ROWS = 3000
 
@@ -99,3 +102,22 @@ def test_join_buffers_is_bytes_join() -> None:
     for bad in (["text"], [b"a", 1], [column[:, ::2].data]):
         with pytest.raises((TypeError, BufferError)):
             join_buffers(bad)  # type: ignore[arg-type]
+
+
+class FrozenCount(ServerProcess):
+    """A server that greets with the number of objects that are never collected."""
+
+    START = (
+        "-c",
+        "import gc, sys; from zenoh_tf_server import main\n"
+        "main._greeting = lambda *_: str(gc.get_freeze_count())\n"
+        "sys.exit(main.main())",
+    )
+
+
+def test_a_garbage_collection_leaves_out_what_stays(tmp_path: Path) -> None:
+    server = FrozenCount(tmp_path / "log", free_endpoint(), "main", ())
+    try:
+        assert int(server.greeting) > 10_000
+    finally:
+        server.stop()

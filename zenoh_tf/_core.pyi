@@ -2,8 +2,7 @@
 
 The two stubs, this one and `_transform.pyi`, are the one source of signatures and docstrings. The
 build compiles them into the module (bindings/stub_docs.py), so help() shows what editors show.
-`X_target_source` is the pose of source in target, in metres. A pose row is
-(x, y, z, qx, qy, qz, qw).
+`X_target_source` is the pose of source in target, in metres. Pose rows: x y z qx qy qz qw.
 """
 
 from collections.abc import Sequence
@@ -285,8 +284,8 @@ class Tree:
     def reset(self) -> None:
         """Drop every frame at one instant: all samples, static links and names.
 
-        The tree is then as new, apart from its counters and authorities. A name that was ever
-        used keeps counting against `max_frames`. To keep the names, use `clear(False)`.
+        The tree is then as new, apart from its counters and authorities. To keep the names, use
+        `clear(False)`.
         """
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         """Remove a frame at one instant: its link, its history and its name.
@@ -308,8 +307,7 @@ class Tree:
         `commits`, `rewritten`, `dropped`, `evicted` (samples), `from_future` (dropped rows later
         than the server accepts) and `time_jumps` what was.
         """
-    def __repr__(self) -> str: ...
-    # --- internals of zenoh_tf and of the server
+    def __repr__(self) -> str: ...  # what follows is internal to zenoh_tf and the server
     def _velocity_record(
         self,
         tracking_frame: str,

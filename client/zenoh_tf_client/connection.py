@@ -9,7 +9,6 @@ import contextlib
 import itertools
 import os
 import random
-import threading
 import time
 from dataclasses import dataclass
 from typing import Final, TypeVar
@@ -93,7 +92,6 @@ class Connection:
         self.tree = tree
         self.timeout_s = timeout_s
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
-        self._lock = threading.Lock()
         self._server: ServerInfo | None = None
         self._round_trip_ns: int | None = None  # of the last hello
         self._next_hello_s = 0.0
@@ -151,9 +149,43 @@ class Connection:
         if self._access is not None:
             self._access.check_publish(authority)
 
-    def hello(self) -> ServerInfo:
-        """Ask the server who it is, and for its limits. Raises ServerUnavailable."""
-        return self._hello(self.timeout_s)
+    def hello(self, timeout_s: float | None = None) -> ServerInfo:
+        """Ask the server who it is, for its limits, and for what this client may do.
+
+        Raises ServerUnavailable if it does not answer within `timeout_s`, or the usual time-out.
+        """
+        period_s = _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
+        self._next_hello_s = time.monotonic() + period_s
+        request = info_requests.hello(
+            self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
+        )
+        begin_ns = time.monotonic_ns()
+        payload = wire.pack(request.body())
+        if timeout_s is None:
+            timeout_s = self.timeout_s
+        reply = self._query(self._keys["hello"], payload, timeout_s)
+        if isinstance(reply, NoReply) and reply.at_once:
+            # Servers before access rules answer `hello` among the infos only.
+            reply = self._query(self._keys["info"], payload, timeout_s)
+        now_ns = time.monotonic_ns()
+        if isinstance(reply, NoReply):
+            raise ServerUnavailable(reply.reason)
+        self._round_trip_ns = now_ns - begin_ns
+        value = request.parse(reply)
+        access = value.get("access")
+        user = self._credentials.user
+        self._access = None if access is None else Access(self.tree, self._address, user, access)
+        # The server read its clock before this side did, so the offset is too small by the
+        # reply's travel time at most. An expiry computed with it is never later than this
+        # side's own time-out.
+        server = ServerInfo(
+            wire.text(value, "instance"),
+            wire.integer(value, "clock_ns") - now_ns,
+            wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
+            wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
+        )
+        self._server = server
+        return server
 
     def call(self, request: Request[T]) -> T:
         """Send a request; return its result, or raise its error or those of `read` and `write`."""
@@ -177,7 +209,7 @@ class Connection:
             raise ServerUnavailable(reply.reason)
         if time.monotonic() >= self._next_hello_s:
             with contextlib.suppress(TransformException):  # the read itself was answered
-                self._hello(_CLOCK_TIMEOUT_S)
+                self.hello(_CLOCK_TIMEOUT_S)
         wire.raise_error(reply)
         return reply
 
@@ -194,7 +226,7 @@ class Connection:
             return self._write_once(operation, body, instance or self.instance)
         except ServerRestarted:
             # The new server rejected it, so it was not applied and may be sent again.
-            self._forget_server()
+            self._server = None
             if instance is not None:
                 raise
         return self._write_once(operation, body, self.instance)
@@ -202,7 +234,7 @@ class Connection:
     def _write_once(self, operation: str, body: wire.Message, instance: str) -> wire.Message:
         server = self._known_server()
         if time.monotonic() >= self._next_hello_s:
-            server = self._hello(self.timeout_s)  # for an expiry by the clocks as they are now
+            server = self.hello()  # for an expiry by the clocks as they are now
         key = self._key(operation, body)
         timeout_ns = int(self.timeout_s * 1e9)
         write = wire.Write(
@@ -232,7 +264,7 @@ class Connection:
         """
         if self._server is None:
             with contextlib.suppress(ServerUnavailable):
-                self._hello(self.timeout_s)
+                self.hello()
                 self._key(operation, body)
 
     def _query_until_served(
@@ -264,7 +296,7 @@ class Connection:
         if server is not None and (
             isinstance(reply, NoReply) or reply.get("instance") != server.instance
         ):
-            self._forget_server()  # the clock and limits of a new one are not known yet
+            self._server = None  # the clock and limits of a new one are not known yet
         return reply
 
     def _pack(self, body: wire.Message) -> bytes:
@@ -281,10 +313,7 @@ class Connection:
         return payload
 
     def _known_server(self) -> ServerInfo:
-        return self._server or self._hello(self.timeout_s)
-
-    def _forget_server(self) -> None:
-        self._server = None
+        return self._server or self.hello()
 
     def _wait_for_server(self, deadline_s: float) -> None:
         """Ask until a server answers, because it may still be starting. Give up early if the
@@ -293,7 +322,7 @@ class Connection:
         while True:
             left_s = deadline_s - time.monotonic()
             try:
-                self._hello(max(left_s, 0.1))
+                self.hello(max(left_s, 0.1))
                 return
             except ServerUnavailable:
                 is_last = left_s <= _HELLO_PERIOD_S
@@ -305,35 +334,3 @@ class Connection:
                         ) from None
                     next_check_s = time.monotonic() + _OTHER_TREES_PERIOD_S
             time.sleep(_HELLO_PERIOD_S)
-
-    def _hello(self, timeout_s: float) -> ServerInfo:
-        period_s = _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
-        self._next_hello_s = time.monotonic() + period_s
-        request = info_requests.hello(
-            self._credentials.user, self._client_id, time.time_ns(), self._round_trip_ns
-        )
-        begin_ns = time.monotonic_ns()
-        payload = wire.pack(request.body())
-        reply = self._query(self._keys["hello"], payload, timeout_s)
-        if isinstance(reply, NoReply) and reply.at_once:
-            # Servers before access rules answer `hello` among the infos only.
-            reply = self._query(self._keys["info"], payload, timeout_s)
-        now_ns = time.monotonic_ns()
-        if isinstance(reply, NoReply):
-            raise ServerUnavailable(reply.reason)
-        self._round_trip_ns = now_ns - begin_ns
-        value = request.parse(reply)
-        access = value.get("access")
-        user = self._credentials.user
-        self._access = None if access is None else Access(self.tree, self._address, user, access)
-        # The server read its clock before this side did, so the offset is too small by the
-        # reply's travel time at most. An expiry computed with it is never later than this
-        # side's own time-out.
-        server = ServerInfo(
-            wire.text(value, "instance"),
-            wire.integer(value, "clock_ns") - now_ns,
-            wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
-            wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
-        )
-        self._server = server
-        return server

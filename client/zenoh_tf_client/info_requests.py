@@ -1,5 +1,5 @@
-"""Makes the requests that describe the tree or the server: each function that of the client method
-of the same name, and `hello`."""
+"""Makes the requests for descriptions of the tree and the server. Each function serves the client
+method of the same name; `hello` serves the connection itself."""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 `lookup_requests`, `write_requests` and `info_requests` have a function for each method of the
 client, which makes that method's `Request`.
+
+Client, batch and transaction declare the methods once more, each with its own result type and
+docstring, because editors and the API reference read both from the source.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Makes the requests of writes: each function that of the client method of the same name."""
+"""Makes the requests of writes. Each function serves the client method of the same name."""
 
 from __future__ import annotations
 

@@ -183,8 +183,7 @@ class Batch:
 
     def _fit(self, reply: wire.Message) -> bytes:
         """The reply's bytes, or those of an error if they have no room."""
-        is_long = len(reply.get("status", b"")) > 1
-        data = wire.pack_in_steps(reply) if is_long else wire.pack(reply)
+        data = wire.pack_in_steps(reply)
         extra = len(data) - len(NO_ROOM)
         if extra > 0:
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import os
 import shlex
@@ -74,6 +75,9 @@ async def serve(settings: Settings) -> NoReturn:
     except BaseException:
         stopped.cancel()
         raise
+    # A long reply with errors causes a full garbage collection, in which no thread can run. With
+    # the modules, which are loaded now and stay, it takes 7 to 20 ms; without them under 1.
+    gc.freeze()
     print(_greeting(settings, server.instance), flush=True)
     operations.serving(server)
     await stopped

@@ -145,13 +145,11 @@ class Service:
     def _pack(self, reply: wire.Message) -> bytes:
         reply["v"] = wire.VERSION
         reply["instance"] = self.instance
-        return wire.pack(reply)
+        return wire.pack_in_steps(reply)
 
     def _pack_within(self, reply: wire.Message) -> bytes:
         """Raises LimitExceeded for more bytes than a reply may have."""
-        reply["v"] = wire.VERSION
-        reply["instance"] = self.instance
-        data = wire.pack_in_steps(reply)
+        data = self._pack(reply)
         self.limits.check("reply_bytes", len(data))
         return data
 

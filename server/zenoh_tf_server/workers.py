@@ -26,7 +26,7 @@ from zenoh.handlers import FifoChannel
 from zenoh_tf import keys
 
 from .access_control import KEYED
-from .clients import Clients
+from .clients import UNKNOWN, Clients
 from .lanes import Budget, Lane, Request
 from .replies import Replies, Reply
 from .service import Service
@@ -106,19 +106,23 @@ class _Shared:
         """The ReplyCallback of a query with `size` bytes."""
         # A reply's key must lie within its query's key.
         key = query.key_expr if operation in self.keyed else self.keys[operation]
-        client, takes_parts = "", False
-        attachment = query.attachment
-        if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
-            data = attachment.to_bytes()
-            known = self._senders.get(data)
-            if known is None:
-                client, _, word = data.decode("ascii", "replace").partition(" ")
-                known = client, word == keys.TAKES_PARTS
-                if len(self._senders) >= _MAX_SENDERS:
-                    self._senders.clear()
-                self._senders[data] = known
-            client, takes_parts = self.clients.known(known[0]), known[1]
+        client, takes_parts = self.sender(query)
         return Reply(query, key, client, takes_parts, size, self.replies)
+
+    def sender(self, query: zenoh.Query) -> tuple[str, bool]:
+        """The client that sent a query, and whether it takes parts."""
+        attachment = query.attachment
+        if attachment is None or len(attachment) > _MAX_ATTACHMENT_BYTES:
+            return UNKNOWN, False
+        data = attachment.to_bytes()
+        known = self._senders.get(data)
+        if known is None:
+            client, _, word = data.decode("ascii", "replace").partition(" ")
+            known = client, word == keys.TAKES_PARTS
+            if len(self._senders) >= _MAX_SENDERS:
+                self._senders.clear()
+            self._senders[data] = known
+        return self.clients.known(known[0]), known[1]
 
     def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
         """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
@@ -139,14 +143,13 @@ class _Shared:
 
     def put(self, lane: Lane, query: zenoh.Query, operation: str, size: int) -> None:
         """Let a query wait in a lane, or refuse it."""
-        reply_to = self.reply_to(query, operation, size)
-        refusal: Exception | None = None
+        refusal: Exception | None
         if size > self.service.limits.message_bytes:
             refusal = self.service.limits.exceeded("message_bytes", size)
         else:
-            refusal = lane.put(Request(query, operation, reply_to.client, size))
+            refusal = lane.put(Request(query, operation, self.sender(query)[0], size))
         if refusal is not None:
-            reply_to(self.service.error(refusal), True)
+            self.reply_to(query, operation, size)(self.service.error(refusal), True)
 
 
 class _LaneThreads:

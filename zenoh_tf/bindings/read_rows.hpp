@@ -1,5 +1,5 @@
-// Lookups and commits as columns over a list of names: shared by read_rows.cpp, commit.cpp and
-// parked_lookups.cpp.
+// Lookups and commits as columns over a list of names: shared by read_rows.cpp, answer_columns.cpp,
+// commit.cpp and parked_lookups.cpp.
 //
 // Thread safety: everything here requires the GIL, except where it says "needs no GIL".
 #pragma once

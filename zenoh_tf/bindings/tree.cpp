@@ -316,7 +316,8 @@ void bind_writes(nb::class_<Tree>& tree) {
       .def(
           "clear", [](Tree& t, bool keep_static) { clear(t, keep_static, kNeverExpires); },
           ZTF_DOC(Tree_clear), nb::arg("keep_static") = true)
-      .def("reset", [](Tree& t) { reset(t, kNeverExpires); }, ZTF_DOC(Tree_reset))
+      .def(
+          "reset", [](Tree& t) { reset(t, kNeverExpires); }, ZTF_DOC(Tree_reset))
       .def(
           "remove_frame",
           [](Tree& t, nb::handle name, bool subtree) {

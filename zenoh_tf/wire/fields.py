@@ -41,6 +41,7 @@ Message = dict[str, Any]
 
 _NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
 _BIN_32: Final = struct.Struct(">BI")
+_IN_STEPS_FROM_ROWS: Final = 500  # of a reply; steps cost a shorter one more than they spare
 _IN_STEPS_FROM: Final = 64 * 1024  # bytes of a message
 
 
@@ -73,8 +74,10 @@ def pack(message: Mapping[str, Any]) -> bytes:
 
 
 def pack_in_steps(message: Mapping[str, Any]) -> bytes:
-    """As `pack`, for a reply that may be long. Other threads get the interpreter between the
-    entries of its lists, and while its columns are copied."""
+    """As `pack`, for a reply that may have many rows. Other threads then get the interpreter
+    between the entries of its lists, and while its columns are copied."""
+    if len(message.get("status", b"")) < _IN_STEPS_FROM_ROWS:
+        return pack(message)
     packer = _packers.packer
     parts: list[bytes | memoryview] = [packer.pack_map_header(len(message))]
     for key, value in message.items():
