@@ -16,8 +16,8 @@ class CommitExecution {
   // plan. Throws bad_alloc.
   void reserve();
 
-  // Fills the ticket's entry with what apply() is going to change (commit_log.cpp). Requires a ready
-  // plan. Throws bad_alloc.
+  // Fills the ticket's entry with what apply() is going to change (commit_log.cpp). Requires a
+  // ready plan. Throws bad_alloc.
   void log(LogTicket& ticket, const WriteLocks& locks) const;
 
   // Stores the plan's rows and publishes its names. Requires reserve(), the write locks, and that

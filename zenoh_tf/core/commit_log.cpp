@@ -42,7 +42,8 @@ void CommitExecution::log(LogTicket& ticket, const WriteLocks& locks) const {
         others.emplace_back(tree_.name(id), version_after(locks, id));
 
   std::size_t changes = created.size() + others.size(), bytes = request.authority.size();
-  for (const FrameWrites& group : plan_.groups()) changes += group.end - group.begin + 2;
+  for (const FrameWrites& group : plan_.groups())
+    changes += group.end - group.begin + group.restarts + plan_.is_first_reparenting();
   const auto name_count = static_cast<std::uint32_t>(request.names.size());
   for (std::uint32_t i = 0; i < name_count; ++i) bytes += names.name(i).size();
   for (const auto& [name, id] : created) bytes += name.size();
