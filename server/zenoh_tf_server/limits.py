@@ -321,10 +321,10 @@ def page() -> Iterator[str]:
     yield "name as in a frame's, and 4,096 authorities per tree. A lookup that climbs more than"
     yield "`depth` links fails with `LookupException`, as in tf2. If there is no room for a new"
     yield "authority, those that own no frame are forgotten, the least recently used first. A"
-    yield "frame that was removed, or dropped by a reset, keeps its place among the `frames`; its"
-    yield "name may come back without needing another. Memory of samples that is not used any"
-    yield "more counts until a frame needs it again. The embedded `TransformTree` takes the first"
-    yield "five limits as `max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
+    yield "frame that was removed, or dropped by a reset, gives its place among the `frames` to"
+    yield "the next new one. Memory of samples that is not used any more counts until a frame"
+    yield "needs it again. The embedded `TransformTree` takes the first five limits as"
+    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
     yield "`max_memory_bytes`."
 
 

@@ -105,7 +105,7 @@ def judge(samples: list[dict[str, Any]]) -> bool:
     for name, counts in samples[-1]["counts"].items():
         print(f"{name:13} {counts}")
     if refused := samples[-1]["counts"]["churn"].get("LimitExceeded"):
-        print(f"{refused} new frames were refused: the names of removed ones stay taken")
+        print(f"{refused} new frames were refused, although removed ones leave room")
         kept = False
     print(f"log: {samples[-1]['log_bytes']} bytes; {samples[-1]['s']:.0f} s")
     return kept

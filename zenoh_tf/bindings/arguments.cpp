@@ -31,10 +31,8 @@ FrameRef frame_of(const Tree& tree, nb::handle name, const char* field) {
   return tree.find_ref(text);
 }
 
-NamedQuery query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
-  const FrameRef target_ref = frame_of(tree, target, "target_frame");
-  const FrameRef source_ref = frame_of(tree, source, "source_frame");
-  return {{op, target_ref.id, source_ref.id}, target_ref, source_ref};
+Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
+  return {op, frame_of(tree, target, "target_frame").id, frame_of(tree, source, "source_frame").id};
 }
 
 Stamp stamp_of(nb::handle stamp, const char* field) {

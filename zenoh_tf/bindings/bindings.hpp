@@ -90,29 +90,16 @@ class GilReleasedOnWait final : private LongWait {
 
 using FrameRef = Tree::FrameRef;
 
-// A query, and the frames of its names as they were found.
-struct NamedQuery : Query {
-  FrameRef target_ref, source_ref, fixed_ref = {};
-
-  // False if one of the names has lost its id since: then the answer may be another frame's.
-  [[nodiscard]] bool is_current(const Tree& tree) const noexcept {
-    return tree.is_current(target_ref) && tree.is_current(source_ref) && tree.is_current(fixed_ref);
-  }
-};
-
 // Tree::lookup of the query that find_names() returns, for threads that hold the GIL. Finds the
-// names again if one has lost its id meanwhile. Returns the query that was answered.
+// names again if a name has lost its id meanwhile. Returns the query that was answered.
 template <class FindNames>
-NamedQuery lookup_holding_gil(const Tree& tree, Answer& answer, FindNames&& find_names) {
-  for (;;) {
-    const NamedQuery query = find_names();
-    {
-      const GilReleasedOnWait released;
-      tree.lookup(query, answer);
-    }
-    if (query.is_current(tree)) [[likely]]
-      return query;
-  }
+Query lookup_holding_gil(const Tree& tree, Answer& answer, FindNames&& find_names) {
+  return tree.read_names([&] {
+    const Query query = find_names();
+    const GilReleasedOnWait released;
+    tree.lookup(query, answer);
+    return query;
+  });
 }
 
 // --- arguments; `field` names the argument in InvalidArgumentException
@@ -123,7 +110,7 @@ std::string quoted(std::string_view name);
 std::string_view text_of(nb::handle name, const char* field);
 // A frame's id, 0 if there is none. Raises for names that no frame can have.
 FrameRef frame_of(const Tree& tree, nb::handle name, const char* field);
-NamedQuery query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
+Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
 // An int as a stamp; kNoStamp for None.
 Stamp stamp_of(nb::handle stamp, const char* field);
 // Exactly n numbers of a sequence.

@@ -62,8 +62,8 @@ class FrameColumn {
     const auto rows = std::span(frames_).subspan(begin, end - begin);
     return std::ranges::all_of(rows, [&](FrameRef frame) { return tree_.is_current(frame); });
   }
-  [[nodiscard]] FrameRef find_again(std::size_t row) const {
-    return frame_of(tree_, items_[index(row)], field_);
+  [[nodiscard]] FrameId find_again(std::size_t row) const {
+    return frame_of(tree_, items_[index(row)], field_).id;
   }
 
  private:
@@ -204,8 +204,7 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle target_names, nb::handle s
   for (const std::size_t row : lost) {
     Answer answer;
     lookup_holding_gil(tree, answer, [&] {
-      const FrameRef target = targets.find_again(row), source = sources.find_again(row);
-      return NamedQuery{query_of_row(target.id, source.id, stamps[row]), target, source};
+      return query_of_row(targets.find_again(row), sources.find_again(row), stamps[row]);
     });
     out.store(row, answer);
   }

@@ -73,15 +73,10 @@ void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_read
     if (read_set) read_set->add(reads);
   } else if (!read_set) {
     tree.lookup_batch(rows.queries, answers);
-    std::vector<bool> lost(rows.frames.size());
-    for (std::size_t i = 0; i < lost.size(); ++i) lost[i] = !tree.is_current(rows.frames[i]);
-    if (std::find(lost.begin(), lost.end(), true) == lost.end()) [[likely]]
-      return;
-    for (std::size_t i = 0; i < answers.size(); ++i) {
-      const auto [target, source, fixed] = rows.names[i];
-      if (lost[target] || lost[source] || lost[fixed])
-        rows.look_up_row(tree, i, [&](const Query& query) { tree.lookup(query, answers[i]); });
-    }
+    const auto is_current = [&](FrameRef frame) { return tree.is_current(frame); };
+    if (std::ranges::all_of(rows.frames, is_current)) return;
+    for (std::size_t i = 0; i < answers.size(); ++i)
+      rows.look_up_row(tree, i, [&](const Query& query) { tree.lookup(query, answers[i]); });
   } else {
     for (std::size_t i = 0; i < answers.size(); ++i) {
       rows.look_up_row(tree, i, [&](const Query& query) {

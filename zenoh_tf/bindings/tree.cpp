@@ -80,8 +80,8 @@ LatestTransform latest_answer(const Tree& tree, const Answer& a, nb::handle targ
   return {stamped_answer(tree, a, target, source), a.newest};
 }
 
-NamedQuery query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
-  NamedQuery query = query_of(tree, Op::latest_common, target, source);
+Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+  Query query = query_of(tree, Op::latest_common, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   if (query.stamp != kNoStamp) query.op = Op::at;
   return query;
@@ -103,11 +103,10 @@ StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle tar
                              nb::handle source, nb::handle source_stamp, nb::handle fixed,
                              double timeout_s) {
   const auto query = [&] {
-    NamedQuery named = query_of(tree, Op::full, target, source);
+    Query named = query_of(tree, Op::full, target, source);
     named.stamp = stamp_of(target_stamp, "target_stamp_ns");
     named.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
-    named.fixed_ref = frame_of(tree, fixed, "fixed_frame");
-    named.fixed = named.fixed_ref.id;
+    named.fixed = frame_of(tree, fixed, "fixed_frame").id;
     return named;
   };
   Answer a;
@@ -147,7 +146,7 @@ LatestTransform latest(const Tree& tree, nb::handle target, nb::handle source) {
 nb::list latest_all(const Tree& tree, nb::handle pairs) {
   const nb::tuple items = tuple_of(pairs);
   std::vector<Query> queries;
-  std::vector<NamedQuery> named;  // the same
+  std::vector<FrameRef> frames;  // of the queries: target, source
   std::vector<std::pair<nb::object, nb::object>> names;
   for (const nb::handle item : items) {
     const nb::tuple pair = nb::steal<nb::tuple>(PySequence_Tuple(item.ptr()));
@@ -156,8 +155,9 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
       raise_invalid("pairs must hold (target_frame, source_frame) tuples", "pairs");
     }
     names.emplace_back(pair[0], pair[1]);
-    named.push_back(query_of(tree, Op::latest_xact, pair[0], pair[1]));
-    queries.push_back(named.back());
+    frames.push_back(frame_of(tree, pair[0], "target_frame"));
+    frames.push_back(frame_of(tree, pair[1], "source_frame"));
+    queries.push_back({Op::latest_xact, frames[frames.size() - 2].id, frames.back().id});
   }
   std::vector<Answer> answers(queries.size());
   ReadSet reads;
@@ -170,9 +170,11 @@ nb::list latest_all(const Tree& tree, nb::handle pairs) {
     }
     unchanged = true;
     for (std::size_t i = 0; i < queries.size(); ++i) {
-      const NamedQuery now = query_of(tree, Op::latest_xact, names[i].first, names[i].second);
-      unchanged &= now.target_ref == named[i].target_ref && now.source_ref == named[i].source_ref;
-      queries[i] = named[i] = now;
+      const FrameRef target = frame_of(tree, names[i].first, "target_frame");
+      const FrameRef source = frame_of(tree, names[i].second, "source_frame");
+      unchanged &= target == frames[2 * i] && source == frames[2 * i + 1];
+      frames[2 * i] = target, frames[2 * i + 1] = source;
+      queries[i].target = target.id, queries[i].source = source.id;
     }
   }
   nb::list out;

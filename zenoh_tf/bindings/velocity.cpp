@@ -1,7 +1,6 @@
 // Tree._velocity_record: the fields of zenoh_tf.Velocity.
 //
 // GIL: kept, as by every single lookup.
-#include <algorithm>
 #include <cmath>
 
 #include "bindings.hpp"
@@ -15,30 +14,28 @@ nb::dict velocity_record(const Tree& tree, nb::handle tracking, nb::handle obser
                          nb::handle point, nb::handle point_frame_or_none) {
   const nb::handle reference = reference_or_none.is_none() ? observation : reference_or_none;
   const nb::handle point_frame = point_frame_or_none.is_none() ? tracking : point_frame_or_none;
-  FrameRef refs[4];
-  const auto find_names = [&] {
-    refs[0] = frame_of(tree, tracking, "tracking_frame");
-    refs[1] = frame_of(tree, observation, "observation_frame");
-    refs[2] = frame_of(tree, reference, "reference_frame");
-    refs[3] = frame_of(tree, point_frame, "reference_point_frame");
+  const auto find_names = [&](VelocityQuery& query) {
+    query.tracking = frame_of(tree, tracking, "tracking_frame").id;
+    query.observation = frame_of(tree, observation, "observation_frame").id;
+    query.reference = frame_of(tree, reference, "reference_frame").id;
+    query.point_frame = frame_of(tree, point_frame, "reference_point_frame").id;
   };
-  find_names();
-  VelocityQuery query{0, 0, 0, 0, stamp_of(stamp, "stamp_ns"), interval, {}};
+  VelocityQuery query{};
+  find_names(query);  // raises for names that no frame can have
+  query.stamp = stamp_of(stamp, "stamp_ns");
+  query.interval = interval;
   numbers_of(point, &query.point.x, 3, "reference_point");
   for (const double value : {query.point.x, query.point.y, query.point.z})
     if (!std::isfinite(value)) raise_invalid("reference_point must be finite", "reference_point");
   if (interval < 1) raise_invalid("averaging_interval_s must be above 0", "averaging_interval_s");
 
-  VelocityAnswer a;
-  for (;; find_names()) {  // again if a name has lost its id meanwhile
-    query.tracking = refs[0].id, query.observation = refs[1].id;
-    query.reference = refs[2].id, query.point_frame = refs[3].id;
-    {
-      const GilReleasedOnWait released;
-      tree.lookup_velocity(query, a);
-    }
-    if (std::ranges::all_of(refs, [&](FrameRef ref) { return tree.is_current(ref); })) break;
-  }
+  const VelocityAnswer a = tree.read_names([&] {
+    find_names(query);
+    VelocityAnswer answer;
+    const GilReleasedOnWait released;
+    tree.lookup_velocity(query, answer);
+    return answer;
+  });
   if (a.failure.code != Code::ok) {
     using Leg = VelocityAnswer::Leg;
     const nb::handle target = a.leg == Leg::reference ? reference : observation;

@@ -227,24 +227,24 @@ class NameTable {
       word |= std::uint64_t{static_cast<unsigned char>(name[i])} << (8 * i);
     return word;
   }
-  // Returns the state of an entry that has this name and the state's bits `wanted`; else 0, which
-  // no entry has that ever had a name.
+  // Returns whether an entry that has the state's bits `wanted` has this name, and sets its state.
   template <std::uint32_t wanted>
-  ZTF_ALWAYS_INLINE static std::uint32_t state_if_named(const Entry& entry,
-                                                        std::string_view name) noexcept {
-    const std::uint32_t state = entry.state.load(std::memory_order_acquire);
-    if ((state & (wanted | kChanging)) != wanted) return 0;
-    if (entry.length.load(std::memory_order_acquire) != name.size()) return 0;
+  ZTF_ALWAYS_INLINE static bool has_name(const Entry& entry, std::string_view name,
+                                         std::uint32_t& state) noexcept {
+    state = entry.state.load(std::memory_order_acquire);
+    if ((state & (wanted | kChanging)) != wanted) return false;
+    if (entry.length.load(std::memory_order_acquire) != name.size()) return false;
     const Word* const words = entry.text(static_cast<std::uint32_t>(name.size()));
     // The address and the length must belong together before the text is read.
-    if (name.size() > kShortBytes && entry.state.load(std::memory_order_relaxed) != state) return 0;
+    if (name.size() > kShortBytes && entry.state.load(std::memory_order_relaxed) != state)
+      return false;
     std::size_t i = 0;
     for (; i < name.size() / 8; ++i)
       if (words[i].load(std::memory_order_acquire) != word_at<std::uint64_t>(name.data() + 8 * i))
-        return 0;
+        return false;
     if (name.size() % 8 != 0 && words[i].load(std::memory_order_acquire) != last_word(name))
-      return 0;
-    return entry.state.load(std::memory_order_relaxed) == state ? state : 0;
+      return false;
+    return entry.state.load(std::memory_order_relaxed) == state;
   }
 
   template <std::uint32_t wanted>
@@ -256,9 +256,8 @@ class NameTable {
       if (slot == 0) return {};
       if ((slot ^ hash) >> 32 == 0) {
         const Id id = static_cast<Id>(slot);
-        if (id == 0) continue;
-        if (const std::uint32_t state = state_if_named<wanted>(names_[id], name); state != 0)
-          return {id, state / kIncrement};
+        std::uint32_t state;
+        if (id != 0 && has_name<wanted>(names_[id], name, state)) return {id, state / kIncrement};
       }
     }
     return {};

@@ -141,8 +141,9 @@ class Tree {
   // and may have come back.
   [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
   // Calls read() until no id passed to another name, or authority, during the call. So all ids
-  // that it reads belong to the names that it finds for them. After so many attempts it takes the
-  // result as it is.
+  // that it reads belong to the names that it finds for them. For short reads: it costs them less
+  // than is_current(), but begins again whichever id has passed on. After so many attempts it takes
+  // the result as it is.
   template <class Read>
   auto read_names(Read&& read, int attempts = std::numeric_limits<int>::max()) const {
     for (Backoff backoff;; backoff.wait()) {
@@ -309,11 +310,12 @@ class Tree {
   TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
   std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
+  // Counts, twice each, how often ids of removed names or forgotten authorities were freed. Odd
+  // while that goes on. Changes only under the topology mutex (FreeingIds). Lies beside words that
+  // every lookup reads, and that hardly ever change.
+  std::atomic<std::uint64_t> ids_freed_{0};
   NameTable names_;
   NameTable authorities_;
-  // Counts, twice each, how often ids of removed names or forgotten authorities were freed. Odd
-  // while that goes on. Changes only under the topology mutex (FreeingIds).
-  std::atomic<std::uint64_t> ids_freed_{0};
   Version version_base_ = 0;  // of frames with a new name; guarded by the topology mutex
   FrameTotals totals_of_freed_;
   mutable std::mutex giant_;

@@ -39,7 +39,8 @@ bool Tree::refers_to_removed(FrameId id) const noexcept {
   const auto is_removed = [&](FrameId other) { return other != 0 && names_.hidden(other); };
   if (is_removed(events_[id].parent_before.load(acquire))) return true;
   const Frame& frame = frames_[id];
-  if (frame.parent_changes.load(acquire) == 0 && !ever_reparented_.load()) return false;
+  // All its samples have one parent, and only a commit with the mutex adds one of another.
+  if (frame.parent_changes.load(acquire) == 0) return false;
   return frame.version.read_consistent([&](Version) noexcept {
     const Ring ring = frame.ring.load(acquire);
     if (!ring || frame.parent_changes.load(acquire) == 0) return false;
