@@ -1,8 +1,7 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-The two stubs, this one and `_transform.pyi`, are the one source of signatures and docstrings. The
-build compiles them into the module (bindings/stub_docs.py), so help() shows what editors show.
-`X_target_source` is the pose of source in target, in metres. Pose rows: x y z qx qy qz qw.
+This stub and `_transform.pyi` are the one source of signatures and docstrings: help() shows them,
+too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in metres.
 """
 
 from collections.abc import Sequence
@@ -11,6 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from zenoh_tf._change_log import ChangeLog as ChangeLog
+from zenoh_tf._change_log import ChangeReplay as ChangeReplay
 from zenoh_tf._transform import LatestTransform as LatestTransform
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
@@ -27,8 +28,7 @@ NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 #: The answers of `Tree._read_rows`.
 Rows = tuple[
     NDArray[np.uint8],  # status: 0 or errors.BY_CODE
-    # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
-    NDArray[np.int64],
+    NDArray[np.int64],  # stamp_ns; latest forms: the oldest; OP_COMMON_TIME: maybe NO_STAMP
     NDArray[np.int64],  # newest_stamp_ns (latest forms only)
     NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
     list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
@@ -366,95 +366,6 @@ class Tree:
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
-
-#: (names, authorities, kind, frame, version, parent, authority, stamp, pose), see wire.Changes
-_Changes = tuple[
-    list[str],
-    list[str],
-    NDArray[np.uint8],
-    NDArray[np.uint32],
-    NDArray[np.uint64],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
-]
-#: (names, authorities, frame, version, static, authority, count, stamp, parent, pose), see
-#: wire.Frames
-_Frames = tuple[
-    list[str],
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint64],
-    NDArray[np.uint8],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.uint32],
-    NDArray[np.float64],
-]
-
-class ChangeLog:
-    """Reads a tree's change log and its snapshots.
-
-    `start`, `stop`, `wait` and `take` belong to one thread; the rest to any.
-    """
-
-    def __init__(self, tree: Tree) -> None: ...  # InvalidArgumentException: it has no log
-    # From now on, the entries are kept. Returns the number of the commit before the first.
-    def start(self) -> int: ...
-    def stop(self) -> None: ...
-    # Until the next entry is there, the time is up, or wake().
-    def wait(self, timeout_s: float) -> None: ...
-    def wake(self) -> None: ...
-    # (first, last, lost, changes): the entries that are there, about `most_bytes` of them. Empty
-    # entries are counted only, and None says that all were. `lost`: the next one is; start anew.
-    def take(self, most_bytes: int) -> tuple[int, int, bool, _Changes | None]: ...
-    @property
-    def last(self) -> int: ...  # number of the last commit, which may be in progress
-    @property
-    def bytes(self) -> int: ...  # of the entries that wait
-    # (number, whether frames may have samples of several parents, bounds of the pieces)
-    def plan_snapshot(self, piece_bytes: int) -> tuple[int, bool, NDArray[np.uint32]]: ...
-    # (last id that was read, frames) of those with ids above one bound, up to the next, or until
-    # they have `most_bytes` or more.
-    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, _Frames]: ...
-
-class ChangeReplay:
-    """Makes a tree the mirror of another. One thread at a time."""
-
-    def __init__(self, tree: Tree) -> None: ...
-    # Apply the changes at one instant; those that the snapshot has already are left out.
-    def apply(
-        self,
-        last: int,  # the number after which the other tree was so
-        names: Sequence[str],
-        authorities: Sequence[str],
-        kind: NDArray[np.uint8],
-        frame: NDArray[np.uint32],
-        version: NDArray[np.uint64],
-        parent: NDArray[np.uint32],
-        authority: NDArray[np.uint32],
-        stamp: NDArray[np.int64],
-        pose: NDArray[np.float64],  # (n, 7)
-    ) -> None: ...
-    def load(
-        self,
-        names: Sequence[str],
-        authorities: Sequence[str],
-        frame: NDArray[np.uint32],
-        version: NDArray[np.uint64],
-        static: NDArray[np.uint8],
-        authority: NDArray[np.uint32],
-        count: NDArray[np.uint32],
-        stamp: NDArray[np.int64],
-        parent: NDArray[np.uint32],
-        pose: NDArray[np.float64],  # (n, 7)
-    ) -> None: ...
-    # Before the first lookup, if the snapshot's plan says so.
-    def set_ever_reparented(self) -> None: ...
-    @property
-    def last(self) -> int: ...  # of the last apply()
 
 class WakeQueue:
     """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""

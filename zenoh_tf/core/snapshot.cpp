@@ -15,7 +15,7 @@ constexpr std::size_t kSampleBytes = 72;  // of a sample
 SnapshotPlan SnapshotReader::plan(std::size_t piece_bytes) {
   SnapshotPlan plan{tree_.change_log_->last_drawn(), false, {0}};
   {
-    // Whoever adds or removes a name holds this mutex when it draws its number.
+    // A commit that adds or removes a name holds this mutex when it draws its number.
     const auto topology = lock_announced(tree_.topology_);
     plan.ever_reparented = tree_.ever_reparented_.load();
   }
