@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -89,6 +90,13 @@ class ServerProcess:
     def log(self) -> str:
         """Return what it has logged so far."""
         return self._log.read_text()
+
+    def wait_for_log(self, text: str) -> None:
+        """Wait until it has logged this text."""
+        deadline_s = time.monotonic() + START_TIMEOUT_S
+        while text not in self.log:
+            assert time.monotonic() < deadline_s, f"no {text!r} in the log:\n{self.log}"
+            time.sleep(0.01)
 
     def connect(self, timeout_s: float = 5.0) -> TransformClient:
         return TransformClient.connect(self.endpoint, self.tree, timeout_s)

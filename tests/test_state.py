@@ -211,6 +211,7 @@ def test_a_full_disk(start: Callable[..., ServerProcess]) -> None:
         assert tf.can_transform("map", tf.frames()[-1])
         assert tf.set_transform(link("map", "dynamic", 1, 5))
         assert tf.stats()["state_pending"] > 0
+        server.wait_for_log("cannot store the state")
         assert server.log.count("cannot store the state") == 1
         with pytest.raises(NotDurable):
             tf.remove_frame("first")
@@ -223,7 +224,7 @@ def test_a_full_disk(start: Callable[..., ServerProcess]) -> None:
         resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, no_limit)
         tf.set_transform(link("map", "last"), static=True)
         assert tf.stats()["state_pending"] == 0
-        assert "is stored again" in server.log
+        server.wait_for_log("is stored again")
     server.kill()
     with start().connect() as tf:
         frames = tf.frames()
