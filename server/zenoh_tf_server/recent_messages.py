@@ -7,8 +7,13 @@ Invariant: the messages follow each other: each begins with the number after the
 from __future__ import annotations
 
 import threading
-from collections import deque
+from bisect import bisect_left
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import Final
+
+#: What a message costs beside its bytes, roughly.
+_OVERHEAD_BYTES: Final = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +22,10 @@ class _Message:
     last: int
     data: bytes
 
+    @property
+    def cost(self) -> int:
+        return len(self.data) + _OVERHEAD_BYTES
+
 
 class RecentMessages:
     """The latest messages of a stream."""
@@ -24,43 +33,45 @@ class RecentMessages:
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
         self._lock = threading.Lock()
-        self._messages: deque[_Message] = deque()
+        self._messages: list[_Message] = []  # those before `_begin` are forgotten
+        self._begin = 0
         self._bytes = 0
 
     def add(self, first: int, last: int, data: bytes) -> None:
         """Add the message of the numbers from `first` to `last`, and forget the oldest ones."""
+        message = _Message(first, last, data)
         with self._lock:
-            self._messages.append(_Message(first, last, data))
-            self._bytes += len(data)
+            self._messages.append(message)
+            self._bytes += message.cost
             while self._bytes > self._max_bytes:
-                self._bytes -= len(self._messages.popleft().data)
+                self._bytes -= self._messages[self._begin].cost
+                self._begin += 1
+            if self._begin > len(self._messages) // 2:
+                del self._messages[: self._begin]
+                self._begin = 0
 
     def clear(self) -> None:
         """Forget all."""
         with self._lock:
             self._messages.clear()
-            self._bytes = 0
+            self._begin = self._bytes = 0
 
     def since(self, number: int, most_bytes: int) -> list[bytes]:
-        """The messages from that with `number` on, until they have `most_bytes` or more. None if
+        """The messages from that with `number` on, until they have `most_bytes` or more. Empty if
         that one is not known."""
+        found: list[bytes] = []
         with self._lock:
-            if not self._messages or number < self._messages[0].first:
-                return []
-            found: list[bytes] = []
-            size = 0
-            for message in reversed(self._messages):
-                if message.last < number:
-                    break
-                found.append(message.data)
-            found.reverse()
-        for count, data in enumerate(found):
-            size += len(data)
-            if size >= most_bytes:
-                return found[: count + 1]
+            messages = self._messages
+            if len(messages) == self._begin or number < messages[self._begin].first:
+                return found
+            at = bisect_left(messages, number, lo=self._begin, key=attrgetter("last"))
+            while at < len(messages) and most_bytes > 0:
+                found.append(messages[at].data)
+                most_bytes -= messages[at].cost
+                at += 1
         return found
 
     @property
     def bytes(self) -> int:
-        """The bytes of all messages."""
+        """What all messages cost."""
         return self._bytes
