@@ -1,8 +1,7 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-The two stubs, this one and `_transform.pyi`, are the one source of signatures and docstrings. The
-build compiles them into the module (bindings/stub_docs.py), so help() shows what editors show.
-`X_target_source` is the pose of source in target, in metres. Pose rows: x y z qx qy qz qw.
+This stub and `_transform.pyi` are the one source of signatures and docstrings: help() shows them,
+too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in metres.
 """
 
 from collections.abc import Sequence
@@ -11,6 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from zenoh_tf._change_log import ChangeLog as ChangeLog
+from zenoh_tf._change_log import ChangeReplay as ChangeReplay
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import RegionRefused as RegionRefused
 from zenoh_tf._shared import SharedTree as SharedTree
@@ -67,6 +68,7 @@ class Tree:
         one_authority_per_frame: bool = False,
         time_jump: Literal["reject", "clear"] = "reject",
         max_memory_bytes: int = 0,
+        max_log_bytes: int = 0,
         _shared: bool = False,  # other processes may map it; OSError if the host cannot
         _instance: str = "",  # which server this is, for these processes
     ) -> None: ...

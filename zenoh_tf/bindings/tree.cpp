@@ -102,8 +102,8 @@ std::int64_t ns_of(double seconds) { return static_cast<std::int64_t>(seconds * 
 void construct(Tree* self, double cache_time_s, std::string_view concurrency,
                std::int64_t max_frames, std::int64_t max_samples_per_frame,
                std::int64_t max_name_bytes, std::int64_t max_depth, bool one_authority_per_frame,
-               std::string_view time_jump, std::int64_t max_memory_bytes, bool shared,
-               std::string_view instance) {
+               std::string_view time_jump, std::int64_t max_memory_bytes,
+               std::uint64_t max_log_bytes, bool shared, std::string_view instance) {
   Options options;
   if (!(cache_time_s > 0 && cache_time_s <= 1e9))
     raise_invalid("cache_time_s must be above 0 and at most 1e9 seconds", "cache_time_s");
@@ -123,6 +123,7 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency,
   if (time_jump != "reject" && time_jump != "clear")
     raise_invalid("time_jump must be 'reject' or 'clear', not " + quoted(time_jump), "time_jump");
   options.clear_on_time_jump = time_jump == "clear";
+  options.max_log_bytes = max_log_bytes;
   options.shared = shared;
   options.instance = instance;
   try {
@@ -199,7 +200,7 @@ void bind_tree(nb::module_& m) {
            nb::arg("max_depth") = defaults.max_depth,
            nb::arg("one_authority_per_frame") = defaults.one_authority_per_frame,
            nb::arg("time_jump") = "reject", nb::arg("max_memory_bytes") = 0,
-           nb::arg("_shared") = false, nb::arg("_instance") = "")
+           nb::arg("max_log_bytes") = 0, nb::arg("_shared") = false, nb::arg("_instance") = "")
       .def("_region_fd", &Tree::descriptor)
       .def(
           "_begin_lease", [](Tree& t, double seconds) { t.begin_lease(ns_of(seconds)); },

@@ -32,6 +32,8 @@ struct Options {
   // second's are newer: it clears the frame's history and stores its rows. Without this option it
   // does so only if the history ends ahead of the real-time clock (CommitPlan::restarts_history).
   bool clear_on_time_jump = false;
+  // Most bytes of the change log's entries; 0: the tree has no log.
+  std::uint64_t max_log_bytes = 0;
   // Keeps what lookups touch in memory that other processes can map read-only (region.hpp).
   bool shared = false;
   // Which server this is, for these processes; at most 63 bytes.

@@ -23,7 +23,9 @@ Tree::Tree(const Options& options)
       ids_freed_(region_.header().ids_freed),
       names_(region_.header().names, region_.names(), options.max_frames, region_),
       authorities_(region_.header().authorities, region_.authorities(), options.max_authorities,
-                   region_) {}
+                   region_),
+      change_log_(options.max_log_bytes != 0 ? std::make_unique<ChangeLog>(options.max_log_bytes)
+                                             : nullptr) {}
 
 // The clock is read before the store: a thread that is stopped in between promises too little.
 void Tree::begin_lease(std::int64_t duration_ns) noexcept {
@@ -54,11 +56,15 @@ void Tree::clear_frame(FrameId id) noexcept {
   clear_history(frames_[id]);
 }
 
+bool Tree::is_cleared(FrameId id, bool keep_static) const noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const bool has_data = frames_[id].parent.load(relaxed) != 0;
+  return has_data && !(keep_static && frames_[id].is_static.load(relaxed));
+}
+
 void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept {
   for (const FrameId id : frames) {
-    Frame& frame = frames_[id];
-    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
-    if (!has_data || (keep_static && frame.is_static.load(std::memory_order_relaxed))) continue;
+    if (!is_cleared(id, keep_static)) continue;
     clear_frame(id);
     dropped.push_back(id);
   }
@@ -77,11 +83,15 @@ void Tree::clear(bool keep_static, std::int64_t expires_ns) {
     const auto topology = lock_announced(topology_);
     list_frames(all);
     (void)dropped.reserve(all.size());  // before the first write, after which nothing may fail
+    LogTicket ticket(change_log_.get());
     WriteLocks locks(*this, all);
+    log_clear(ticket, locks, keep_static);
     check_not_expired(expires_ns);
     locks.begin_write();
+    ticket.draw();
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
+    ticket.publish();
   }
   commit_count_.add();
   notify_waiters_of(dropped);
@@ -102,9 +112,12 @@ void Tree::reset(std::int64_t expires_ns) {
 void Tree::drop_frames(const FrameList& frames, std::int64_t expires_ns) {
   SmallVector<Ring, 16> rings;
   (void)rings.reserve(frames.size());  // before the first write, after which nothing may fail
+  LogTicket ticket(change_log_.get());
   WriteLocks locks(*this, frames);
+  log_removal(ticket, locks);
   check_not_expired(expires_ns);
   locks.begin_write();
+  ticket.draw();
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     clear_frame(id);
@@ -117,6 +130,7 @@ void Tree::drop_frames(const FrameList& frames, std::int64_t expires_ns) {
     names_.hide(id);
   }
   locks.release(frames);
+  ticket.publish();
   for (const Ring ring : rings) ring.give_back(ring_arena_);
 }
 

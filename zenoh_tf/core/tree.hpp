@@ -22,6 +22,7 @@
 #include <string_view>
 #include <vector>
 
+#include "change_log.hpp"
 #include "counters.hpp"
 #include "event_log.hpp"
 #include "frame_info.hpp"
@@ -97,6 +98,7 @@ template <class Guard, class Access>
 class Reader;
 class CommitPlan;
 class CommitExecution;
+class WriteLocks;
 enum class CommitScope : std::uint8_t;
 enum class PlanOutcome : std::uint8_t;
 
@@ -179,6 +181,11 @@ class Tree {
   // How many rows were dropped because they were later than CommitRequest::max_stamp.
   [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
 
+  // The change log; null if the tree has none.
+  [[nodiscard]] ChangeLog* change_log() const noexcept { return change_log_.get(); }
+  // Of a mirror (change_replay.hpp): the tree's state is the original's after this number.
+  [[nodiscard]] Seq replayed() const noexcept { return replayed_.load(std::memory_order_acquire); }
+
   // What happened to frames that have lost their names.
   [[nodiscard]] const FrameTotals& totals_of_freed() const noexcept { return totals_of_freed_; }
 
@@ -236,6 +243,8 @@ class Tree {
   friend class CommitExecution;
   friend class CommitNames;
   friend class WriteLocks;
+  friend class ChangeReplay;
+  friend class SnapshotReader;
 
   template <class Guard>
   Reader<Guard, FrameAccess> reader(Guard& guard) const noexcept;
@@ -263,6 +272,13 @@ class Tree {
   // Leaves the frame without samples and without a parent. Requires the topology mutex, and what
   // clear_history() requires.
   void clear_frame(FrameId id) noexcept;
+  // Whether clear() drops the frame's samples. Requires the frame's write lock.
+  [[nodiscard]] bool is_cleared(FrameId id, bool keep_static) const noexcept;
+  // Fill the ticket's entry, before the first write. Require the topology mutex and the frames'
+  // write locks. Throw bad_alloc.
+  void log_clear(LogTicket& ticket, const WriteLocks& locks, bool keep_static) const;
+  void log_removal(LogTicket& ticket, const WriteLocks& locks) const;
+  void log_orphans(LogTicket& ticket, const WriteLocks& locks) const;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
   // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
@@ -298,6 +314,8 @@ class Tree {
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
   EventLog event_log_;
+  const std::unique_ptr<ChangeLog> change_log_;
+  std::atomic<Seq> replayed_{0};
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
 };
