@@ -1,4 +1,6 @@
 // Mapping a region of another process, and refusing what this process cannot read.
+#include <cerrno>
+#include <cstdio>
 #include <cstring>
 
 #include "host.hpp"
