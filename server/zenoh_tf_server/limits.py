@@ -188,6 +188,16 @@ class Limits:
         "authorities with metrics of their own (`--metrics`)",
         "the others are summed as one",
     )
+    change_log_bytes: int = _limit(
+        64 << 20,
+        "bytes of changes that wait to be published, while a mirror listens",
+        "changes are left out of the stream, and all mirrors take a new snapshot",
+    )
+    stream_bytes: int = _limit(
+        64 << 20,
+        "bytes of the stream's latest messages, kept for mirrors that missed some",
+        "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
+    )
     removed_statics: int = _limit(
         10_000,
         "static links remembered as removed, which broadcasters do not announce again",

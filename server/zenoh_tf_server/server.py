@@ -23,7 +23,9 @@ from .replies import Replies
 from .request_guard import RequestGuard
 from .security import OPEN, Security
 from .service import Service
+from .snapshots import Snapshots
 from .state import State, StateSettings
+from .stream import Stream
 from .workers import Workers
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
@@ -63,6 +65,7 @@ class Server:
             max_memory_bytes=limits.memory,
             one_authority_per_frame=settings.one_authority_per_frame,
             time_jump=settings.time_jump,
+            max_log_bytes=limits.change_log_bytes,
         )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
@@ -96,6 +99,13 @@ class Server:
                 settings.future,
             )
             service.info_requests.addresses = network.addresses(session)
+            stream = Stream(tree, self.instance, limits)
+            stack.callback(stream.close)
+            stream.start(session, settings.tree)
+            service.add_counters(stream.counters)
+            cache_ns = round(settings.cache_time_s * 1e9)
+            snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
+            service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)

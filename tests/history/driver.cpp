@@ -17,11 +17,13 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <random>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "shared_tree.hpp"
 #include "tree.hpp"
 
 using namespace ztf;
@@ -74,6 +76,9 @@ struct World {
     for (int frame = 0; frame <= kLinks; ++frame) names.push_back("frame" + std::to_string(frame));
     commit((1u << kLinks) - 1, 0, {});
     for (const std::string& name : names) ids.push_back(tree.find(name));
+    if (!options.shared) return;
+    tree.begin_lease(3'600'000'000'000);
+    mapped = std::make_unique<SharedTree>(tree.descriptor());
   }
 
   Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads) {
@@ -112,6 +117,8 @@ struct World {
   }
 
   Tree tree;
+  std::unique_ptr<SharedTree> mapped;  // the tree as other processes see it, if it is shared
+  std::atomic<std::int64_t> mapped_reads{0};
   std::vector<std::string> names;
   std::vector<FrameId> ids;
   std::atomic<Stamp> clock{1};
@@ -204,16 +211,32 @@ class Client {
     return true;
   }
 
+  // Calls read(tree). Half of the threads read as another process does, and ask the tree itself
+  // where that gives no answer.
+  template <class Read>
+  void read(Read&& read) {
+    if (world_.mapped && thread_ % 2 != 0) {
+      try {
+        read(*world_.mapped);
+        ++world_.mapped_reads;
+        return;
+      } catch (const Unanswered& why) {
+        if (why.reason != Unanswered::Reason::busy) fail("a mapped tree cannot be read");
+      }
+    }
+    read(world_.tree);
+  }
+
   void ask(const Question& question) {
     Answer answer;
-    world_.tree.lookup(question.query, answer);
+    read([&](const auto& tree) { tree.lookup(question.query, answer); });
     note_answer(question, answer);
   }
   void ask_together(const std::vector<Question>& questions, std::size_t n, ReadSet& reads) {
     std::vector<Query> queries;
     for (std::size_t i = 0; i < n; ++i) queries.push_back(questions[i].query);
     std::vector<Answer> answers(n);
-    world_.tree.lookup_transaction(queries, answers, reads);
+    read([&](const auto& tree) { tree.lookup_transaction(queries, answers, reads); });
     for (std::size_t i = 0; i < n; ++i) note_answer(questions[i], answers[i]);
   }
 
@@ -278,11 +301,13 @@ void put(std::FILE* file, const T* values, std::size_t n) {
 
 }  // namespace
 
-// driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE
+// driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]
 int main(int argc, char** argv) {
-  if (argc != 7) fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE");
+  if (argc != 7 && argc != 8)
+    fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]");
   const std::string mode = argv[1];
   Options options{.cache_ns = std::stoull(argv[2]), .max_frames = 64};
+  options.shared = argc == 8;
   if (mode == "optimistic")
     options.concurrency = Concurrency::optimistic;
   else if (mode == "2pl")
@@ -305,6 +330,7 @@ int main(int argc, char** argv) {
   std::vector<std::thread> running;
   for (Client& client : clients) running.emplace_back([&client] { client.run(); });
   for (std::thread& thread : running) thread.join();
+  if (world.mapped && world.mapped_reads == 0) fail("no read was answered by the mapped tree");
 
   std::int64_t sizes[2] = {0, 0};
   for (Client& client : clients) {

@@ -79,8 +79,11 @@ void Tree::free_removed_names() {
   for (FrameId id = 1; id <= names_.size(); ++id)
     if (names_.hidden(id) || refers_to_removed(id)) frames.push_back(id);
   {
+    LogTicket ticket(change_log_.get());
     WriteLocks locks(*this, frames);
+    log_orphans(ticket, locks);
     locks.begin_write();
+    ticket.draw();
     const FreeingIds freeing(ids_freed_);
     for (const FrameId id : frames) {
       if (!names_.hidden(id)) {
@@ -98,6 +101,7 @@ void Tree::free_removed_names() {
     }
     event_log_.forget([&](FrameId id) { return names_.hidden(id); });
     locks.release_from(version_base_);
+    ticket.publish();
   }
   // Few: no ids are freed while as many are left as the commit may need. No thread knows them.
   for (FrameId id = names_.size() + 1; id <= names_.max_size(); ++id)

@@ -1,0 +1,39 @@
+// SharedTree: the base class of zenoh_tf.shared_tree.SharedTree.
+//
+// GIL: as in tree.cpp.
+#include "ask_server.hpp"
+#include "host.hpp"
+
+namespace ztf {
+
+namespace {
+
+double lease_left_s(const SharedTree& tree) {
+  return static_cast<double>(tree.lease_ns() - monotonic_ns()) * 1e-9;
+}
+
+}  // namespace
+
+void bind_shared_tree(nb::module_& m) {
+  using Reason = Unanswered::Reason;
+  nb::enum_<Reason>(m, "AskServer")
+      .value("BUSY", Reason::busy)
+      .value("LAPSED", Reason::lapsed)
+      .value("WAITING", Reason::waiting)
+      .value("UNREADABLE", Reason::unreadable);
+  nb::exception<RegionRefused>(m, "RegionRefused", PyExc_ValueError);
+
+  nb::class_<SharedTree> tree(m, "SharedTree", nb::is_weak_referenceable());
+  tree.def(nb::init<int>(), nb::arg("fd"))
+      .def_prop_ro("instance", [](const SharedTree& t) { return t.options().instance; })
+      .def_prop_ro("max_name_bytes", [](const SharedTree& t) { return t.options().max_name_bytes; })
+      .def_prop_ro("max_depth", [](const SharedTree& t) { return t.options().max_depth; })
+      .def_prop_ro("lease_left_s", &lease_left_s);
+  bind_lookups(tree);
+  bind_lookup_columns(tree);
+  bind_read_rows(tree);
+  bind_introspection(tree);
+  bind_velocity(tree);
+}
+
+}  // namespace ztf
