@@ -6,12 +6,15 @@
 // Invariants
 // 1. Ids count up from 1 without gaps; 0 means that there is no such name.
 // 2. An entry's state is a sequence lock: it is kChanging while the text is replaced, and its other
-//    bits count the names that the id has had. A reader compares the text between two loads of the
-//    state. If they are equal, the id had that name at both instants. For longer reads, a Ref says
-//    which of its names an id had, and is_current() whether it still has that one.
+//    bits count the names that the id has had, and calls of expire_refs(). A reader compares the
+//    text between two loads of the state. If they are equal, the id had that name at both instants.
+//    For longer reads, a Ref says which of its names an id had, and is_current() whether it still
+//    has that one.
 // 3. A slot holds its id for as long as the name is in the table. Then it becomes a tombstone, and
 //    may become empty only if the next slot is: so no search that has begun misses a name behind
-//    it.
+//    it. If names come and go all the time, there are in the end as many tombstones as names. The
+//    table grows before three quarters of its slots are in use, because a search for a name that
+//    does not exist ends only at an empty one. At four slots a name they never are.
 // 4. A table that was outgrown, and the text of a long name, stay valid memory until the end, as a
 //    reader may still be in it. Texts are reused by size, tables double; so both are bounded by the
 //    most names that there ever were at a time.
@@ -41,8 +44,8 @@ class NameTable {
  public:
   using Id = std::uint32_t;
 
-  // An id, and the number of names that it has had, the last of which is the one that was looked
-  // up. No other name ever has an equal Ref, but for one 2^30 names later.
+  // An id, and a counter that says which of its names was looked up. No other name ever has an
+  // equal Ref, but for one 2^29 names later.
   struct Ref {
     Id id = 0;  // 0: there is no such name
     std::uint32_t generation = 0;
@@ -124,6 +127,13 @@ class NameTable {
     set_state(id, names_[id].state | kLive);
     --hidden_;
   }
+  // Makes all Refs of an id without a name, or with a hidden one, lose their validity, before the
+  // id passes to another name. Requires the mutex.
+  void expire_refs(Id id) noexcept { set_state(id, names_[id].state + kIncrement); }
+  // How many names are neither hidden nor removed. Requires the mutex.
+  [[nodiscard]] std::size_t live_names() const noexcept {
+    return size() - free_ids_.size() - hidden_;
+  }
   // How many names are hidden. Requires the mutex.
   [[nodiscard]] std::size_t hidden_names() const noexcept { return hidden_; }
 
@@ -132,6 +142,9 @@ class NameTable {
     return size_.load(std::memory_order_acquire);
   }
   [[nodiscard]] std::uint32_t max_size() const noexcept { return max_names_; }
+  // How many slots the table has, and how many of them are not empty. Both require the mutex.
+  [[nodiscard]] std::size_t slots() const noexcept { return tables_.back()->mask + 1; }
+  [[nodiscard]] std::size_t used_slots() const noexcept { return used_slots_; }
   // How many ids are not in use. Requires the mutex.
   [[nodiscard]] std::size_t left() const noexcept { return max_names_ - size() + free_ids_.size(); }
   // The id that insert() returns after `inserts` more calls of it. Requires the mutex, and that
@@ -144,7 +157,7 @@ class NameTable {
   // Makes room for that many names of that many bytes in all, so that inserting them cannot fail.
   // Throws bad_alloc.
   void reserve(std::size_t names, std::size_t bytes) {
-    while ((size() + names) * 2 > tables_.back()->mask + 1) grow();
+    while ((size() + names) * 2 > slots() || (used_slots_ + names) * 4 > slots() * 3) grow();
     const std::size_t words = (2 * bytes + 7) / 8 + names * kLeastWords;  // rounded up each
     if (words > left_) {
       const std::size_t block = std::max<std::size_t>(words, 512);
@@ -178,8 +191,10 @@ class NameTable {
       i = (i + 1) & table.mask;
     table.slots[i].store(kTombstone, std::memory_order_release);
     if (table.slots[(i + 1) & table.mask].load(std::memory_order_relaxed) != 0) return;
-    for (; table.slots[i].load(std::memory_order_relaxed) == kTombstone; i = (i - 1) & table.mask)
+    for (; table.slots[i].load(std::memory_order_relaxed) == kTombstone; i = (i - 1) & table.mask) {
       table.slots[i].store(0, std::memory_order_release);
+      --used_slots_;
+    }
   }
   // Removes all hidden names. Throws bad_alloc; then some may still be hidden.
   void remove_hidden() {
@@ -262,16 +277,18 @@ class NameTable {
     }
     return {};
   }
-  static void fill_slot(Table& table, std::uint64_t hash, Id id) noexcept {
+  void fill_slot(Table& table, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash & table.mask;
-    for (std::uint64_t slot; (slot = table.slots[i].load(std::memory_order_relaxed)) != 0;
-         i = (i + 1) & table.mask)
-      if (slot == kTombstone) break;
+    std::uint64_t slot;
+    while ((slot = table.slots[i].load(std::memory_order_relaxed)) != 0 && slot != kTombstone)
+      i = (i + 1) & table.mask;
+    used_slots_ += slot == 0;
     table.slots[i].store((hash >> 32 << 32) | id, std::memory_order_release);
   }
   void grow() {
     auto bigger = std::make_unique<Table>((tables_.back()->mask + 1) * 2);
     const std::vector<bool> is_free = free_ids();
+    used_slots_ = 0;  // of the bigger table
     for (Id id = 1; id <= size(); ++id)
       if (!is_free[id]) fill_slot(*bigger, hash_(name(id)), id);
     tables_.push_back(std::move(bigger));
@@ -337,6 +354,7 @@ class NameTable {
   std::vector<std::unique_ptr<Table>> tables_;
   std::vector<Id> free_ids_;
   std::size_t hidden_ = 0;
+  std::size_t used_slots_ = 0;  // of the last table: names and tombstones
   std::vector<ZeroedArray<Word>> blocks_;
   Word* free_ = nullptr;
   std::size_t left_ = 0;
