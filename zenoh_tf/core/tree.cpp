@@ -9,17 +9,27 @@
 
 namespace ztf {
 
+namespace {
+
+// A tree has more ids than frames. So at the limit of frames, too, ids are freed only after many
+// removals, and each bears a small part of what it costs to look at all frames (tree_names.cpp).
+std::uint32_t most_ids(const Options& options) noexcept {
+  return options.max_frames + options.max_frames / 16;
+}
+
+}  // namespace
+
 Tree::Tree(const Options& options)
     : options_(options),
-      frame_array_(std::size_t{options.max_frames} + 1),
+      frame_array_(most_ids(options) + 1),
       frames_(frame_array_.begin()),
       ring_arena_(options.max_memory_bytes),
       empty_ring_(Ring::make_empty(ring_arena_)),
-      events_(std::size_t{options.max_frames} + 1),
-      waiters_(std::size_t{options.max_frames} + 1),
-      topology_index_(std::size_t{options.max_frames} + 1),
+      events_(most_ids(options) + 1),
+      waiters_(most_ids(options) + 1),
+      topology_index_(most_ids(options) + 1),
       authority_counters_(options.max_authorities),
-      names_(options.max_frames),
+      names_(most_ids(options)),
       authorities_(options.max_authorities) {}
 
 std::unique_lock<std::mutex> Tree::lock_giant() const {

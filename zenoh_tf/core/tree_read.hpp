@@ -19,7 +19,7 @@ constexpr int kHeedWantedAttempts = 8;
 
 template <class Guard>
 ZTF_ALWAYS_INLINE Reader<Guard> Tree::reader(Guard& guard) const noexcept {
-  return {frames_, guard, options_.max_depth, ever_reparented_};
+  return {frames_, guard, options_.max_depth, ever_reparented_, ids_freed_};
 }
 
 // Runs body(reader) until everything that it read was the tree's state at one instant. `reads` is
