@@ -197,6 +197,20 @@ FAULTS = [
         "return stamp < newest && span_ns(stamp, newest) > cache_ns;",
         "return stamp < newest && span_ns(stamp, newest) > cache_ns + 64;",
     ),
+    Fault(
+        "a lookup does not see that an id has passed on",
+        ("optimistic", "giant"),
+        "name_table.hpp",
+        "std::memory_order_acquire) / kIncrement == ref.generation;",
+        "std::memory_order_acquire) != ref.generation + 7u;",
+    ),
+    Fault(
+        "past links lead to the next owner of an id",
+        EVERYWHERE,
+        "tree_names.cpp",
+        "if (names_.hidden(ring.parent(first + i))) ring.store_parent(first + i, 0);",
+        "",
+    ),
 ]
 
 #: No faults. Two of them force slow paths that the histories hardly ever reach otherwise.
