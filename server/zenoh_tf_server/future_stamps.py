@@ -9,13 +9,18 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
 
 DEFAULT_MAX_FUTURE_S = 3600.0
+#: Up to so many are compared faster as a list.
+_FEW_STAMPS: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +46,7 @@ class FutureStamps:
 
     def beyond(self, commit: wire.Commit, limit_ns: int) -> list[int]:
         """The rows of a commit with a later stamp."""
-        # A list, because most commits have few rows: NumPy takes longer to find one's maximum.
-        if commit.static or max(commit.stamp.tolist(), default=limit_ns) <= limit_ns:
+        if commit.static or not commit.rows or _newest(commit.stamp) <= limit_ns:
             return []
         return [int(row) for row in (commit.stamp > limit_ns).nonzero()[0]]
 
@@ -70,6 +74,12 @@ class FutureStamps:
                 limit=limit_ns,
                 value=int(commit.stamp[rows[0]]),
             )
+
+
+def _newest(stamps: NDArray[np.int64]) -> int:
+    """The largest of one or more stamps. Of 100,000 a list takes 4 ms, and holds up all
+    threads; of one NumPy takes three times as long as a list."""
+    return max(stamps.tolist()) if len(stamps) <= _FEW_STAMPS else int(stamps.max())
 
 
 def frame_of(commit: wire.Commit, row: int) -> str:

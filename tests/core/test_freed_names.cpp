@@ -15,6 +15,8 @@ void fill(World& w, const std::string& parent = "root") {
   while (w.refusal({{parent, nth("filler", n), 1}}) == Code::ok) ++n;
 }
 
+constexpr Stamp kFarFuture = 1'000'000'000'000'000;
+
 // Counts how often it is woken.
 class CountingWaiter final : public Waiter {
  public:
@@ -108,6 +110,44 @@ TEST(an_id_that_passed_on_is_noticed) {
   w.set("root", "a", 4);  // the same name, again with the same id
   CHECK_EQ(w.id("a"), a.id);
   CHECK(!w.tree.is_current(a));
+}
+
+TEST(a_name_that_has_lost_its_id_is_noticed_before_another_gets_it) {
+  World w(Options{.max_frames = 3});
+  w.set("root", "a", 1);
+  w.set("root", "b", 1);
+  const Tree::FrameRef a = w.tree.find_ref("a"), b = w.tree.find_ref("b");
+  remove(w, "a");
+  remove(w, "b");
+  w.set("root", "c", 2);  // takes one of the two ids
+  CHECK(w.id("c") == a.id || w.id("c") == b.id);
+  CHECK(!w.tree.is_current(a) && !w.tree.is_current(b));
+}
+
+TEST(a_large_tree_has_more_ids_but_no_more_frames) {
+  constexpr std::uint32_t kFrames = 64;
+  World w(Options{.max_frames = kFrames});
+  for (std::uint32_t i = 1; i < kFrames; ++i) w.set("root", nth("f", static_cast<int>(i)), 1);
+  for (int i = 1; i < 200; ++i) {
+    CHECK_EQ(w.refusal({{"root", "one too many", 1}}), Code::limit);
+    remove(w, nth("f", i));
+    CHECK(w.set("root", nth("f", i + static_cast<int>(kFrames) - 1), 1));
+    CHECK_EQ(w.refusal({{"root", nth("f", i), 1}}), Code::limit);  // nor one that comes back
+  }
+  CHECK(w.tree.size() > kFrames && w.tree.size() <= kFrames + kFrames / 16);
+}
+
+TEST(a_failure_does_not_name_the_next_owner_of_an_id) {
+  World w(Options{.max_frames = 3});
+  w.set("root", "a", 10);
+  const Failure failure = w.at("root", "a", 20).failure;
+  CHECK_EQ(w.tree.name(failure, failure.frame), std::string("a"));
+  CHECK_EQ(w.tree.name(failure, failure.parent), std::string("root"));
+  remove(w, "a");
+  fill(w);
+  CHECK_EQ(w.tree.name(failure, failure.frame), std::string());
+  for (int i = 0; w.id(nth("filler", i)) != 0; ++i) w.set("root", nth("filler", i), kFarFuture);
+  CHECK(w.tree.may_succeed_later(failure));  // the next owner's history says nothing
 }
 
 // Whichever ids a name has had, no read set of it passes after it was removed.

@@ -144,3 +144,18 @@ TEST(removed_names_give_their_ids_and_slots_back) {
   CHECK_EQ(table.size(), 100u);
   for (int n = 100'000 - 100; n < 100'000; ++n) CHECK(table.name(table.find(name(n))) == name(n));
 }
+
+// Otherwise a search for a name that does not exist would visit the whole table.
+TEST(some_slots_stay_empty_however_often_names_come_and_go) {
+  constexpr std::uint32_t kNames = 1000;  // nearly half of 2,048 slots
+  NameTable table(kNames);
+  std::uint32_t random = 1, n = 0;
+  while (n < kNames) table.insert("frame" + std::to_string(n++));
+  for (; n < 50 * kNames; ++n) {
+    random = random * 1664525 + 1013904223;
+    table.remove(1 + (random >> 8) % kNames);
+    table.insert("frame" + std::to_string(n));
+    CHECK(table.used_slots() * 4 <= table.slots() * 3);
+  }
+  CHECK(table.used_slots() >= kNames && table.slots() <= 8 * kNames);
+}

@@ -6,7 +6,8 @@
 // arm have an axis each, and rotations are identities. So the pose of any chain is exact in
 // doubles, and says the version of every link on the path. A version is the stamp under which the
 // link was written, and every writing transaction has a stamp of its own. The second arm moves
-// between the trunk's top and the root: its first link's version says which is its parent.
+// between the trunk's top and the root: its first link's version says which is its parent. Other
+// names come and go (churn.hpp): their links have numbers from kLinks on.
 //
 // Thread safety: each thread has its own record. The tree and the counter of stamps are shared.
 #include <algorithm>
@@ -18,11 +19,13 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "churn.hpp"
 #include "shared_tree.hpp"
 #include "tree.hpp"
 
@@ -43,7 +46,7 @@ constexpr int parent_of(int link, Stamp moved) {
 }
 
 // As in history.py.
-enum Outcome : std::int64_t { committed, conflict, late, nonsense };
+enum Outcome : std::int64_t { committed, conflict, late, nonsense, other };
 struct Transaction {
   std::int64_t thread, invoked_ns, responded_ns, outcome;
 };
@@ -76,6 +79,7 @@ struct World {
     for (int frame = 0; frame <= kLinks; ++frame) names.push_back("frame" + std::to_string(frame));
     commit((1u << kLinks) - 1, 0, {});
     for (const std::string& name : names) ids.push_back(tree.find(name));
+    churn.emplace(tree, names[0]);
     if (!options.shared) return;
     tree.begin_lease(3'600'000'000'000);
     mapped = std::make_unique<SharedTree>(tree.descriptor());
@@ -121,6 +125,7 @@ struct World {
   std::atomic<std::int64_t> mapped_reads{0};
   std::vector<std::string> names;
   std::vector<FrameId> ids;
+  std::optional<Churn> churn;
   std::atomic<Stamp> clock{1};
   std::atomic<std::int64_t> left;  // transactions still to run
   // By stamp: which links its transaction writes.
@@ -157,7 +162,9 @@ class Client {
     while (world_.left.fetch_sub(1) > 0) {
       const unsigned dice = random_() % 100;
       begin();
-      if (dice < 22) {
+      if (random_() % 10 < 4) {
+        step_churn();
+      } else if (dice < 22) {
         if (!write(nullptr)) return;
       } else if (dice < 45) {
         ReadSet reads;
@@ -225,6 +232,16 @@ class Client {
       }
     }
     read(world_.tree);
+  }
+
+  void step_churn() {
+    const Churn::Result result = world_.churn->step(random_);
+    for (const Churn::Access& access : result.accesses)
+      note(access.is_write, kLinks + access.name, access.stamp);
+    if (result.is_nonsense)
+      note_nonsense();
+    else if (result.rejected)
+      transactions.back().outcome = *result.rejected == Code::conflict ? conflict : other;
   }
 
   void ask(const Question& question) {
@@ -306,7 +323,9 @@ int main(int argc, char** argv) {
   if (argc != 7 && argc != 8)
     fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]");
   const std::string mode = argv[1];
-  Options options{.cache_ns = std::stoull(argv[2]), .max_frames = 64};
+  // Names have no room all at a time, so that ids pass on often, and some commits are rejected.
+  Options options{.cache_ns = std::stoull(argv[2]),
+                  .max_frames = kLinks + 1 + 3 * Churn::kNames / 2};
   options.shared = argc == 8;
   if (mode == "optimistic")
     options.concurrency = Concurrency::optimistic;

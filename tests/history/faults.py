@@ -50,17 +50,14 @@ FAULTS = [
         "word_.store(before, std::memory_order_release);",
     ),
     Fault(
-        "write locks are released before the last write",
+        "write locks are released before the writes",
         ("optimistic", "2pl"),
-        "commit_apply.cpp",
-        """  for (const FrameWrites& group : plan_.groups())
-    if (apply_group(group)) changed_.push_back(group.child);
+        "tree_write.cpp",
+        """  execution.apply();
+  locks.release(execution.frames_with_new_version(locks));
 """,
-        """  const auto groups = plan_.groups();
-  for (const FrameWrites& group : groups.first(groups.size() - 1))
-    if (apply_group(group)) changed_.push_back(group.child);
-  const_cast<WriteLocks&>(locks).release(plan_.children());
-  if (apply_group(groups.back())) changed_.push_back(groups.back().child);
+        """  locks.release(locks.frames());
+  execution.apply();
 """,
     ),
     Fault(
@@ -196,6 +193,20 @@ FAULTS = [
         "history.hpp",
         "return stamp < newest && span_ns(stamp, newest) > cache_ns;",
         "return stamp < newest && span_ns(stamp, newest) > cache_ns + 64;",
+    ),
+    Fault(
+        "a lookup does not see that an id has passed on",
+        ("optimistic", "giant"),
+        "name_table.hpp",
+        "std::memory_order_acquire) / kIncrement == ref.generation;",
+        "std::memory_order_acquire) != ref.generation + 7u;",
+    ),
+    Fault(
+        "past links lead to the next owner of an id",
+        EVERYWHERE,
+        "tree_names.cpp",
+        "if (names_.hidden(ring.parent(first + i))) ring.store_parent(first + i, 0);",
+        "",
     ),
 ]
 

@@ -18,8 +18,14 @@ Column = NDArray[np.int64]
 TRANSACTIONS = 16_000
 
 # Outcomes, as in driver.cpp. Reads of a rejected transaction are checked like all others.
-COMMITTED, CONFLICT, LATE, INCONSISTENT = range(4)
-OUTCOMES = ("committed", "rejected: conflict", "rejected: too old", "inconsistent")
+COMMITTED, CONFLICT, LATE, INCONSISTENT, OTHER = range(5)
+OUTCOMES = (
+    "committed",
+    "rejected: conflict",
+    "rejected: too old",
+    "inconsistent",
+    "rejected: no frame, or none left",
+)
 
 
 class Transaction(NamedTuple):

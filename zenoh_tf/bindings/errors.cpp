@@ -10,6 +10,11 @@ namespace {
 
 std::string ns(Stamp stamp) { return std::to_string(stamp) + " ns"; }
 
+// A frame of a failure, which may have lost its name.
+std::string frame_text(const std::string& name) {
+  return name.empty() ? "a removed frame" : quoted(name);
+}
+
 // What is wrong with the link that has no data at the stamp asked for.
 std::string extrapolation_message(const Failure& f, const std::string& link) {
   if (f.code == Code::no_data)
@@ -60,26 +65,26 @@ nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::u
     facts["frame"] = f.target == 0 ? target : source;
     message = "frame " + (f.target == 0 ? target_name : source_name) + " does not exist";
   } else if (f.code == Code::lookup) {
-    facts["frame"] = name_of(f.frame);
+    if (const std::string frame = name_of(f.frame); !frame.empty()) facts["frame"] = frame;
     facts["limit"] = max_depth;
     message = "the path between " + target_name + " and " + source_name + at +
               " is longer than the limit of " + std::to_string(max_depth) +
               " links per side (max_depth), or runs in a loop";
   } else if (f.code == Code::connectivity) {
-    const std::string target_root(name_of(f.target_root)), source_root(name_of(f.source_root));
-    facts["target_root"] = target_root;
-    facts["source_root"] = source_root;
+    const std::string target_root = name_of(f.target_root);
+    const std::string source_root = name_of(f.source_root);
+    if (!target_root.empty()) facts["target_root"] = target_root;
+    if (!source_root.empty()) facts["source_root"] = source_root;
     message = target_name + " and " + source_name + " are not connected" + at +
-              ": their roots are " + quoted(target_root) + " and " + quoted(source_root);
+              ": their roots are " + frame_text(target_root) + " and " + frame_text(source_root);
   } else {
-    const std::string child(name_of(f.frame)), parent(name_of(f.parent));
-    facts["frame"] = child;
-    if (f.parent != 0) facts["parent_frame"] = parent;
+    const std::string child = name_of(f.frame), parent = name_of(f.parent);
+    if (!child.empty()) facts["frame"] = child;
+    if (!parent.empty()) facts["parent_frame"] = parent;
     facts["oldest_stamp_ns"] = f.oldest;
     facts["newest_stamp_ns"] = f.newest;
-    message = extrapolation_message(f, "the link from " +
-                                           (f.parent != 0 ? quoted(parent) : "a removed frame") +
-                                           " to " + quoted(child)) +
+    message = extrapolation_message(
+                  f, "the link from " + frame_text(parent) + " to " + frame_text(child)) +
               ", but " + ns(f.stamp) + " was requested to look up " + source_name + " in " +
               target_name;
   }

@@ -38,6 +38,7 @@ class CommitNames {
     (void)ids_.append(request.names.size());
     ids_freed_ = tree.ids_freed_.load(std::memory_order_acquire);
     find();
+    yield_point();
   }
 
   // True if no name is empty or too long.
@@ -155,11 +156,14 @@ class CommitNames {
     const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
     FrameId& id = it->second;
     if (!is_first) return id;
+    if (tree_.names_.live_names() + new_->ids.size() > tree_.options_.max_frames)
+      reject_frame(name, tree_.options_.max_frames);
     if (id != 0) {  // a removed frame's
       new_->returning.push_back(id);
       return id;
     }
-    if (new_->created.size() >= tree_.names_.left()) reject_frame(name, tree_.options_.max_frames);
+    // There is one: all ids that frames do not need are free now, or as many as the commit needs.
+    assert(new_->created.size() < tree_.names_.left());
     id = tree_.names_.next_id(new_->created.size());
     new_->created.emplace_back(id, name);
     return id;

@@ -4,11 +4,13 @@
 // the region read-only, each at an address of its own.
 //
 //   header       RegionHeader, one page
-//   frames       Frame[max_frames + 1], by id (frame.hpp)
-//   events       FrameEvents[max_frames + 1], by id (frame_info.hpp)
-//   names        NameEntry[max_frames + 1], by id (name_reader.hpp)
+//   frames       Frame[max_ids + 1], by id (frame.hpp)
+//   events       FrameEvents[max_ids + 1], by id (frame_info.hpp)
+//   names        NameEntry[max_ids + 1], by id (name_reader.hpp)
 //   authorities  NameEntry[max_authorities + 1], by id
 //   arena        rings of samples, hash tables and long texts of names, up to RegionHeader::used
+//
+// There are as many ids as Options::max_ids() says of the header's max_frames.
 //
 // A tree of one process has the same records in private memory, in several pieces.
 //
@@ -58,7 +60,7 @@ struct alignas(128) RegionHeader {
   alignas(64) std::atomic<std::int64_t> lease_ns;
   // What walks and names rest on.
   alignas(64) std::atomic<bool> ever_reparented;  // some frame once had samples of two parents
-  // Counts, twice each, how often ids passed on to other names. Odd while that goes on.
+  // Counts how often ids of removed names or forgotten authorities were freed.
   std::atomic<std::uint64_t> ids_freed;
   NameRoot names, authorities;
 };

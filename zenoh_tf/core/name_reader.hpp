@@ -5,12 +5,15 @@
 // Invariants
 // 1. Ids count up from 1 without gaps; 0 means that there is no such name.
 // 2. An entry's state is a sequence lock: it is kChanging while the text is replaced, and its other
-//    bits count the names that the id has had. A reader compares the text between two loads of the
-//    state. If they are equal, the id had that name at both instants. For longer reads, a NameRef
-//    says which of its names an id had, and is_current() whether it still has that one.
+//    bits count the names that the id has had, and calls of expire_refs(). A reader compares the
+//    text between two loads of the state. If they are equal, the id had that name at both instants.
+//    For longer reads, a NameRef says which of its names an id had, and is_current() whether it
+//    still has that one.
 // 3. A slot holds its id for as long as the name is in the table. Then it becomes a tombstone, and
 //    may become empty only if the next slot is: so no search that has begun misses a name behind
-//    it.
+//    it. If names come and go all the time, there are in the end as many tombstones as names. The
+//    table grows before three quarters of its slots are in use, because a search for a name that
+//    does not exist ends only at an empty one. At four slots a name they never are.
 // 4. A hash table that was outgrown, and the text of a long name, stay valid memory until the end,
 //    as a reader may still be in it.
 // Short names are stored in their entries, because in a large tree each line touched is a miss.
@@ -34,8 +37,8 @@ static_assert(std::endian::native == std::endian::little, "names are compared as
 using NameId = std::uint32_t;
 using NameWord = std::atomic<std::uint64_t>;
 
-// An id, and the number of names that it has had, the last of which is the one that was looked
-// up. No other name ever has an equal NameRef, but for one 2^30 names later.
+// An id, and a counter that says which of its names was looked up. No other name ever has an equal
+// NameRef, but for one 2^29 names later.
 struct NameRef {
   NameId id = 0;  // 0: there is no such name
   std::uint32_t generation = 0;

@@ -60,9 +60,19 @@ class NameTable : private NameReader<> {
     set_state(id, names_[id].state | NameEntry::kLive);
     --hidden_;
   }
+  // Makes all Refs of an id without a name, or with a hidden one, lose their validity, before the
+  // id passes to another name. Requires the mutex.
+  void expire_refs(Id id) noexcept { set_state(id, names_[id].state + NameEntry::kIncrement); }
+  // How many names are neither hidden nor removed. Requires the mutex.
+  [[nodiscard]] std::size_t live_names() const noexcept {
+    return size() - free_ids_.size() - hidden_;
+  }
   // How many names are hidden. Requires the mutex.
   [[nodiscard]] std::size_t hidden_names() const noexcept { return hidden_; }
 
+  // How many slots the table has, and how many of them are not empty. Both require the mutex.
+  [[nodiscard]] std::size_t slots() const noexcept { return slots_.size(); }
+  [[nodiscard]] std::size_t used_slots() const noexcept { return used_slots_; }
   // How many ids are not in use. Requires the mutex.
   [[nodiscard]] std::size_t left() const noexcept { return max_size() - size() + free_ids_.size(); }
   // The id that insert() returns after `inserts` more calls of it. Requires the mutex, and that
@@ -75,7 +85,7 @@ class NameTable : private NameReader<> {
   // Makes room for that many names of that many bytes in all, so that inserting them cannot fail.
   // Throws bad_alloc.
   void reserve(std::size_t names, std::size_t bytes) {
-    while ((size() + names) * 2 > slots_.size()) grow();
+    while ((size() + names) * 2 > slots() || (used_slots_ + names) * 4 > slots() * 3) grow();
     const std::size_t words = (2 * bytes + 7) / 8 + names * kLeastWords;  // rounded up each
     if (words > free_.size()) {
       const std::size_t least = words * sizeof(NameWord);
@@ -107,8 +117,10 @@ class NameTable : private NameReader<> {
     while (static_cast<Id>(slot(slots_, i).load(std::memory_order_relaxed)) != id) ++i;
     slot(slots_, i).store(kTombstone, std::memory_order_release);
     if (slot(slots_, i + 1).load(std::memory_order_relaxed) != 0) return;
-    for (; slot(slots_, i).load(std::memory_order_relaxed) == kTombstone; --i)
+    for (; slot(slots_, i).load(std::memory_order_relaxed) == kTombstone; --i) {
       slot(slots_, i).store(0, std::memory_order_release);
+      --used_slots_;
+    }
   }
   // Removes all hidden names. Throws bad_alloc; then some may still be hidden.
   void remove_hidden() {
@@ -145,15 +157,17 @@ class NameTable : private NameReader<> {
     owned_root_.table.store(distance(&owned_root_, slots.data()) | logarithm,
                             std::memory_order_release);
   }
-  static void fill_slot(Slots slots, std::uint64_t hash, Id id) noexcept {
+  void fill_slot(Slots slots, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash;
-    for (std::uint64_t known; (known = slot(slots, i).load(std::memory_order_relaxed)) != 0; ++i)
-      if (known == kTombstone) break;
+    std::uint64_t known;
+    while ((known = slot(slots, i).load(std::memory_order_relaxed)) != 0 && known != kTombstone) ++i;
+    used_slots_ += known == 0;
     slot(slots, i).store((hash >> 32 << 32) | id, std::memory_order_release);
   }
   void grow() {
     const Slots bigger = make_slots(static_cast<unsigned>(std::countr_zero(slots_.size())) + 1);
     const std::vector<bool> is_free = free_ids();
+    used_slots_ = 0;  // of the bigger table
     for (Id id = 1; id <= size(); ++id)
       if (!is_free[id]) fill_slot(bigger, hash_(name(id)), id);
     publish(bigger);
@@ -218,6 +232,7 @@ class NameTable : private NameReader<> {
   Slots slots_;
   std::vector<Id> free_ids_;
   std::size_t hidden_ = 0;
+  std::size_t used_slots_ = 0;              // of the last table: names and tombstones
   std::span<NameWord> free_;                // of the piece that texts are taken from
   std::array<NameWord*, 64> free_texts_{};  // by size class
 };

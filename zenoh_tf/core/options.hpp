@@ -38,6 +38,10 @@ struct Options {
   bool shared = false;
   // Which server this is, for these processes; at most 63 bytes.
   std::string instance = {};
+
+  // A tree has more ids than frames. So at the limit of frames, too, ids are freed only after many
+  // removals, and each bears a small part of what it costs to look at all frames (tree_names.cpp).
+  [[nodiscard]] std::uint32_t max_ids() const noexcept { return max_frames + max_frames / 16; }
 };
 
 }  // namespace ztf

@@ -51,6 +51,8 @@ struct Failure {
   FrameId target_root = 0, source_root = 0;    // connectivity: where the two paths end
   Stamp stamp = kNoStamp;                      // the requested time; kNoStamp: the newest links
   Stamp oldest = kNoStamp, newest = kNoStamp;  // of the offending link's history
+  // How often ids had been freed when all these belonged to the frames that were read.
+  std::uint64_t ids_freed = 0;
 };
 
 // If `failure.code` is not ok, the pose and the stamps mean nothing.

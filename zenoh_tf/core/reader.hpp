@@ -34,8 +34,12 @@ template <class Guard, class Access>
 class Reader {
  public:
   Reader(const Access& access, Guard& guard, std::uint32_t max_depth,
-         const std::atomic<bool>& ever_reparented)
-      : access_(access), guard_(guard), max_depth_(max_depth), ever_reparented_(ever_reparented) {}
+         const std::atomic<bool>& ever_reparented, const std::atomic<std::uint64_t>& ids_freed)
+      : access_(access),
+        guard_(guard),
+        max_depth_(max_depth),
+        ever_reparented_(ever_reparented),
+        ids_freed_(ids_freed) {}
 
   // Answers one query of any kind.
   ZTF_ALWAYS_INLINE bool answer(const Query& q, Answer& a) {
@@ -316,6 +320,8 @@ class Reader {
   void report_failure(const AncestorPath& from_target, const AncestorPath& from_source, Stamp stamp,
                       Answer& a) const {
     a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
+    // Before the paths are validated: a frame on them that loses a parent's id gets a new version.
+    a.failure.ids_freed = ids_freed_.load(std::memory_order_acquire);
     a.failure.stamp = stamp;
     a.failure.target_root = id_of(from_target.highest);
     a.failure.source_root = id_of(from_source.highest);
@@ -344,6 +350,7 @@ class Reader {
   Guard& guard_;
   const std::uint32_t max_depth_;
   const std::atomic<bool>& ever_reparented_;
+  const std::atomic<std::uint64_t>& ids_freed_;
 };
 
 }  // namespace ztf

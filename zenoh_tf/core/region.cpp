@@ -31,7 +31,7 @@ constexpr std::uint64_t round_up(std::uint64_t bytes, std::uint64_t to) noexcept
 // More than the tree can ever use, as what is not touched costs nothing. Rings waste the ends of
 // their blocks, hash tables double, and texts of names are rounded up and kept by size.
 std::uint64_t region_bytes(const Options& options) {
-  const std::uint64_t frames = std::uint64_t{options.max_frames} + 1;
+  const std::uint64_t frames = std::uint64_t{options.max_ids()} + 1;
   const std::uint64_t authorities = std::uint64_t{options.max_authorities} + 1;
   const std::uint64_t arrays = kHeaderBytes +
                                frames * (sizeof(Frame) + sizeof(FrameEvents) + sizeof(NameEntry)) +
@@ -75,9 +75,9 @@ Region::Region(const Options& options) {
     } else {
       header_ = make_array<RegionHeader>(1);
     }
-    frames_ = make_array<Frame>(std::size_t{options.max_frames} + 1);
-    events_ = make_array<FrameEvents>(std::size_t{options.max_frames} + 1);
-    names_ = make_array<NameEntry>(std::size_t{options.max_frames} + 1);
+    frames_ = make_array<Frame>(std::size_t{options.max_ids()} + 1);
+    events_ = make_array<FrameEvents>(std::size_t{options.max_ids()} + 1);
+    names_ = make_array<NameEntry>(std::size_t{options.max_ids()} + 1);
     authorities_ = make_array<NameEntry>(std::size_t{options.max_authorities} + 1);
     if (region_) fill_header(options);
   } catch (...) {

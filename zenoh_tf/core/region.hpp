@@ -37,7 +37,7 @@ class Region {
   Region& operator=(const Region&) = delete;
 
   [[nodiscard]] RegionHeader& header() const noexcept { return *header_; }
-  // Arrays of max_frames + 1 zeroed records.
+  // Arrays of max_ids() + 1 zeroed records.
   [[nodiscard]] Frame* frames() const noexcept { return frames_; }
   [[nodiscard]] FrameEvents* events() const noexcept { return events_; }
   [[nodiscard]] NameEntry* names() const noexcept { return names_; }

@@ -11,14 +11,15 @@ SharedTree::SharedTree(int descriptor)
     : region_(descriptor),
       memory_(region_.header(), region_.bytes(), options().max_name_bytes),
       frames_(
-          region_.array<Frame>(region_.header().frames, std::uint64_t{options().max_frames} + 1)),
+          region_.array<Frame>(region_.header().frames, std::uint64_t{options().max_ids()} + 1)),
       events_(region_.array<FrameEvents>(region_.header().events,
-                                         std::uint64_t{options().max_frames} + 1)),
-      names_(checked(region_, region_.header().names, options().max_frames, memory_)),
+                                         std::uint64_t{options().max_ids()} + 1)),
+      names_(checked(region_, region_.header().names, options().max_ids(), memory_)),
       authorities_(
           checked(region_, region_.header().authorities, options().max_authorities, memory_)),
       max_depth_(options().max_depth),
-      ever_reparented_(region_.header().ever_reparented) {}
+      ever_reparented_(region_.header().ever_reparented),
+      ids_freed_(region_.header().ids_freed) {}
 
 SharedTree::Names SharedTree::checked(const MappedRegion& region, const NameRoot& root,
                                       std::uint32_t max_names, const MappedMemory& memory) {
@@ -55,7 +56,7 @@ ZTF_MULTIVERSION void SharedTree::lookup(const Query& query, Answer& answer) con
   for (int i = 0; i < kSharedAttempts && !patience.is_exhausted(); ++i) {
     Attempt attempt(memory_, names_);
     PatientWalkGuard guard(patience);
-    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_);
+    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
     const bool valid = reader.answer(query, answer);
     if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
     if (valid) [[likely]]

@@ -71,6 +71,11 @@ class SharedTree {
   }
   [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
   [[nodiscard]] std::string name(FrameId id) const { return name_in(names_, id); }
+  [[nodiscard]] std::string name(const Failure& failure, FrameId id) const {
+    std::string name = id != 0 ? name_in(names_, id) : std::string();
+    if (failure.ids_freed != ids_freed_.load(std::memory_order_acquire)) name.clear();
+    return name;
+  }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
   [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
   [[nodiscard]] const Options& options() const noexcept { return region_.options(); }
@@ -93,13 +98,11 @@ class SharedTree {
   // As Tree::read_names(); gives up as reads do.
   template <class Read>
   auto read_names(Read&& read) const {
-    const std::atomic<std::uint64_t>& freed = region_.header().ids_freed;
     Patience patience;
     do {
-      const std::uint64_t before = freed.load(std::memory_order_acquire);
-      if (before % 2 != 0) continue;
+      const std::uint64_t before = ids_freed_.load(std::memory_order_acquire);
       auto result = read();
-      if (freed.load(std::memory_order_acquire) == before) [[likely]]
+      if (ids_freed_.load(std::memory_order_acquire) == before) [[likely]]
         return result;
     } while (patience.wait());
     throw Unanswered{Unanswered::Reason::busy};
@@ -131,6 +134,7 @@ class SharedTree {
   const Names names_, authorities_;
   const std::uint32_t max_depth_;
   const std::atomic<bool>& ever_reparented_;
+  const std::atomic<std::uint64_t>& ids_freed_;
 };
 
 }  // namespace ztf

@@ -19,7 +19,7 @@ void SharedTree::read(ReadSet& reads, Body&& body) const {
   for (int i = 0; i < kSharedAttempts && !patience.is_exhausted(); ++i) {
     Attempt attempt(memory_, names_);
     PatientGuard guard(frames_, reads, patience);
-    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_);
+    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
     const bool valid = body(reader) && guard.validate_all();
     if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
     if (valid) return check_lease();

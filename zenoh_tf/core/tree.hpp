@@ -128,15 +128,21 @@ class Tree {
   // the result as it is.
   template <class Read>
   auto read_names(Read&& read, int attempts = std::numeric_limits<int>::max()) const {
-    for (Backoff backoff;; backoff.wait()) {
+    for (;;) {
       const std::uint64_t before = ids_freed_.load(std::memory_order_acquire);
-      if (before % 2 != 0) continue;
       auto result = read();
       if (ids_freed_.load(std::memory_order_acquire) == before || --attempts == 0) return result;
     }
   }
   // Throws bad_alloc.
   [[nodiscard]] std::string name(FrameId id) const { return names_.name(id); }
+  // Returns the name of a frame of a failure; empty if it has lost its name since. Throws
+  // bad_alloc.
+  [[nodiscard]] std::string name(const Failure& failure, FrameId id) const {
+    std::string name = id != 0 ? names_.name(id) : std::string();
+    if (failure.ids_freed != ids_freed_.load(std::memory_order_acquire)) name.clear();
+    return name;
+  }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
   [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
   [[nodiscard]] const Options& options() const noexcept { return options_; }
@@ -301,9 +307,9 @@ class Tree {
   TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
   std::atomic<bool>& ever_reparented_;  // some frame once had samples of two parents
-  // Counts, twice each, how often ids of removed names or forgotten authorities were freed. Odd
-  // while that goes on. Changes only under the topology mutex (FreeingIds). Lies beside words that
-  // every lookup reads, and that hardly ever change.
+  // Counts how often ids of removed names or forgotten authorities were freed. It is incremented
+  // under the topology mutex, once no frame refers to such an id, and before any passes on. Lies
+  // beside words that every lookup reads, and that hardly ever change.
   std::atomic<std::uint64_t>& ids_freed_;
   NameTable names_;
   NameTable authorities_;
@@ -318,19 +324,6 @@ class Tree {
   std::atomic<Seq> replayed_{0};
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
-};
-
-// Makes the counter of freed ids odd in its scope.
-class FreeingIds {
- public:
-  explicit FreeingIds(std::atomic<std::uint64_t>& counter) noexcept : counter_(counter) { add(); }
-  ~FreeingIds() { add(); }
-  FreeingIds(const FreeingIds&) = delete;
-  FreeingIds& operator=(const FreeingIds&) = delete;
-
- private:
-  void add() noexcept { counter_.fetch_add(1, std::memory_order_seq_cst); }
-  std::atomic<std::uint64_t>& counter_;
 };
 
 }  // namespace ztf

@@ -28,7 +28,6 @@ void Tree::forget_authorities() {
 
   std::vector<bool> forgotten(authorities_.size() + 1);
   for (const auto& [last_used, id] : idle) forgotten[id] = true;
-  const FreeingIds freeing(ids_freed_);
   // No word may keep an id that another authority will get.
   for (const FrameId id : all) {
     if (forgotten[frames_[id].authority.load(relaxed)])
@@ -37,6 +36,7 @@ void Tree::forget_authorities() {
         forgotten[last.load(relaxed)])
       last.store(0, std::memory_order_release);
   }
+  ids_freed_.fetch_add(1, std::memory_order_seq_cst);
   for (const auto& [last_used, id] : idle) authorities_.remove(id);
 }
 

@@ -11,17 +11,20 @@
 //    on. A past link to such a parent then ends at its child, as if that were a root. Until the
 //    topology mutex is released, no commit adds such an id: it adds only its rows' parents, and
 //    without that mutex only ones that are newest parents already. Those are never removed.
-// 2. Lookups. They compare the generations of their names' ids after the read (Tree::is_current).
-//    A commit publishes a name, which changes the generation, before it stores samples of the
-//    frame, or links to it. Those stores have release order, and readers load with acquire order.
-//    So a lookup that has seen anything of the next owner sees its generation, too. One that has
-//    seen nothing of it found the frame as it was removed, and is ordered before.
+// 2. Lookups. They compare the generations of their names' ids after the read (Tree::is_current),
+//    or the counter ids_freed_ from before it (Tree::read_names). Both change before the frame is
+//    unlocked with its new version, with release order, and readers load with acquire order. So a
+//    lookup that has seen that version, or anything of the next owner, sees the change, too. One
+//    that has seen nothing of it found the frame as it was removed, and is ordered before.
+//    Failures keep the counter from before they were validated. So whoever names the frames of a
+//    failure, or asks what they may still get, sees whether their ids have passed on.
 // 3. Commits. Those that hold the topology mutex look their names up again, others compare
 //    ids_freed_ under their children's locks (commit_names.hpp).
 // 4. Read sets. They hold names and versions. A frame that loses its name gets a version above
 //    those of all frames that ever lost theirs (version_base_), and so does one that is used for
 //    the first time afterwards. The versions of a name therefore grow, whichever ids it has had,
-//    and a read set from before its removal never passes.
+//    and a read set from before its removal never passes. Nor does one that a lookup got afterwards
+//    by an old Ref: such a Ref is no longer current.
 // 5. Waiting lookups. Each removal wakes those that rest on the frame. One that rests on a past
 //    link to it sees the child's new version, or waits for the child to change. One that is parked
 //    under the frame of another name is woken without need, and parks again.
@@ -84,7 +87,6 @@ void Tree::free_removed_names() {
     log_orphans(ticket, locks);
     locks.begin_write();
     ticket.draw();
-    const FreeingIds freeing(ids_freed_);
     for (const FrameId id : frames) {
       if (!names_.hidden(id)) {
         forget_removed_parents(id);
@@ -98,8 +100,10 @@ void Tree::free_removed_names() {
       totals_of_freed_.evicted += frame.evicted.load(relaxed);
       frame.evicted.store(0, release);
       events.reset();
+      names_.expire_refs(id);
     }
     event_log_.forget([&](FrameId id) { return names_.hidden(id); });
+    ids_freed_.fetch_add(1, std::memory_order_seq_cst);
     locks.release_from(version_base_);
     ticket.publish();
   }

@@ -77,8 +77,12 @@ bool Tree::may_succeed_later(const Failure& failure) const noexcept {
     case Code::extrapolation:
     case Code::no_data:
     case Code::backward:
-    case Code::forward:
-      return failure.stamp >= oldest_insertable(info(failure.frame));
+    case Code::forward: {
+      const Stamp oldest = oldest_insertable(info(failure.frame));
+      // If ids have passed on since, this may be another frame's.
+      return failure.stamp >= oldest ||
+             failure.ids_freed != ids_freed_.load(std::memory_order_acquire);
+    }
     default:
       return false;
   }

@@ -60,7 +60,7 @@ inline FrameInfo info_of(const Frame& frame, const FrameEvents& events, Version 
 
 template <class Guard>
 ZTF_ALWAYS_INLINE Reader<Guard, FrameAccess> Tree::reader(Guard& guard) const noexcept {
-  return {FrameAccess(frames_), guard, options_.max_depth, ever_reparented_};
+  return {FrameAccess(frames_), guard, options_.max_depth, ever_reparented_, ids_freed_};
 }
 
 // Runs body(reader) until everything that it read was the tree's state at one instant. `reads` is
