@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
+from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
 from zenoh_tf._shared import RegionRefused as RegionRefused
 from zenoh_tf._shared import SharedTree as SharedTree
 from zenoh_tf._transform import LatestTransform as LatestTransform

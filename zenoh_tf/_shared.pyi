@@ -7,16 +7,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf._core import Budget
+from zenoh_tf._core import Budget, Tree
 from zenoh_tf._transform import LatestTransform, Rows, StampedTransform
 
+LAYOUT: tuple[int, int]  # version and hash of the layout that this build writes and reads
+
 class RegionRefused(ValueError): ...
+
+class LeaseKeeper:
+    # Holds a shared tree's lease from a thread of its own, which Python cannot delay. Only for an
+    # owner whose tree no other process can take over while this one lives, however long it stops.
+    def __init__(self, tree: Tree) -> None: ...
+    def end(self) -> None: ...
 
 class AskServer(enum.Enum):
     BUSY = ...
     LAPSED = ...
     WAITING = ...
     UNREADABLE = ...
+    ABSENT = ...
 
 class SharedTree:
     # A tree of another process; see zenoh_tf.shared_tree.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import secrets
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -11,7 +13,7 @@ from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, operations, tree_claim
+from . import network, operations, sharing, tree_claim
 from .clients import Clients
 from .event_reports import EventReports
 from .future_stamps import FutureStamps
@@ -23,6 +25,7 @@ from .replies import Replies
 from .request_guard import RequestGuard
 from .security import OPEN, Security
 from .service import Service
+from .sharing import Sharing
 from .snapshots import Snapshots
 from .state import State, StateSettings
 from .stream import Stream
@@ -47,6 +50,7 @@ class Settings:
     security: Security = OPEN
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
+    sharing: sharing.Settings = field(default_factory=sharing.Settings)
 
 
 class Server:
@@ -55,7 +59,8 @@ class Server:
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
         limits = settings.limits
-        tree = TransformTree(
+        make_tree = functools.partial(
+            TransformTree,
             settings.cache_time_s,
             settings.concurrency,
             max_frames=limits.frames,
@@ -69,12 +74,18 @@ class Server:
         )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
+            shared = Sharing(
+                settings.sharing, settings.tree, self.instance, joined=bool(settings.connect)
+            )
+            stack.callback(shared.close)
+            tree = shared.make_tree(make_tree)
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
             session = network.open_session(
                 settings.listen, settings.connect, limits, settings.security, settings.tree
             )
             stack.callback(session.close)
+            listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
             self.session = session
@@ -121,6 +132,9 @@ class Server:
                 settings.future,
             )
             stack.callback(ingest.close)
+            sharing.wait_for_predecessor(listens_since_s)
+            service.offer = shared.start(tree, limits.as_dict())
+            stack.callback(shared.close)
             ingest.start(session, settings.tree)
             reports = EventReports(tree, service.clocks)
             stack.callback(reports.close)
