@@ -132,7 +132,7 @@ class Server:
                 settings.future,
             )
             stack.callback(ingest.close)
-            sharing.wait_for_predecessor(listens_since_s)
+            sharing.wait_for_predecessor(settings.sharing, listens_since_s)
             service.offer = shared.start(tree, limits.as_dict())
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
