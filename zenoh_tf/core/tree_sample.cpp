@@ -92,7 +92,7 @@ std::size_t SharedTree::lookup_block(std::span<const Query> queries,
   for (int i = 0; i < kBlockAttempts && !valid; ++i) {
     Attempt attempt(memory_, names_);
     PatientWalkGuard guard(patience);
-    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_);
+    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
     valid = reader.answer_block(block);
     if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
   }
