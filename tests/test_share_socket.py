@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import grp
 import logging
 import os
@@ -41,9 +42,7 @@ def reads_shared(server: ServerProcess) -> bool:
         return tf.reads == "shared"
 
 
-def test_only_the_servers_user_may_open_it(
-    start_sharing: StartServer, socket_folder: Path
-) -> None:
+def test_only_the_servers_user_may_open_it(start_sharing: StartServer, socket_folder: Path) -> None:
     server = start_sharing(tree="a/b ü")
     path = path_of(socket_folder)
     assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
@@ -173,10 +172,8 @@ def test_clients_that_say_nothing_or_nonsense_cost_nothing(
         peer = socket.socket(socket.AF_UNIX)
         peer.connect(path)
         if number % 3:
-            try:
+            with contextlib.suppress(OSError):  # the server has closed the connection
                 peer.sendall(os.urandom(100))
-            except OSError:  # the server has closed the connection
-                pass
         silent.append(peer)
     for _ in range(3000):
         with socket.socket(socket.AF_UNIX) as peer:
@@ -203,6 +200,7 @@ class Impostor:
 
     def receive(self) -> SharedTree:
         """What a client makes of it, which connects before the impostor sends."""
+
         def send() -> None:
             peer, _ = self._listener.accept()
             with peer:

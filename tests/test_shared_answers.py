@@ -51,7 +51,9 @@ def tree_of(rng: random.Random) -> list[StampedTransform]:
         child = f"{tree}{len(frames[tree])}"
         frames[tree].append(child)
         for _ in range(rng.choice((1, 5, 30))):
-            pose = Transform((rng.random(), rng.random(), 1), rng.choice([(0, 0, 0.6, 0.8), (0, 1, 0, 0)]))
+            pose = Transform(
+                (rng.random(), rng.random(), 1), rng.choice([(0, 0, 0.6, 0.8), (0, 1, 0, 0)])
+            )
             rows.append(StampedTransform(parent, child, NOW_NS + rng.randrange(10**9), pose))
     return rows
 
@@ -106,7 +108,9 @@ def rounded(found: Any) -> str:
 
 
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
-def test_both_ways_give_the_same_answers_and_errors(start_sharing: StartServer, concurrency: str) -> None:
+def test_both_ways_give_the_same_answers_and_errors(
+    start_sharing: StartServer, concurrency: str
+) -> None:
     rng = random.Random(17)
     server = start_sharing("--concurrency", concurrency)
     with server.connect(reads="auto") as shared, server.connect(reads="query") as query:

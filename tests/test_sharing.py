@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -177,7 +177,9 @@ def test_no_answer_is_from_a_killed_server_once_its_successor_has_committed(
         assert tf.stats()["reads_mapped"] == 2
 
 
-def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(start_sharing: StartServer) -> None:
+def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(
+    start_sharing: StartServer,
+) -> None:
     server = start_sharing()
     with server.connect(1.0, reads="auto") as tf:
         tf.set_transform(link(1))
@@ -298,7 +300,14 @@ assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
 assert tf.reads == "shared" and not tf.can_transform("map", "base")
 """
     subprocess.run(
-        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", script, start_sharing().endpoint],
+        [
+            sys.executable,
+            "-W",
+            "ignore::DeprecationWarning",
+            "-c",
+            script,
+            start_sharing().endpoint,
+        ],
         cwd=ROOT,
         check=True,
         timeout=60,

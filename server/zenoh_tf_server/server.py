@@ -111,13 +111,7 @@ class Server:
                 settings.future,
             )
             service.info_requests.addresses = network.addresses(session)
-            stream = Stream(tree, self.instance, limits)
-            stack.callback(stream.close)
-            stream.start(session, settings.tree)
-            service.add_counters(stream.counters)
-            cache_ns = round(settings.cache_time_s * 1e9)
-            snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
-            service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+            self._start_stream(settings, stack)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
@@ -150,6 +144,17 @@ class Server:
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()
+
+    def _start_stream(self, settings: Settings, stack: ExitStack) -> None:
+        """Publish what commits change, and answer what mirrors ask."""
+        tree, limits = self.service.tree, settings.limits
+        stream = Stream(tree, self.instance, limits)
+        stack.callback(stream.close)
+        stream.start(self.session, settings.tree)
+        self.service.add_counters(stream.counters)
+        cache_ns = round(settings.cache_time_s * 1e9)
+        snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
+        self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
     def close(self) -> None:
         self._stack.close()
