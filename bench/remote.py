@@ -52,7 +52,7 @@ def _session(endpoint: str) -> zenoh.Session:
 
 def measure(report: Report) -> None:
     """Microseconds a round trip; lookups a second."""
-    with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
+    with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint, reads="query") as tf:
         for parent, child, stamp_ns, *pose in history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
@@ -117,7 +117,7 @@ def waiting(report: Report) -> None:
     came_ns = np.zeros(lookups)
     with (
         _running(*SERVER) as (server, endpoint),
-        TransformClient.connect(endpoint, timeout_s=30.0) as tf,
+        TransformClient.connect(endpoint, timeout_s=30.0, reads="query") as tf,
         _session(endpoint) as session,
     ):
         tf.set_transforms_xact([_stamped(frame, BEFORE_NS) for frame in frames])
