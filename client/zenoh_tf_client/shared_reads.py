@@ -33,8 +33,8 @@ T = TypeVar("T")
 Mode = Literal["auto", "query"]
 MODES: Final = ("auto", "query")
 
-#: How long a server may take to hand its tree over.
-_HANDOVER_S: Final = 0.5
+#: How long a server may take to hand its tree over. It has just answered, so it mostly is quick.
+_HANDOVER_S: Final = 2.0
 #: How often the thread looks whether the mapped tree's lease has lapsed.
 _PERIOD_S: Final = 1.0
 #: Between two attempts to map the tree of a server, the first and the longest pause.
