@@ -104,6 +104,7 @@ class Server:
             stack.callback(stream.close)
             stream.start(session, settings.tree)
             service.add_counters(stream.counters)
+            service.last_seq = stream.last_seq
             cache_ns = round(settings.cache_time_s * 1e9)
             snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
             service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
