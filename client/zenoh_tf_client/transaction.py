@@ -298,8 +298,7 @@ class Transaction:
             OutcomeUnknown: No reply came; the commit may or may not have been applied.
             ProtocolError: The reply is malformed.
         """
-        # A single read is one snapshot by itself; several were taken at different times.
-        if not self._sets and self._reads <= 1:
+        if self._is_done():
             return
         authority, static = self._kind or ("", False)
         commit = columns.commit(self._sets, authority, static)
@@ -308,8 +307,17 @@ class Transaction:
         reply = self._connection.write("commit", wire.commit_body(commit), self._instance)
         wire.parse_commit_reply(reply, commit.rows)
 
+    def _is_done(self) -> bool:
+        """Whether there is nothing to commit, and nothing to compare."""
+        # A single read is one snapshot by itself; several were taken at different times.
+        return not self._sets and self._reads <= 1
+
+    def _reply(self, request: Request[T]) -> wire.Message:
+        """The reply to a lookup, with the versions of the frames that it read."""
+        return self._connection.read("lookup", request.body() | {"versions": True})
+
     def _read(self, request: Request[T]) -> T:
-        reply = self._connection.read("lookup", request.body() | {"versions": True})
+        reply = self._reply(request)
         instance = wire.text(reply, "instance")
         if self._instance not in (None, instance):
             raise ServerRestarted(
@@ -331,6 +339,13 @@ def run_transaction(
     connection: Connection, function: Callable[[Transaction], T], attempts: int
 ) -> T:
     """See `TransformClient.run_transaction`."""
+    return repeat(lambda: Transaction(connection), function, attempts)
+
+
+def repeat(
+    begin: Callable[[], Transaction], function: Callable[[Transaction], T], attempts: int
+) -> T:
+    """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:
         raise InvalidArgumentException(
             f"attempts must be at least 1, not {attempts}", field="attempts"
@@ -339,7 +354,7 @@ def run_transaction(
     attempt = 1
     while True:
         try:
-            with Transaction(connection) as transaction:
+            with begin() as transaction:
                 result = function(transaction)
             return result
         except TransactionConflict as conflict:
