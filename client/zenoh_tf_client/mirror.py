@@ -6,7 +6,7 @@ import os
 import weakref
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Final, Self, TypeVar
+from typing import Self, TypeVar
 
 from zenoh_tf import LatestTransform, TransformTree
 from zenoh_tf.errors import (
@@ -21,16 +21,13 @@ from . import lookup_requests
 from .connection import Connection
 from .mirror_feed import MirrorFeed
 from .mirror_reads import TAKEN, MirrorReads
-from .mirror_transaction import MirrorTransaction
+from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites
 from .receipt import Receipt
 from .request import Request
 from .session_calls import raise_if_forked
 from .transaction import Transaction, repeat
 
 T = TypeVar("T")
-
-#: A transaction waits this long for the mirror. Then it reads by query.
-_CATCH_UP_S: Final = 1.0
 
 _all: weakref.WeakSet[Mirror] = weakref.WeakSet()
 
@@ -80,6 +77,7 @@ class Mirror(MirrorReads):
                 mirror._take(tree)
 
         self._feed = feed = MirrorFeed(connection, on_copy)
+        self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False
         _all.add(self)
@@ -257,8 +255,9 @@ class Mirror(MirrorReads):
         """As `TransformClient.run_transaction`, with reads in the mirror: one round trip.
 
         The server compares what was read with its own state, so the transaction is strictly
-        serializable, however old the mirror is. It begins once the mirror has this client's own
-        writes, and what they were in conflict with.
+        serializable, however old the mirror is. A read waits for what this mirror's transactions
+        have written to the same frames; after a conflict, the next attempt waits for the state that
+        the last one was in conflict with.
 
         Args:
             function: Reads and sets through the transaction. It may be called several times.
@@ -274,19 +273,28 @@ class Mirror(MirrorReads):
         Example:
             ``m.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
         """
-        return repeat(self._transaction, function, attempts)
+        attempt = 0
 
-    def _transaction(self) -> Transaction:
-        """A transaction that reads here, once the mirror has what this client knows of: its own
-        writes, and what they were in conflict with. If that takes long, it reads by query."""
-        try:
-            self.wait_for(timeout_s=_CATCH_UP_S)
-        except (TimeoutException, ServerRestarted):
-            return Transaction(self._connection)
+        def begin() -> Transaction:
+            nonlocal attempt
+            attempt += 1
+            return self._transaction(after_conflict=attempt > 1)
+
+        return repeat(begin, function, attempts)
+
+    def _transaction(self, *, after_conflict: bool) -> Transaction:
+        """A transaction that reads here; after a conflict, once the mirror has what it was in
+        conflict with. If that takes long, it reads by query."""
+        raise_if_forked()
+        if after_conflict:
+            try:
+                self.wait_for(timeout_s=CATCH_UP_S)
+            except (TimeoutException, ServerRestarted):
+                return Transaction(self._connection)
         state = self._feed.state
         if state.tree is None:
             raise ServerUnavailable("the mirror is closed")
-        return MirrorTransaction(self._connection, state.tree, state.instance)
+        return MirrorTransaction(self._connection, state, self._own_writes)
 
     # --- where it reads
 

@@ -100,6 +100,7 @@ class MirrorFeed:
         self._failures = 0  # since the last new copy
         self._unknown = 0  # failures of a server that knows no snapshots
         self._next_snapshot_s = 0.0
+        self._has_warned = False
         self._is_silent = True  # since the last look; read and written without the lock
         self._clock = ServerClock()
         connection.calls.add_owner(self)
@@ -226,7 +227,9 @@ class MirrorFeed:
             try:
                 self._mirroring.received(data)
             except ProtocolError as error:  # what follows it is a gap
-                log.warning("a message of the commit stream is malformed: %s", error)
+                level = logging.DEBUG if self._has_warned else logging.WARNING
+                self._has_warned = True
+                log.log(level, "a message of the commit stream is malformed: %s", error)
             except Exception:
                 log.exception("internal error while a mirror applied a message; it begins anew")
                 self._mirroring.restart()
@@ -236,9 +239,10 @@ class MirrorFeed:
         """Send requests, and tell what has changed. Requires the lock."""
         if self._closed:
             return
-        for request in self._mirroring.requests():
-            self._in_thread(self._ask, request)
         mirroring = self._mirroring
+        for request in mirroring.requests():
+            if not self._in_thread(self._ask, request):
+                mirroring.failed(request.number)  # the next message sends it again
         is_new = mirroring.tree is not self.state.tree
         self.state = State(
             mirroring.tree,
@@ -264,15 +268,20 @@ class MirrorFeed:
 
     # --- requests, each on a thread of its own
 
-    def _in_thread(self, work: Callable[..., None], *arguments: object) -> None:
+    @staticmethod
+    def _in_thread(work: Callable[..., None], *arguments: object) -> bool:
+        """Start a thread. False: there are too many, or the program is ending."""
         thread = threading.Thread(target=work, args=arguments, name="mirror request", daemon=True)
-        with contextlib.suppress(RuntimeError):  # the program is ending
+        try:
             thread.start()
+        except RuntimeError:
+            return False
+        return True
 
     def _ask(self, request: Request) -> None:
         """Send a request, and take its reply."""
         is_plan = request.operation == "snapshot" and "piece" not in request.body
-        if is_plan and not self._wait_for_turn():
+        if is_plan and not self._wait_for_turn(request):
             return
         begin_ns = now_ns()
         try:
@@ -291,12 +300,17 @@ class MirrorFeed:
                 self._mirroring.restart()
             self._proceed()
 
-    def _wait_for_turn(self) -> bool:
-        """Wait until the next snapshot may begin. False: the mirror was closed meanwhile."""
-        with self._changed:
-            pause_s = self._next_snapshot_s - time.monotonic()
-            self._next_snapshot_s = time.monotonic() + max(0.0, pause_s) + _SNAPSHOT_PERIOD_S
-        return not (self._ended.wait(pause_s) if pause_s > 0 else self._closed)
+    def _wait_for_turn(self, request: Request) -> bool:
+        """Wait until the next snapshot may begin. False: this one is of no use any more."""
+        while True:
+            with self._changed:
+                if self._closed or not self._mirroring.awaits(request.number):
+                    return False
+                pause_s = self._next_snapshot_s - time.monotonic()
+                if pause_s <= 0:
+                    self._next_snapshot_s = time.monotonic() + _SNAPSHOT_PERIOD_S
+                    return True
+            self._ended.wait(pause_s)
 
     def _fail(self, request: Request, error: Exception) -> None:
         """Note why a request failed. After a pause it is sent again."""

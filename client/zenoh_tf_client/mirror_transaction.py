@@ -2,15 +2,57 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+import threading
+from collections.abc import Iterable
+from typing import Final, TypeVar
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import wire
 
 from .connection import Connection
+from .mirror_feed import MirrorFeed, State
+from .receipt import Receipt
 from .request import Request
 from .transaction import Transaction
 
 T = TypeVar("T")
+
+#: A transaction waits this long for the mirror.
+CATCH_UP_S: Final = 1.0
+
+
+class OwnWrites:
+    """The frames that a mirror's transactions have written, until the mirror has them: to read an
+    older state of them would only lead to a conflict. Thread safety: all methods."""
+
+    def __init__(self, feed: MirrorFeed) -> None:
+        self._feed = feed
+        self._lock = threading.Lock()
+        self._receipts: dict[str, Receipt] = {}
+
+    def add(self, frames: Iterable[str], receipt: Receipt | None) -> None:
+        """Note a write."""
+        if receipt is None:
+            return
+        state = self._feed.state
+        with self._lock:
+            for name, known in list(self._receipts.items()):
+                if state.has(known.instance, known.seq):
+                    del self._receipts[name]
+            self._receipts.update(dict.fromkeys(frames, receipt))
+
+    def wait_for(self, frames: Iterable[str]) -> bool:
+        """Wait until the mirror has all writes to these frames. False: it had them already."""
+        feed = self._feed
+        with self._lock:
+            awaited = [self._receipts[name] for name in frames if name in self._receipts]
+
+        def has_all() -> bool:
+            return all(feed.state.has(one.instance, one.seq) for one in awaited)
+
+        if has_all():
+            return False
+        feed.wait(has_all, CATCH_UP_S)
+        return True
 
 
 class MirrorTransaction(Transaction):
@@ -19,10 +61,17 @@ class MirrorTransaction(Transaction):
     A mirror's frames have the server's versions, so its reads can be the read set of a commit.
     """
 
-    def __init__(self, connection: Connection, tree: TransformTree, instance: str) -> None:
+    def __init__(self, connection: Connection, state: State, own_writes: OwnWrites) -> None:
         super().__init__(connection)
-        self._tree = tree
-        self._instance = instance
+        self._tree = state.tree
+        self._instance = state.instance
+        self._own_writes = own_writes
+
+    def commit(self) -> None:
+        super().commit()
+        if self._sets:
+            frames = [stamped.child_frame for stamped in self._sets]
+            self._own_writes.add(frames, self._connection.last_receipt)
 
     def _is_done(self) -> bool:
         # Unlike at the server, a single read may be old.
@@ -30,6 +79,13 @@ class MirrorTransaction(Transaction):
 
     def _reply(self, request: Request[T]) -> wire.Message:
         lookup = wire.parse_lookup(_as_received(request.body()))
+        reply = self._look_up(lookup)
+        if self._own_writes.wait_for(reply["read_names"]):
+            reply = self._look_up(lookup)
+        return _as_received(reply)
+
+    def _look_up(self, lookup: wire.Lookup) -> wire.Message:
+        assert self._tree is not None
         rows = self._tree._read_rows(
             lookup.names,
             lookup.op,
@@ -42,8 +98,11 @@ class MirrorTransaction(Transaction):
             versions=True,
             errors=lookup.errors,
         )
-        reply = {"v": wire.VERSION, "instance": self._instance}
-        return _as_received(reply | wire.lookup_reply(lookup, *rows))
+        return {
+            "v": wire.VERSION,
+            "instance": self._instance,
+            **wire.lookup_reply(lookup, *rows),
+        }
 
 
 def _as_received(message: wire.Message) -> wire.Message:
