@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
+from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
 from zenoh_tf._shared import RegionRefused as RegionRefused
 from zenoh_tf._shared import SharedTree as SharedTree
 from zenoh_tf._transform import LatestTransform as LatestTransform
@@ -20,8 +22,7 @@ from zenoh_tf._transform import Rows as Rows
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
 
-# What a row of `Tree._read_rows` asks for.
-OP_AT: int  # source in target at stamp_ns
+OP_AT: int  # what a row of `Tree._read_rows` asks for: source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time
 OP_LATEST: int  # newest of every link, links may be of different commits
 OP_LATEST_XACT: int  # the same, atomically

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 from zenoh_tf import StampedTransform
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
-from . import write_requests
+from . import shared_reads, write_requests
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client_introspection import ClientIntrospection
@@ -18,6 +18,7 @@ from .client_lookups import ClientLookups
 from .connection import Connection
 from .mirror import Mirror
 from .receipt import Receipt
+from .shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
 
 T = TypeVar("T")
@@ -43,11 +44,12 @@ class TransformClient(ClientLookups, ClientIntrospection):
         ``with TransformClient.connect() as tf: print(tf.lookup_transform("map", "base"))``
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, reads: Mode = "auto") -> None:
         """Use `TransformClient.connect` instead.
 
         Args:
             connection: The open connection to use.
+            reads: As in `connect`.
 
         Raises:
             TypeError: `connection` is something else, such as an endpoint.
@@ -58,6 +60,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
+        self._reads = SharedReads(connection, reads)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
@@ -68,6 +71,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
         credentials: Credentials = NO_CREDENTIALS,
+        reads: Mode = "auto",
     ) -> Self:
         """Connect to the server of a tree.
 
@@ -77,6 +81,9 @@ class TransformClient(ClientLookups, ClientIntrospection):
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/security.md.
+            reads: How lookups are answered. ``"auto"``: from the server's memory, which this
+                process maps, if the server is on this host and shares its tree; else by queries.
+                ``"query"``: by queries. Both give the same answers and errors.
 
         Returns:
             An open client.
@@ -91,7 +98,8 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
-        return cls(Connection(endpoint, tree, timeout_s, credentials))
+        shared_reads.check(reads)
+        return cls(Connection(endpoint, tree, timeout_s, credentials), reads)
 
     def __repr__(self) -> str:
         connection = self._connection
@@ -121,6 +129,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         """
         # The connection first: a thread that is inside `send` may hold its broadcaster for long.
         self._connection.close()
+        self._reads.close()
         for broadcaster in list(self._broadcasters):
             broadcaster.close()
 
@@ -133,6 +142,16 @@ class TransformClient(ClientLookups, ClientIntrospection):
     def tree(self) -> str:
         """Returns the name of the tree."""
         return self._connection.tree
+
+    @property
+    def reads(self) -> Literal["shared", "query"]:
+        """Returns how a lookup would be answered now.
+
+        ``"shared"``: from the server's memory, in well under a microsecond. ``"query"``: by a query
+        of the server, as long as its memory cannot be read. This changes by itself, for example
+        when the server restarts; `stats` has the reasons, under names with ``reads_``.
+        """
+        return self._reads.way
 
     @property
     def instance(self) -> str:
@@ -268,7 +287,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``with tf.transaction() as tx: tx.set_transform(stamped)``
         """
-        return Transaction(self._connection)
+        return Transaction(self._connection, self._reads)
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """Call `function` with a new transaction and commit it; repeat this after a conflict.
@@ -287,7 +306,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``tf.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
         """
-        return run_transaction(self._connection, function, attempts)
+        return run_transaction(self._connection, self._reads, function, attempts)
 
     def mirror(self, timeout_s: float = 30.0) -> Mirror:
         """Make a copy of the tree in this process, which follows the server's.
@@ -313,7 +332,7 @@ class TransformClient(ClientLookups, ClientIntrospection):
         Example:
             ``with tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
         """
-        return Mirror(self._connection, timeout_s)
+        return Mirror(self._connection, self._reads, timeout_s)
 
     @property
     def last_receipt(self) -> Receipt | None:

@@ -12,15 +12,20 @@ from zenoh_tf import (
     TransformArray,
     Velocity,
 )
+from zenoh_tf.shared_tree import AskServer
 
 from . import lookup_requests
-from .connection import Connection
+from .shared_reads import SharedReads
 
 
 class ClientLookups:
-    """A base of `TransformClient`, which has the connection."""
+    """A base of `TransformClient`, which says how to read.
 
-    _connection: Connection
+    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
+    asks the server.
+    """
+
+    _reads: SharedReads
 
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -51,8 +56,11 @@ class ClientLookups:
         Example:
             ``X_map_base = tf.lookup_transform("map", "base").transform``
         """
-        return self._connection.call(
-            lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
+        found = self._reads.tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(
+            found, lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
         )
 
     def lookup_transform_full(
@@ -90,11 +98,15 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(
-            lookup_requests.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-            )
+        found = self._reads.tree.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
         )
+        if type(found) is not AskServer:
+            return found
+        request = lookup_requests.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        )
+        return self._reads.ask(found, request)
 
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -118,8 +130,11 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(
-            lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
+        found = self._reads.tree.can_transform(target, source, stamp_ns, timeout_s)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(
+            found, lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
         )
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
@@ -144,7 +159,10 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(lookup_requests.lookup_latest_transform(target, source))
+        found = self._reads.tree.lookup_latest_transform(target, source)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(found, lookup_requests.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -168,7 +186,10 @@ class ClientLookups:
         Example:
             ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist").transform``
         """
-        return self._connection.call(lookup_requests.lookup_latest_transform_xact(target, source))
+        found = self._reads.tree.lookup_latest_transform_xact(target, source)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(found, lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -192,7 +213,10 @@ class ClientLookups:
         Example:
             ``arm, cup = tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        return self._connection.call(lookup_requests.lookup_latest_transforms_xact(pairs))
+        found = self._reads.tree.lookup_latest_transforms_xact(pairs)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(found, lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
         self,
@@ -218,7 +242,12 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(lookup_requests.lookup_transforms(targets, sources, stamps_ns))
+        found = self._reads.tree.lookup_transforms(targets, sources, stamps_ns)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(
+            found, lookup_requests.lookup_transforms(targets, sources, stamps_ns)
+        )
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
         """Look up the pose of `source` in `target` at many times in one request.
@@ -241,7 +270,7 @@ class ClientLookups:
         Example:
             ``path = tf.sample("map", "camera", stamps_ns).translations``
         """
-        return self._connection.call(lookup_requests.sample(target, source, stamps_ns))
+        return self.lookup_transforms(target, source, stamps_ns)
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -262,7 +291,10 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(lookup_requests.latest_common_time(a, b))
+        found = self._reads.tree.latest_common_time(a, b)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(found, lookup_requests.latest_common_time(a, b))
 
     def lookup_velocity(
         self,
@@ -302,14 +334,24 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(
-            lookup_requests.lookup_velocity(
-                tracking_frame,
-                observation_frame,
-                stamp_ns,
-                averaging_interval_s,
-                reference_frame=reference_frame,
-                reference_point=reference_point,
-                reference_point_frame=reference_point_frame,
-            )
+        found = self._reads.tree.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
         )
+        if type(found) is not AskServer:
+            return found
+        request = lookup_requests.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
+        )
+        return self._reads.ask(found, request)

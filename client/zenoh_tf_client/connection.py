@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import handover, keys, wire, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import (
     InvalidArgumentException,
@@ -64,6 +64,7 @@ class ServerInfo:
     clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
     rows: int  # transforms in one message
+    offer: handover.Offer | None = None  # of its tree's memory
 
 
 class Connection:
@@ -142,6 +143,11 @@ class Connection:
         return None if server is None else server.instance
 
     @property
+    def known_server(self) -> ServerInfo | None:
+        """The server that answered last, without asking: None if none is known."""
+        return self._server
+
+    @property
     def closed(self) -> bool:
         """True once `close` was called."""
         return self.calls.closed
@@ -191,6 +197,7 @@ class Connection:
             clock_ns - now_ns,
             wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
             wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
+            handover.parse_offer(value.get(handover.HELLO_FIELD)),
         )
         self._server = server
         return server

@@ -25,6 +25,7 @@ from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites
 from .receipt import Receipt
 from .request import Request
 from .session_calls import raise_if_forked
+from .shared_reads import SharedReads
 from .transaction import Transaction, repeat
 
 T = TypeVar("T")
@@ -49,11 +50,12 @@ class Mirror(MirrorReads):
         ``with tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
     """
 
-    def __init__(self, connection: Connection, timeout_s: float) -> None:
+    def __init__(self, connection: Connection, reads: SharedReads, timeout_s: float) -> None:
         """Use `TransformClient.mirror` instead.
 
         Args:
             connection: The connection to the server.
+            reads: How transactions read that do not read here.
             timeout_s: How long to wait for the first copy, in seconds.
 
         Raises:
@@ -68,6 +70,7 @@ class Mirror(MirrorReads):
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
             )
         self._connection = connection
+        self._reads = reads
         self._current: TransformTree | None = None  # None: closed, or forked
         weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
 
@@ -290,11 +293,13 @@ class Mirror(MirrorReads):
             try:
                 self.wait_for(timeout_s=CATCH_UP_S)
             except (TimeoutException, ServerRestarted):
-                return Transaction(self._connection)
+                return Transaction(self._connection, self._reads)
         state = self._feed.state
         if state.tree is None:
             raise ServerUnavailable("the mirror is closed")
-        return MirrorTransaction(self._connection, state, self._own_writes)
+        return MirrorTransaction(
+            self._connection, self._reads, state.tree, state.instance, self._own_writes
+        )
 
     # --- where it reads
 

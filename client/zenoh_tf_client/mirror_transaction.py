@@ -6,12 +6,14 @@ import threading
 from collections.abc import Iterable
 from typing import Final, TypeVar
 
-from zenoh_tf import wire
+from zenoh_tf import TransformTree
+from zenoh_tf.shared_tree import AskServer
 
 from .connection import Connection
-from .mirror_feed import MirrorFeed, State
+from .mirror_feed import MirrorFeed
 from .receipt import Receipt
-from .request import Request
+from .request import Read, Rows
+from .shared_reads import SharedReads, VersionedRead, read_tree
 from .transaction import Transaction
 
 T = TypeVar("T")
@@ -61,10 +63,17 @@ class MirrorTransaction(Transaction):
     A mirror's frames have the server's versions, so its reads can be the read set of a commit.
     """
 
-    def __init__(self, connection: Connection, state: State, own_writes: OwnWrites) -> None:
-        super().__init__(connection)
-        self._tree = state.tree
-        self._instance = state.instance
+    def __init__(
+        self,
+        connection: Connection,
+        reads: SharedReads,
+        tree: TransformTree,
+        instance: str,
+        own_writes: OwnWrites,
+    ) -> None:
+        super().__init__(connection, reads)
+        self._tree = tree
+        self._copy_of = instance
         self._own_writes = own_writes
 
     def commit(self) -> None:
@@ -77,34 +86,14 @@ class MirrorTransaction(Transaction):
         # Unlike at the server, a single read may be old.
         return not self._sets and not self._reads
 
-    def _reply(self, request: Request[T]) -> wire.Message:
-        lookup = wire.parse_lookup(_as_received(request.body()))
-        reply = self._look_up(lookup)
-        if self._own_writes.wait_for(reply["read_names"]):
-            reply = self._look_up(lookup)
-        return _as_received(reply)
+    def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        instance, versions, answer = self._look_up(request)
+        read_set = list(versions)
+        if self._own_writes.wait_for(name for name, _ in read_set):
+            return self._look_up(request)
+        return instance, read_set, answer
 
-    def _look_up(self, lookup: wire.Lookup) -> wire.Message:
-        assert self._tree is not None
-        rows = self._tree._read_rows(
-            lookup.names,
-            lookup.op,
-            lookup.target,
-            lookup.source,
-            lookup.stamp,
-            lookup.fixed,
-            lookup.source_stamp,
-            atomic=lookup.atomic,
-            versions=True,
-            errors=lookup.errors,
-        )
-        return {
-            "v": wire.VERSION,
-            "instance": self._instance,
-            **wire.lookup_reply(lookup, *rows),
-        }
-
-
-def _as_received(message: wire.Message) -> wire.Message:
-    """The message as the other side would parse it."""
-    return wire.unpack(wire.pack(message))
+    def _look_up(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        found = read_tree(self._tree, self._copy_of, request)
+        assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
+        return found

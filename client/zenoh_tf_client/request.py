@@ -48,7 +48,7 @@ class Request(ABC, Generic[T]):
 
 @dataclass(slots=True)
 class Call(Request[T]):
-    """Any operation except a lookup of a single row."""
+    """Any operation except a lookup."""
 
     kind: str
     message: wire.Message
@@ -90,12 +90,44 @@ class Read(Request[T]):
         one = wire.parse_one_answer(reply)
         if one is not None:
             return self.convert(self.row, *one)
-        return self.result(next(wire.parse_lookup_reply(reply, 1).rows()))
+        return self.answer(wire.parse_lookup_reply(reply, 1))
+
+    def lookup(self) -> wire.Lookup:
+        """Return the row as columns."""
+        return columns.join([self.row])
+
+    def answer(self, reply: wire.LookupReply) -> T:
+        """Return the result in a reply of one row, or raise its error."""
+        return self.result(next(reply.rows()))
 
     def result(self, answer: wire.AnswerRow) -> T:
         """Return the result in one row of a reply, or raise its error."""
         error, stamp_ns, newest_ns, pose = answer
         return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
+
+
+@dataclass(slots=True)
+class Rows(Request[T]):
+    """A lookup of any number of rows."""
+
+    rows: wire.Lookup
+    convert: Callable[[wire.LookupReply], T]
+    wait_s: float = 0.0
+    kind: str = "lookup"
+
+    def body(self) -> wire.Message:
+        return wire.lookup_body(self.rows)
+
+    def parse(self, reply: wire.Message) -> T:
+        return self.convert(wire.parse_lookup_reply(reply, self.rows.rows))
+
+    def lookup(self) -> wire.Lookup:
+        """Return the columns."""
+        return self.rows
+
+    def answer(self, reply: wire.LookupReply) -> T:
+        """Return the result in a reply, or raise its error."""
+        return self.convert(reply)
 
 
 def timeout_ns(timeout_s: float) -> int:

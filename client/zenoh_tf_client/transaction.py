@@ -31,7 +31,8 @@ from zenoh_tf.errors import (
 
 from . import columns, lookup_requests
 from .connection import Connection
-from .request import Request
+from .request import Read, Rows
+from .shared_reads import SharedReads, VersionedRead
 
 T = TypeVar("T")
 
@@ -49,13 +50,15 @@ class Transaction:
     Thread safety: one thread at a time.
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, reads: SharedReads) -> None:
         """Use `TransformClient.transaction` instead.
 
         Args:
             connection: The connection to read and commit on.
+            reads: How the connection's client reads.
         """
         self._connection = connection
+        self._shared = reads
         self._instance: str | None = None
         self._versions: dict[str, int] = {}
         self._reads = 0
@@ -312,13 +315,11 @@ class Transaction:
         # A single read is one snapshot by itself; several were taken at different times.
         return not self._sets and self._reads <= 1
 
-    def _reply(self, request: Request[T]) -> wire.Message:
-        """The reply to a lookup, with the versions of the frames that it read."""
-        return self._connection.read("lookup", request.body() | {"versions": True})
+    def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        return self._shared.read_versions(request)
 
-    def _read(self, request: Request[T]) -> T:
-        reply = self._reply(request)
-        instance = wire.text(reply, "instance")
+    def _read(self, request: Read[T] | Rows[T]) -> T:
+        instance, versions, answer = self._read_versions(request)
         if self._instance not in (None, instance):
             raise ServerRestarted(
                 f"this transaction read from server instance {self._instance}, "
@@ -327,19 +328,22 @@ class Transaction:
             )
         self._instance = instance
         self._reads += 1
-        for name, version in wire.parse_read_set(reply):
+        for name, version in versions:
             if self._versions.setdefault(name, version) != version:
                 raise TransactionConflict(
                     f"frame {name!r} changed between two reads of the transaction", frame=name
                 )
-        return request.parse(reply)
+        return answer()
 
 
 def run_transaction(
-    connection: Connection, function: Callable[[Transaction], T], attempts: int
+    connection: Connection,
+    reads: SharedReads,
+    function: Callable[[Transaction], T],
+    attempts: int,
 ) -> T:
     """See `TransformClient.run_transaction`."""
-    return repeat(lambda: Transaction(connection), function, attempts)
+    return repeat(lambda: Transaction(connection, reads), function, attempts)
 
 
 def repeat(

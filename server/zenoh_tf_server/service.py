@@ -14,7 +14,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, handover, wire
 from zenoh_tf.errors import TransactionConflict, TransformException
 
 from .admin_requests import AdminRequests
@@ -76,6 +76,8 @@ class Service:
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
         self._admin_requests = AdminRequests(self._links, limits)
+        #: Where clients of this host can map the tree; the server that shares it sets it.
+        self.offer: handover.Offer | None = None
         self._identity = {
             "tree": name,
             "instance": instance,
@@ -295,6 +297,8 @@ class Service:
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
         known = self._identity | {"clock_ns": time.monotonic_ns()}
+        if self.offer is not None and (access is None or "read" in access["may"]):
+            known[handover.HELLO_FIELD] = self.offer.fields()
         return known if access is None else known | {"access": access}
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:

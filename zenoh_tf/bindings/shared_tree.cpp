@@ -1,8 +1,10 @@
-// SharedTree: the base class of zenoh_tf.shared_tree.SharedTree.
+// SharedTree: the base class of zenoh_tf.shared_tree.SharedTree. LeaseKeeper, for the tree's owner.
 //
 // GIL: as in tree.cpp.
 #include "ask_server.hpp"
 #include "host.hpp"
+#include "layout.hpp"
+#include "lease.hpp"
 
 namespace ztf {
 
@@ -12,6 +14,12 @@ double lease_left_s(const SharedTree& tree) {
   return static_cast<double>(tree.lease_ns() - monotonic_ns()) * 1e-9;
 }
 
+struct Lease {
+  explicit Lease(Tree& tree) : keeper(std::in_place, tree) {}
+  void end() { keeper.reset(); }
+  std::optional<LeaseKeeper> keeper;
+};
+
 }  // namespace
 
 void bind_shared_tree(nb::module_& m) {
@@ -20,8 +28,15 @@ void bind_shared_tree(nb::module_& m) {
       .value("BUSY", Reason::busy)
       .value("LAPSED", Reason::lapsed)
       .value("WAITING", Reason::waiting)
-      .value("UNREADABLE", Reason::unreadable);
+      .value("UNREADABLE", Reason::unreadable)
+      .value("ABSENT", Reason::absent);
   nb::exception<RegionRefused>(m, "RegionRefused", PyExc_ValueError);
+
+  m.attr("LAYOUT") = nb::make_tuple(kLayoutVersion, kLayoutHash);
+
+  nb::class_<Lease>(m, "LeaseKeeper")
+      .def(nb::init<Tree&>(), nb::arg("tree"), nb::keep_alive<1, 2>())
+      .def("end", &Lease::end);
 
   nb::class_<SharedTree> tree(m, "SharedTree", nb::is_weak_referenceable());
   tree.def(nb::init<int>(), nb::arg("fd"))

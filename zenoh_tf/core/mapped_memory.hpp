@@ -21,6 +21,7 @@ struct Unanswered {
     lapsed,      // the owner has not extended its lease: it has ended, or stopped
     waiting,     // the answer is not there yet, and the caller wants to wait for it
     unreadable,  // what the region holds makes no sense
+    absent,      // no tree is mapped; for callers, as a tree never throws it
   };
   Reason reason;
 };
