@@ -14,6 +14,7 @@ from typing import Literal
 from zenoh_tf import TransformTree
 
 from . import network, operations, sharing, tree_claim
+from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .event_reports import EventReports
 from .free_memory import FreeMemory
@@ -131,6 +132,11 @@ class Server:
             service.offer = shared.start(tree, limits.as_dict())
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
+            if not settings.connect:  # another router looks after its own keys
+                abandoned = AbandonedKeys(settings.tree, ingest.authorities)
+                stack.callback(abandoned.close)
+                clients.when_gone(abandoned.client_gone)
+                abandoned.start(session)
             reports = EventReports(tree, service.clocks)
             stack.callback(reports.close)
             reports.start()
