@@ -137,12 +137,7 @@ class Server:
                 stack.callback(abandoned.close)
                 clients.when_gone(abandoned.client_gone)
                 abandoned.start(session)
-            reports = EventReports(tree, service.clocks)
-            stack.callback(reports.close)
-            reports.start()
-            memory = FreeMemory()
-            stack.callback(memory.close)
-            memory.start()
+            self._start_upkeep(stack)
             clients.start(session, settings.tree)
             workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
@@ -162,6 +157,15 @@ class Server:
         cache_ns = round(settings.cache_time_s * 1e9)
         snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+
+    def _start_upkeep(self, stack: ExitStack) -> None:
+        """Log what happens to frames, and give freed memory back."""
+        reports = EventReports(self.service.tree, self.service.clocks)
+        stack.callback(reports.close)
+        reports.start()
+        memory = FreeMemory()
+        stack.callback(memory.close)
+        memory.start()
 
     def close(self) -> None:
         self._stack.close()
