@@ -137,12 +137,7 @@ class Server:
                 stack.callback(abandoned.close)
                 clients.when_gone(abandoned.client_gone)
                 abandoned.start(session)
-            reports = EventReports(tree, service.clocks)
-            stack.callback(reports.close)
-            reports.start()
-            memory = FreeMemory()
-            stack.callback(memory.close)
-            memory.start()
+            self._start_upkeep(stack)
             clients.start(session, settings.tree)
             workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
@@ -158,9 +153,19 @@ class Server:
         stack.callback(stream.close)
         stream.start(self.session, settings.tree)
         self.service.add_counters(stream.counters)
+        self.service.last_seq = stream.last_seq
         cache_ns = round(settings.cache_time_s * 1e9)
         snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+
+    def _start_upkeep(self, stack: ExitStack) -> None:
+        """Log what happens to frames, and give freed memory back."""
+        reports = EventReports(self.service.tree, self.service.clocks)
+        stack.callback(reports.close)
+        reports.start()
+        memory = FreeMemory()
+        stack.callback(memory.close)
+        memory.start()
 
     def close(self) -> None:
         self._stack.close()
