@@ -132,12 +132,7 @@ class Server:
             service.offer = shared.start(tree, limits.as_dict())
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
-            if not settings.connect:  # another router looks after its own keys
-                abandoned = AbandonedKeys(settings.tree, ingest.authorities)
-                stack.callback(abandoned.close)
-                clients.when_gone(abandoned.client_gone)
-                abandoned.start(session)
-            self._start_upkeep(stack)
+            self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
@@ -158,8 +153,13 @@ class Server:
         snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
-    def _start_upkeep(self, stack: ExitStack) -> None:
-        """Log what happens to frames, and give freed memory back."""
+    def _start_upkeep(self, settings: Settings, ingest: Ingest, stack: ExitStack) -> None:
+        """Free what is left of publishers, log what happens to frames, give freed memory back."""
+        if not settings.connect:  # another router looks after its own keys
+            abandoned = AbandonedKeys(settings.tree, ingest.authorities)
+            stack.callback(abandoned.close)
+            self.clients.when_gone(abandoned.client_gone)
+            abandoned.start(self.session)
         reports = EventReports(self.service.tree, self.service.clocks)
         stack.callback(reports.close)
         reports.start()
