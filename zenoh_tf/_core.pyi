@@ -1,6 +1,7 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-help() shows it, too (bindings/stub_docs.py). `X_target_source` is the pose of source in target.
+This stub and `_transform.pyi` are the one source of signatures and docstrings: help() shows them,
+too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in metres.
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,6 @@ from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
 from zenoh_tf._shared import RegionRefused as RegionRefused
-from zenoh_tf._shared import SharedLookups as SharedLookups
 from zenoh_tf._shared import SharedTree as SharedTree
 from zenoh_tf._transform import LatestTransform as LatestTransform
 from zenoh_tf._transform import Rows as Rows

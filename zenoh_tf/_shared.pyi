@@ -1,8 +1,8 @@
 """The part of the native module `_core` that reads trees of other processes."""
 
 import enum
-from collections.abc import Callable, Sequence
-from typing import Any, final
+from collections.abc import Sequence
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,8 @@ class LeaseKeeper:
 
 @final
 class AskServer(enum.Enum):
+    def __bool__(self) -> Literal[False]: ...  # zenoh_tf.shared_tree
+
     BUSY = ...
     LAPSED = ...
     WAITING = ...
@@ -101,8 +103,3 @@ class SharedTree:
         stamps_ns: ArrayLike | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
     def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...
-
-class SharedLookups:
-    # The lookups of a shared tree, under the names and with the arguments of TransformClient's.
-    # `ask`: called with a lookup's name, an AskServer, and the arguments, if the tree has no answer.
-    def __init__(self, tree: SharedTree, ask: Callable[..., Any]) -> None: ...

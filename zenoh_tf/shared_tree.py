@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["AskServer", "RegionRefused", "SharedTree"]
 
+# Transforms are true. So one jump tells an answer from none, where the type would take 20 ns.
+setattr(AskServer, "__bool__", lambda _: False)  # noqa: B010
+
 
 class SharedTree(_core.SharedTree):
     """A tree of another process, mapped read-only. Any thread may call any method.

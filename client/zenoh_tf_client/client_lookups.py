@@ -12,7 +12,7 @@ from zenoh_tf import (
     TransformArray,
     Velocity,
 )
-from zenoh_tf.shared_tree import AskServer
+from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from . import lookup_requests
 from .shared_reads import SharedReads
@@ -21,11 +21,13 @@ from .shared_reads import SharedReads
 class ClientLookups:
     """A base of `TransformClient`, which says how to read.
 
-    A method whose body only asks the server is replaced, in a client that has mapped the server's
-    memory, by one that reads there first (`shared_reads.LOOKUPS`).
+    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
+    asks the server.
     """
 
     _reads: SharedReads
+    #: The server's memory. Lookups there take so little time that every step before them counts.
+    _tree: SharedTree
 
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -56,8 +58,11 @@ class ClientLookups:
         Example:
             ``X_map_base = tf.lookup_transform("map", "base").transform``
         """
-        return self._reads.query(
-            lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
+        found = self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        if found:
+            return found
+        return self._reads.ask(
+            found, lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
         )
 
     def lookup_transform_full(
@@ -95,11 +100,15 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._reads.query(
-            lookup_requests.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-            )
+        found = self._tree.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
         )
+        if found:
+            return found
+        request = lookup_requests.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        )
+        return self._reads.ask(found, request)
 
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -123,7 +132,12 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._reads.query(lookup_requests.can_transform(target, source, stamp_ns, timeout_s))
+        found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(
+            found, lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
+        )
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest sample of each link.
@@ -147,7 +161,10 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._reads.query(lookup_requests.lookup_latest_transform(target, source))
+        found = self._tree.lookup_latest_transform(target, source)
+        if found:
+            return found
+        return self._reads.ask(found, lookup_requests.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -171,7 +188,10 @@ class ClientLookups:
         Example:
             ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist").transform``
         """
-        return self._reads.query(lookup_requests.lookup_latest_transform_xact(target, source))
+        found = self._tree.lookup_latest_transform_xact(target, source)
+        if found:
+            return found
+        return self._reads.ask(found, lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -195,7 +215,10 @@ class ClientLookups:
         Example:
             ``arm, cup = tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        return self._reads.query(lookup_requests.lookup_latest_transforms_xact(pairs))
+        found = self._tree.lookup_latest_transforms_xact(pairs)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(found, lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
         self,
@@ -221,7 +244,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_transforms(targets, sources, stamps_ns)
+        found = self._tree.lookup_transforms(targets, sources, stamps_ns)
         if type(found) is not AskServer:
             return found
         return self._reads.ask(
@@ -270,7 +293,10 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._reads.query(lookup_requests.latest_common_time(a, b))
+        found = self._tree.latest_common_time(a, b)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(found, lookup_requests.latest_common_time(a, b))
 
     def lookup_velocity(
         self,
@@ -310,7 +336,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_velocity(
+        found = self._tree.lookup_velocity(
             tracking_frame,
             observation_frame,
             stamp_ns,

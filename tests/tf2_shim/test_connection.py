@@ -45,11 +45,12 @@ def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.delenv("ZENOH_TF_CONNECT", raising=False)
     monkeypatch.delenv("ZENOH_TF_TREE", raising=False)
+    monkeypatch.delenv("ZENOH_TF_READS", raising=False)
 
     class Recorder:
         @classmethod
-        def connect(cls, endpoint: str, tree: str, *, credentials: object) -> Recorder:
-            asked.append((endpoint, tree))
+        def connect(cls, endpoint: str, tree: str, *, credentials: object, reads: str) -> Recorder:
+            asked.append((endpoint, tree, reads))
             return cls()
 
         def close(self) -> None:
@@ -57,7 +58,7 @@ def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(connection, "TransformClient", Recorder)
     tf2.connect()
-    assert asked == [("tcp/127.0.0.1:7447", "main")]
+    assert asked == [("tcp/127.0.0.1:7447", "main", "auto")]
 
 
 def test_one_server_at_a_time(start_server: Any) -> None:
