@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,6 +85,11 @@ def lookup_transforms(
         return TransformArray(answer.status, answer.stamp, answer.pose)
 
     return Call("lookup", wire.lookup_body(lookup), parse)
+
+
+def with_versions(request: Request[Any]) -> Request[wire.Message]:
+    """The same lookup in a transaction: its reply, which also has the read set."""
+    return Call("lookup", request.body() | {"versions": True}, lambda reply: reply)
 
 
 def sample(target: str, source: str, stamps_ns: ArrayLike) -> Request[TransformArray]:

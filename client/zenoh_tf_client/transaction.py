@@ -29,7 +29,7 @@ from zenoh_tf.errors import (
     TransactionConflict,
 )
 
-from . import columns, lookup_requests
+from . import columns, lookup_requests, write_requests
 from .connection import Connection
 from .request import Request
 
@@ -305,11 +305,10 @@ class Transaction:
         commit = columns.commit(self._sets, authority, static)
         commit.read_names = list(self._versions)
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
-        reply = self._connection.write("commit", wire.commit_body(commit), self._instance)
-        wire.parse_commit_reply(reply, commit.rows)
+        self._connection.call(write_requests.commit(commit, self._instance))
 
     def _read(self, request: Request[T]) -> T:
-        reply = self._connection.read("lookup", request.body() | {"versions": True})
+        reply = self._connection.call(lookup_requests.with_versions(request))
         instance = wire.text(reply, "instance")
         if self._instance not in (None, instance):
             raise ServerRestarted(

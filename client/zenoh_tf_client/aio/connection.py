@@ -1,0 +1,135 @@
+"""The connection of an asynchronous client: it belongs to one event loop.
+
+Zenoh's session, and what is said to the server, are those of the synchronous `Connection`.
+
+Thread safety: the loop's thread only.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Final, Self, TypeVar
+
+from zenoh_tf.credentials import Credentials
+from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
+
+from .. import connection
+from ..request import Request
+from .operation import Operation
+from .outbox import Outbox
+from .threads import in_thread
+from .transport import Transport
+
+T = TypeVar("T")
+
+#: Calls of one client that are under way; further callers wait for room. docs/asyncio.md has both.
+MAX_CALLS: Final = 4000
+#: The same for lookups with a `timeout_s`. They have room of their own: they may wait for what
+#: another call is about to write. Fewer, as each is a message, and servers take 2,048 at once.
+MAX_WAITING_LOOKUPS: Final = 2000
+
+_CLOSED: Final = "the connection is closed"
+
+
+class Connection:
+    """Makes the calls of one loop; see the module. Close it with `close`."""
+
+    def __init__(self, opened: connection.Connection) -> None:
+        """Use an open connection from the running loop."""
+        self.opened = opened
+        self._loop = asyncio.get_running_loop()
+        self._transport = Transport(self._loop, opened.queries)
+        self._outbox = Outbox(self._transport, opened.exchange)
+        self._room = asyncio.Semaphore(MAX_CALLS)
+        self._waiting_room = asyncio.Semaphore(MAX_WAITING_LOOKUPS)
+
+    @classmethod
+    async def open(
+        cls, endpoint: str, tree: str, timeout_s: float, credentials: Credentials
+    ) -> Self:
+        """Connect; raises what the synchronous `Connection` raises."""
+        return cls(
+            await in_thread(
+                lambda: connection.Connection(endpoint, tree, timeout_s, credentials),
+                undo=connection.Connection.close,
+            )
+        )
+
+    @property
+    def endpoint(self) -> str:
+        """The endpoint that it connects to."""
+        return self.opened.endpoint
+
+    @property
+    def tree(self) -> str:
+        """The name of the tree."""
+        return self.opened.tree
+
+    @property
+    def known_instance(self) -> str | None:
+        """Instance id of the server that answered last; None if no server is known."""
+        return self.opened.known_instance
+
+    @property
+    def closed(self) -> bool:
+        """True once `close` was called."""
+        return self._transport.is_closed
+
+    async def instance(self) -> str:
+        """The same id; asks for it if none is known."""
+        instance = self.known_instance
+        if instance is None:
+            return await self.run(lambda: self.opened.instance)
+        return instance
+
+    async def call(self, request: Request[T]) -> T:
+        """Send a request; return its result, or raise its error.
+
+        A cancelled call leaves nothing behind. If it was a write that was sent, the cause of the
+        CancelledError is OutcomeUnknown.
+        """
+        self._check_loop()
+        async with self._waiting_room if request.wait_s else self._room:
+            operation: Operation[T] = Operation(request, self._loop.create_future())
+            self._outbox.add(operation)
+            try:
+                return await operation.future
+            except asyncio.CancelledError as cancelled:
+                if self._outbox.cancel(operation) and request.writes:
+                    raise cancelled from OutcomeUnknown(
+                        "the call was cancelled: the write may or may not have been applied"
+                    )
+                raise
+
+    async def run(self, call: Callable[[], T]) -> T:
+        """Return what a blocking call returns, which a thread makes after all earlier ones.
+
+        Raises ServerUnavailable if the connection is closed.
+        """
+        self._check_loop()
+        async with self._room:
+            if self.closed:
+                raise ServerUnavailable(_CLOSED)
+            return await self._loop.run_in_executor(self._transport.executor, call)
+
+    async def close(self, then: Callable[[], None]) -> None:
+        """Close the session, and call `then` on the thread that does so. May be called again.
+
+        Calls that wait for a reply fail at once.
+        """
+        self._check_loop()
+        self._transport.is_closed = True
+        self._outbox.end(_CLOSED)
+
+        def close() -> None:
+            self.opened.close()
+            then()
+
+        await in_thread(close, undo=lambda _: None)
+
+    def _check_loop(self) -> None:
+        if asyncio.get_running_loop() is not self._loop:
+            raise RuntimeError(
+                "this client belongs to another event loop: each loop needs a client of its own"
+            )
