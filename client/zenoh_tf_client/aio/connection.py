@@ -90,17 +90,20 @@ class Connection:
         CancelledError is OutcomeUnknown.
         """
         self._check_loop()
-        async with self._waiting_room if request.wait_s else self._room:
-            operation: Operation[T] = Operation(request, self._loop.create_future())
+        room = self._waiting_room if request.wait_s else self._room
+        await room.acquire()
+        operation: Operation[T] = Operation(request, self._loop.create_future())
+        try:
             self._outbox.add(operation)
-            try:
-                return await operation.future
-            except asyncio.CancelledError as cancelled:
-                if self._outbox.cancel(operation) and request.writes:
-                    raise cancelled from OutcomeUnknown(
-                        "the call was cancelled: the write may or may not have been applied"
-                    )
-                raise
+            return await operation.future
+        except asyncio.CancelledError as cancelled:
+            if self._outbox.cancel(operation) and request.writes:
+                raise cancelled from OutcomeUnknown(
+                    "the call was cancelled: the write may or may not have been applied"
+                )
+            raise
+        finally:
+            room.release()
 
     async def run(self, call: Callable[[], T]) -> T:
         """Return what a blocking call returns, which a thread makes after all earlier ones.
@@ -119,7 +122,7 @@ class Connection:
         Calls that wait for a reply fail at once.
         """
         self._check_loop()
-        self._transport.is_closed = True
+        self._transport.close()
         self._outbox.end(_CLOSED)
 
         def close() -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from ..exchange import Exchange
 from .drive import Drive
@@ -11,69 +11,57 @@ from .operation import AnyOperation
 from .sharing import Shared, share
 from .transport import Transport
 
+if TYPE_CHECKING:
+    from .outbox import Outbox
 
-class Message:
+
+class Message(Drive):
     """Sends operations together, and gives each its result."""
 
-    __slots__ = ("_again", "_drive", "_finished", "_left", "_operations", "_shared")
+    __slots__ = ("_left", "_operations", "_outbox", "_shared", "waits")
 
     def __init__(
         self,
         operations: Sequence[AnyOperation],
         transport: Transport,
         exchange: Exchange,
-        finished: Callable[[Message], None],
-        again: Callable[[Sequence[AnyOperation]], None],
+        outbox: Outbox,
     ) -> None:
-        """`finished` is called at the end, `again` with operations that are to be sent anew."""
+        first = operations[0].request
+        self._shared: Shared | None = None
+        if len(operations) > 1:
+            self._shared = share([operation.request for operation in operations])
+        super().__init__(transport, exchange.call(self._shared or first))
+        self._outbox = outbox
         self._operations = operations
         self._left = len(operations)  # those that are not cancelled
-        self._finished = finished
-        self._again = again
-        requests = [operation.request for operation in operations]
-        self._shared: Shared | None = share(requests) if len(requests) > 1 else None
+        #: Whether the server may wait before it replies.
+        self.waits = first.wait_s > 0
         for operation in operations:
             operation.message = self
-        steps = exchange.call(requests[0] if self._shared is None else self._shared)
-        self._drive = Drive(transport, steps, self._done)
-
-    @property
-    def waits(self) -> bool:
-        """Whether the server may wait before it replies."""
-        return self._operations[0].request.wait_s > 0
-
-    def start(self) -> None:
-        """Send it."""
-        self._drive.start()
-
-    def end(self, reason: str) -> None:
-        """Take no reply any more. Operations that are not done fail."""
-        self._drive.end(reason)
 
     def cancel_one(self) -> None:
         """Note that the caller of an operation has gone. Nobody waits after the last one."""
         self._left -= 1
         if self._left == 0:
-            self._drive.cancel()
-            self._finished(self)
+            self._cancel()
+            self._outbox.finished(self)
 
     def _done(self, result: Any, error: Exception | None) -> None:
-        self._finished(self)
-        operations = self._operations
-        if self._shared is None:
-            if error is None:
-                operations[0].settle(lambda: result)
-            else:
-                operations[0].fail(error)
-        elif error is None:
+        self._outbox.finished(self)
+        operations, shared = self._operations, self._shared
+        if error is None:
+            if shared is None:
+                operations[0].succeed(result)
+                return
             for operation, each in zip(operations, result, strict=True):
                 operation.settle(each)
-        elif self._shared.is_refused(error):
+        elif shared is not None and shared.is_refused(error):
             # Bisects, so that only the operation that is to blame fails.
             waiting = [operation for operation in operations if not operation.future.done()]
             half = (len(waiting) + 1) // 2
-            self._again(waiting[:half])
-            self._again(waiting[half:])
+            self._outbox.send(waiting[:half])
+            self._outbox.send(waiting[half:])
         else:
             for operation in operations:
                 operation.fail(error)

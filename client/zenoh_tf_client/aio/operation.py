@@ -24,6 +24,11 @@ class Operation(Generic[T]):
         self.future = future
         self.message: Message | None = None  # once it is under way
 
+    def succeed(self, result: T) -> None:
+        """Give the caller the result."""
+        if not self.future.done():
+            self.future.set_result(result)
+
     def settle(self, result: Callable[[], T]) -> None:
         """Give the caller the result, or the error that `result` raises."""
         if self.future.done():  # cancelled

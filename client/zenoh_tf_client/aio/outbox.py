@@ -44,7 +44,7 @@ class Outbox:
     def add(self, operation: AnyOperation) -> None:
         """Send an operation at the end of this turn, or when others are answered."""
         if operation.request.wait_s:
-            self._send([operation])
+            self.send([operation])
             return
         key = operation.request.group or operation
         self._collected.setdefault(key, {})[operation] = None
@@ -89,19 +89,19 @@ class Outbox:
                 for operation in operations:
                     del group[operation]
                 self._collected[key] = group  # behind the other groups
-            self._send(operations)
+            self.send(operations)
 
-    def _send(self, operations: Sequence[AnyOperation]) -> None:
+    def send(self, operations: Sequence[AnyOperation]) -> None:
+        """Send operations of one group now."""
         if operations:
-            message = Message(
-                operations, self._transport, self._exchange, self._finished, self._send
-            )
+            message = Message(operations, self._transport, self._exchange, self)
             self._under_way.add(message)
             self._waiting += message.waits
             message.start()
 
-    def _finished(self, message: Message) -> None:
-        self._under_way.discard(message)
+    def finished(self, message: Message) -> None:
+        """A message is answered, has failed, or is cancelled."""
+        self._under_way.remove(message)
         self._waiting -= message.waits
         if self._collected:
             self._schedule()
