@@ -19,6 +19,8 @@ import pytest
 
 from zenoh_tf_client import TransformClient
 
+from .both_clients import Blocking, LoopThread
+
 #: Only a server that hangs takes so long: pytest gives up on the test soon after.
 START_TIMEOUT_S = 50.0
 #: Below all ports that systems give to outgoing connections.
@@ -168,3 +170,21 @@ def client(server: ServerProcess) -> Iterator[TransformClient]:
     """A client of `server`."""
     with server.connect() as tf:
         yield tf
+
+
+@pytest.fixture(params=["synchronous", "asynchronous"])
+def either_client(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """Servers connect clients of both kinds in turn."""
+    if request.param == "synchronous":
+        yield
+        return
+    thread = LoopThread()
+
+    def connect(server: ServerProcess, timeout_s: float = 5.0) -> Blocking:
+        return Blocking.connect(thread, server.endpoint, server.tree, timeout_s)
+
+    monkeypatch.setattr(ServerProcess, "connect", connect)
+    yield
+    thread.stop()

@@ -114,7 +114,7 @@ class Connection:
         async with self._room:
             if self.closed:
                 raise ServerUnavailable(_CLOSED)
-            return await self._loop.run_in_executor(self._transport.executor, call)
+            return await self._transport.worker.run(call)
 
     async def close(self, then: Callable[[], None]) -> None:
         """Close the session, and call `then` on the thread that does so. May be called again.

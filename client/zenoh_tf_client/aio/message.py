@@ -50,6 +50,7 @@ class Message(Drive):
     def _done(self, result: Any, error: Exception | None) -> None:
         self._outbox.finished(self)
         operations, shared = self._operations, self._shared
+        self._operations = ()  # or each would refer to the other, and wait for the collector
         if error is None:
             if shared is None:
                 operations[0].succeed(result)

@@ -84,8 +84,9 @@ class Outbox:
         while self._collected and len(self._under_way) - self._waiting < _MESSAGES:
             key = next(iter(self._collected))
             group = self._collected.pop(key)
-            operations = list(itertools.islice(group, most))
-            if len(operations) < len(group):
+            operations = [each for each in group if not each.future.done()]  # or is cancelled
+            if len(operations) > most:
+                operations = operations[:most]
                 for operation in operations:
                     del group[operation]
                 self._collected[key] = group  # behind the other groups

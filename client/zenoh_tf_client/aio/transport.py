@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import zenoh
@@ -20,6 +19,7 @@ from zenoh_tf.errors import ServerUnavailable, TransformException
 
 from ..exchange import Ask
 from ..queries import Queries, ReplyParts
+from .threads import Worker
 from .wake import Wake
 from .zenoh_threads import keep_thread_state
 
@@ -40,8 +40,8 @@ class Transport:
     def __init__(self, loop: asyncio.AbstractEventLoop, queries: Queries) -> None:
         self.loop = loop
         self.queries = queries
-        #: For calls that may block; one at a time, in order.
-        self.executor = ThreadPoolExecutor(1, "zenoh-tf send")
+        #: For calls that may block.
+        self.worker = Worker()
         self.is_closed = False
         self._unanswered_bytes = 0
         self._arrivals: deque[tuple[SentQuery, _Arrival]] = deque()
@@ -57,7 +57,7 @@ class Transport:
         elif self._unanswered_bytes <= _DIRECT_BYTES:
             query.send()
         else:
-            self.executor.submit(query.send)
+            self.worker.start(query.send)
         return query
 
     def close(self) -> None:

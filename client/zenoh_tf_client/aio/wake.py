@@ -8,7 +8,6 @@ less time.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
 from collections.abc import Callable
 from typing import Final
@@ -28,7 +27,6 @@ class Wake:
         self._called = called
         self._reading, self._writing = os.pipe()
         os.set_blocking(self._reading, False)
-        os.set_blocking(self._writing, False)
         self._is_sent = False
         loop.add_reader(self._reading, self._wake)
 
@@ -40,8 +38,7 @@ class Wake:
         """Wake the loop, unless that was done already. Thread safety: any thread."""
         if not self._is_sent:
             self._is_sent = True
-            with contextlib.suppress(BlockingIOError):  # full: the loop wakes anyway
-                os.write(self._writing, b"\0")
+            os.write(self._writing, b"\0")  # never full: the loop reads it before the next one
 
     def close(self) -> None:
         """Wake the loop no more."""
