@@ -18,7 +18,7 @@ from zenoh_tf.errors import ServerUnavailable
 from .session_calls import SessionCalls
 
 #: The error reply that Zenoh makes up when no server replies in time.
-_ZENOH_TIMEOUT: Final = b"Timeout"
+ZENOH_TIMEOUT: Final = b"Timeout"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Queries:
             return NoReply(
                 f"{self._server} is not there, or went away before it answered", at_once=True
             )
-        if data == _ZENOH_TIMEOUT:
+        if data == ZENOH_TIMEOUT:
             return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
         return wire.unpack(data, wire.MAX_REPLY_BYTES)
 

@@ -30,6 +30,7 @@ from .error_codec import (
 )
 from .fields import (
     F64,
+    I64,
     MAX_MESSAGE_BYTES,
     MAX_REPLY_BYTES,
     VERSION,
@@ -69,6 +70,7 @@ from .lookup import (
 
 __all__ = [
     "F64",
+    "I64",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
     "NO_STAMP",

@@ -20,6 +20,7 @@ from .operation import Operation
 from .outbox import Outbox
 from .threads import in_thread
 from .transport import Transport
+from .waits import Wait, Waits
 
 T = TypeVar("T")
 
@@ -41,6 +42,7 @@ class Connection:
         self._loop = asyncio.get_running_loop()
         self._transport = Transport(self._loop, opened.queries)
         self._outbox = Outbox(self._transport, opened.exchange)
+        self._waits = Waits(self._transport, opened.exchange)
         self._room = asyncio.Semaphore(MAX_CALLS)
         self._waiting_room = asyncio.Semaphore(MAX_WAITING_LOOKUPS)
 
@@ -90,17 +92,22 @@ class Connection:
         CancelledError is OutcomeUnknown.
         """
         self._check_loop()
-        room = self._waiting_room if request.wait_s else self._room
+        room = self._room
+        if request.wait_s:
+            room, request = self._waiting_room, self._waits.named(request)
         await room.acquire()
         operation: Operation[T] = Operation(request, self._loop.create_future())
         try:
             self._outbox.add(operation)
             return await operation.future
         except asyncio.CancelledError as cancelled:
-            if self._outbox.cancel(operation) and request.writes:
-                raise cancelled from OutcomeUnknown(
-                    "the call was cancelled: the write may or may not have been applied"
-                )
+            if self._outbox.cancel(operation):
+                if isinstance(request, Wait):
+                    self._waits.cancel(request)
+                elif request.writes:
+                    raise cancelled from OutcomeUnknown(
+                        "the call was cancelled: the write may or may not have been applied"
+                    )
             raise
         finally:
             room.release()

@@ -46,6 +46,13 @@ class Worker:
     def __init__(self) -> None:
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._is_started = False
+        self._begun = 0
+        self._finished = 0  # counted by the thread
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a call has not returned yet."""
+        return self._begun != self._finished
 
     def __del__(self) -> None:
         self._jobs.put(None)
@@ -57,7 +64,13 @@ class Worker:
             threading.Thread(
                 target=_work, args=(self._jobs,), name="zenoh-tf send", daemon=True
             ).start()
-        self._jobs.put(job)
+        self._begun += 1
+
+        def counted() -> None:
+            job()
+            self._finished += 1
+
+        self._jobs.put(counted)
 
     async def run(self, call: Callable[[], T]) -> T:
         """Return what a call returns, or raise its error."""

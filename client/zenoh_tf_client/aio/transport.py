@@ -18,20 +18,20 @@ import zenoh
 from zenoh_tf.errors import ServerUnavailable, TransformException
 
 from ..exchange import Ask
-from ..queries import Queries, ReplyParts
+from ..queries import ZENOH_TIMEOUT, Queries, ReplyParts
 from .threads import Worker
 from .wake import Wake
 from .zenoh_threads import keep_thread_state
 
-#: Messages beyond this many unanswered bytes are sent by a thread: Zenoh blocks its caller once its
-#: own queue and the socket's are full, as happens with a server that was stopped. These queues hold
-#: more than that.
+#: A thread sends what is more than this beyond what the server is known to have taken. Zenoh blocks
+#: its caller when its own queue and the sockets' are full, as happens with a server that was
+#: stopped. They hold more than that.
 _DIRECT_BYTES: Final = 1 << 16
 
 #: The payload of a reply, None for a query that ended without one, or why it was not sent.
 Outcome = bytes | TransformException | None
-#: What arrives: a reply or a part of one, None for the end, or why the query was not sent.
-_Arrival = zenoh.Reply | TransformException | None
+#: What arrives: a reply or a part of one, or an outcome.
+_Arrival = zenoh.Reply | Outcome
 
 
 class Transport:
@@ -43,20 +43,23 @@ class Transport:
         #: For calls that may block.
         self.worker = Worker()
         self.is_closed = False
-        self._unanswered_bytes = 0
+        self._sent_bytes = 0  # by all queries so far
+        self._taken_bytes = 0  # of them: up to the latest query that the server has answered
         self._arrivals: deque[tuple[SentQuery, _Arrival]] = deque()
         self._wake = Wake(loop, self._take)
 
     def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> SentQuery:
         """Send a query. The loop calls `arrived` with its outcome, unless it is cancelled."""
-        query = SentQuery(self, step, arrived)
-        self._unanswered_bytes += len(step.payload)
+        self._sent_bytes += len(step.payload)
+        query = SentQuery(self, step, arrived, self._sent_bytes)
         if self.is_closed:
             error = ServerUnavailable("the connection is closed")
             self.loop.call_soon(query.take, error)
-        elif self._unanswered_bytes <= _DIRECT_BYTES:
+        elif self._sent_bytes - self._taken_bytes <= _DIRECT_BYTES and not self.worker.is_busy:
             query.send()
         else:
+            # Zenoh's own time-out begins when it takes the query.
+            query.timer = self.loop.call_later(step.timeout_s, query.take, ZENOH_TIMEOUT)
             self.worker.start(query.send)
         return query
 
@@ -71,9 +74,9 @@ class Transport:
         self._arrivals.append((query, arrival))
         self._wake.send()
 
-    def note_end(self, step: Ask) -> None:
-        """A query is answered or cancelled."""
-        self._unanswered_bytes -= len(step.payload)
+    def note_answer(self, sent_bytes: int) -> None:
+        """The server has taken all queries up to this many bytes."""
+        self._taken_bytes = max(self._taken_bytes, sent_bytes)
 
     def _take(self) -> None:
         arrivals = self._arrivals
@@ -85,14 +88,23 @@ class Transport:
 class SentQuery:
     """A query without an outcome yet. Zenoh calls `_replied` and `_ended`."""
 
-    __slots__ = ("_arrived", "_parts", "_step", "_token", "_transport")
+    __slots__ = ("_arrived", "_parts", "_sent_bytes", "_step", "_token", "_transport", "timer")
 
-    def __init__(self, transport: Transport, step: Ask, arrived: Callable[[Outcome], None]) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        step: Ask,
+        arrived: Callable[[Outcome], None],
+        sent_bytes: int,
+    ) -> None:
+        """`sent_bytes`: of this query and all before it."""
         self._transport = transport
         self._step = step
         self._arrived: Callable[[Outcome], None] | None = arrived  # None: nobody wants it any more
+        self._sent_bytes = sent_bytes
         self._parts = ReplyParts()
         self._token = zenoh.CancellationToken()
+        self.timer: asyncio.TimerHandle | None = None
 
     def send(self) -> None:
         """Send it; may block. Thread safety: any thread."""
@@ -107,8 +119,7 @@ class SentQuery:
     def cancel(self) -> None:
         """Let Zenoh forget the query."""
         if self._arrived is not None:
-            self._arrived = None
-            self._transport.note_end(self._step)
+            self._finish()
             self._token.cancel()
 
     def take(self, arrival: _Arrival) -> None:
@@ -121,11 +132,17 @@ class SentQuery:
             outcome = self._parts.add(arrival)
             if outcome is None:
                 return
+            if outcome != ZENOH_TIMEOUT:
+                self._transport.note_answer(self._sent_bytes)
         else:
             outcome = arrival
-        self._arrived = None
-        self._transport.note_end(self._step)
+        self._finish()
         arrived(outcome)
+
+    def _finish(self) -> None:
+        self._arrived = None
+        if self.timer is not None:
+            self.timer.cancel()
 
     def _replied(self, reply: zenoh.Reply) -> None:
         keep_thread_state()
