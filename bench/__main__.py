@@ -19,6 +19,7 @@ PARTS = CORE | {
     "embedded": "embedded:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
+    "async": "asynchronous:measure",
 }
 
 

@@ -30,7 +30,7 @@ BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
 
 
 @contextlib.contextmanager
-def _running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A Python module as a process that has printed its first line, and its endpoint."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -52,7 +52,7 @@ def _session(endpoint: str) -> zenoh.Session:
 
 def measure(report: Report) -> None:
     """Microseconds a round trip; lookups a second."""
-    with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
+    with running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
         for parent, child, stamp_ns, *pose in history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
@@ -65,7 +65,7 @@ def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
     with _session(endpoint) as session:
         reply_bytes = _ask(session, LOOKUP, request)
     with (
-        _running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
+        running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
         _session(empty_endpoint) as empty,
     ):
         calls: dict[str, Callable[[], object]] = {
@@ -116,7 +116,7 @@ def waiting(report: Report) -> None:
     frames = [f"frame{index}" for index in range(lookups)]
     came_ns = np.zeros(lookups)
     with (
-        _running(*SERVER) as (server, endpoint),
+        running(*SERVER) as (server, endpoint),
         TransformClient.connect(endpoint, timeout_s=30.0) as tf,
         _session(endpoint) as session,
     ):

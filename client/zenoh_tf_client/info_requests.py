@@ -115,7 +115,7 @@ def cancel(wait_ids: Sequence[int]) -> Request[list[int]]:
     """End lookups that wait at the server. The result: those that do not wait (yet)."""
 
     def parse(reply: wire.Message) -> list[int]:
-        missed = wire.parse_value(reply, list)
+        missed: list[int] = wire.parse_value(reply, list)
         if not all(type(wait_id) is int for wait_id in missed):
             raise ProtocolError("the reply to a cancellation is malformed", field="value")
         return missed
