@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import queue
@@ -12,10 +13,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import uvloop
 
 from zenoh_tf_client import TransformClient
 
@@ -46,6 +49,10 @@ def free_port() -> int:
 
 def free_endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
+
+
+#: What runs on an event loop.
+Main = Callable[[], Coroutine[Any, Any, None]]
 
 
 class ServerProcess:
@@ -188,3 +195,22 @@ def either_client(
     monkeypatch.setattr(ServerProcess, "connect", connect)
     yield
     thread.stop()
+
+
+@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+def run(request: pytest.FixtureRequest) -> Iterator[Callable[[Main], None]]:
+    """``run(main)`` on either loop; nothing may be logged or left behind by it."""
+
+    def run_on_loop(main: Main) -> None:
+        reports: list[dict[str, Any]] = []
+
+        async def reported() -> None:
+            loop = asyncio.get_running_loop()
+            loop.set_exception_handler(lambda _, report: reports.append(report))
+            await main()
+
+        with asyncio.Runner(loop_factory=request.param) as runner:
+            runner.run(reported())
+        assert reports == []
+
+    yield run_on_loop

@@ -1,4 +1,4 @@
-"""What the asynchronous client adds: shared messages, cancellation, bounds, event loops."""
+"""What the asynchronous client adds: shared messages, bounds, event loops."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -24,70 +24,9 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import AsyncTransformClient
 from zenoh_tf_client.aio.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
 
+from .asynchronous import Run, assert_idle, connected, fill, sent_by
 from .conftest import ServerProcess, free_endpoint
-from .test_client import LINKS, S, link
-
-Main = Callable[[], Coroutine[Any, Any, None]]
-Run = Callable[[Main], None]
-
-
-@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
-def run(request: pytest.FixtureRequest) -> Iterator[Run]:
-    """``run(main)`` on either loop; nothing may be logged or left behind by it."""
-
-    def run_on_loop(main: Main) -> None:
-        reports: list[dict[str, Any]] = []
-
-        async def reported() -> None:
-            loop = asyncio.get_running_loop()
-            loop.set_exception_handler(lambda _, report: reports.append(report))
-            await main()
-
-        with asyncio.Runner(loop_factory=request.param) as runner:
-            runner.run(reported())
-        assert reports == []
-
-    yield run_on_loop
-
-
-async def connected(server: ServerProcess, timeout_s: float = 10.0) -> AsyncTransformClient:
-    return await AsyncTransformClient.connect(server.endpoint, server.tree, timeout_s)
-
-
-async def fill(tf: AsyncTransformClient) -> None:
-    for stamped in LINKS:
-        await tf.set_transform(stamped)
-
-
-def sent_by(tf: AsyncTransformClient) -> list[str]:
-    """The families of the queries that the client sends from now on."""
-    families: list[str] = []
-    queries = tf._connection._transport.queries
-    send = queries.send
-
-    def noted(key: Any, *arguments: Any) -> None:
-        families.append(str(key).split("/")[-1])
-        send(key, *arguments)
-
-    queries.send = noted  # type: ignore[method-assign, assignment]
-    return families
-
-
-async def idle(tf: AsyncTransformClient) -> None:
-    """Nothing is left of cancelled calls, neither here nor at the server."""
-    await asyncio.sleep(0)
-    assert_idle(tf)
-    while (await tf.stats())["waiters"]:
-        await asyncio.sleep(0.01)
-    assert_idle(tf)
-
-
-def assert_idle(tf: AsyncTransformClient) -> None:
-    """Nothing is left of any call."""
-    connection = tf._connection
-    assert len(connection._outbox) == 0
-    assert connection._room._value == MAX_CALLS
-    assert connection._waiting_room._value == MAX_WAITING_LOOKUPS
+from .test_client import S, link
 
 
 def test_calls_of_one_turn_share_messages(server: ServerProcess, run: Run) -> None:
@@ -168,87 +107,6 @@ def test_a_lookup_that_waits_delays_no_other_call(server: ServerProcess, run: Ru
             with pytest.raises(LookupException):
                 await tf.lookup_transform("map", "never", timeout_s=0.1)
             assert_idle(tf)
-
-    run(main)
-
-
-def test_cancelled_calls_leave_nothing_behind(server: ServerProcess, run: Run) -> None:
-    async def main() -> None:
-        async with await connected(server) as tf:
-            await fill(tf)
-            # Before they are sent, while they are collected, and at every step to the result.
-            for turns in range(8):
-                tasks = [
-                    asyncio.create_task(call)
-                    for call in (
-                        *(tf.lookup_transform("map", "base") for _ in range(20)),
-                        *(tf.lookup_transform("map", "never", timeout_s=40.0) for _ in range(20)),
-                        tf.frames(),
-                    )
-                ]
-                for _ in range(turns):
-                    await asyncio.sleep(0)
-                for task in tasks:
-                    task.cancel()
-                results = await asyncio.gather(*tasks, return_exceptions=True)
-                assert any(isinstance(found, asyncio.CancelledError) for found in results)
-                await idle(tf)
-            # One of several in a message: the others are answered.
-            tasks = [asyncio.create_task(tf.lookup_transform("map", "base")) for _ in range(20)]
-            for _ in range(3):
-                await asyncio.sleep(0)
-            tasks[4].cancel()
-            results = await asyncio.gather(*tasks, return_exceptions=True)
-            assert [type(found).__name__ for found in results].count("StampedTransform") == 19
-            assert_idle(tf)
-            with pytest.raises(TimeoutError):
-                async with asyncio.timeout(0.05):
-                    await tf.lookup_transform("map", "never", timeout_s=40.0)
-            await idle(tf)
-
-    run(main)
-
-
-def test_calls_are_cancelled_while_replies_arrive(server: ServerProcess, run: Run) -> None:
-    """Zenoh's thread is in a callback, or about to be, at any point of a cancellation."""
-
-    async def main() -> None:
-        async with await connected(server) as tf:
-            await fill(tf)
-            for round_ in range(300):
-                tasks = [asyncio.create_task(tf.frame("base")) for _ in range(10)]
-                await asyncio.sleep(round_ * 5e-6)
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
-            assert_idle(tf)
-            assert await tf.can_transform("map", "base")
-
-    run(main)
-
-
-def test_a_cancelled_write_says_that_its_outcome_is_unknown(
-    server: ServerProcess, run: Run
-) -> None:
-    async def main() -> None:
-        async with await connected(server) as tf:
-            await fill(tf)
-            never_sent = asyncio.create_task(tf.set_transform(link("map", "unsent", 1)))
-            await asyncio.sleep(0)  # it is collected, and sent in the next turn
-            never_sent.cancel()
-            with pytest.raises(asyncio.CancelledError) as caught:
-                await never_sent
-            assert caught.value.__cause__ is None
-            server.freeze()
-            sent = asyncio.create_task(tf.set_transform(link("map", "sent", 1)))
-            await asyncio.sleep(0.05)
-            sent.cancel()
-            with pytest.raises(asyncio.CancelledError) as caught:
-                await sent
-            assert isinstance(caught.value.__cause__, OutcomeUnknown)
-            assert_idle(tf)
-            server.send_signal(signal.SIGCONT)
-            assert "unsent" not in await tf.frames()
 
     run(main)
 
