@@ -14,6 +14,7 @@ from zenoh_tf import TransformTree
 from . import network, operations, tree_claim
 from .clients import Clients
 from .event_reports import EventReports
+from .free_memory import FreeMemory
 from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
@@ -115,6 +116,9 @@ class Server:
             reports = EventReports(tree, service.clocks)
             stack.callback(reports.close)
             reports.start()
+            memory = FreeMemory()
+            stack.callback(memory.close)
+            memory.start()
             clients.start(session, settings.tree)
             workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
