@@ -244,6 +244,30 @@ while "announce statics" in {thread.name for thread in threading.enumerate()}:
     )
 
 
+def test_an_unreferenced_client_of_a_loop_is_collected(endpoint: str) -> None:
+    run(
+        """
+import asyncio, gc, os, sys, time, weakref
+from zenoh_tf_client import AsyncTransformClient
+
+async def main():
+    for _ in range(3):
+        tf = await AsyncTransformClient.connect(sys.argv[1])
+        assert await tf.frames() is not None
+        gone = weakref.ref(tf), weakref.ref(tf._connection._transport)
+        del tf
+        end = time.monotonic() + 10
+        while any(ref() for ref in gone):
+            assert time.monotonic() < end
+            gc.collect()
+            await asyncio.sleep(0.01)
+
+asyncio.run(main())
+""",
+        endpoint,
+    )
+
+
 def test_the_exit_status_is_the_scripts_own(endpoint: str) -> None:
     script = CONNECT + NEVER_CLOSED["daemon threads that read"] + "\nsys.exit(3)\n"
     for _ in range(RUNS):

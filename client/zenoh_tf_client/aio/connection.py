@@ -8,6 +8,7 @@ Thread safety: the loop's thread only.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from typing import Final, Self, TypeVar
 
@@ -45,6 +46,12 @@ class Connection:
         self._waits = Waits(self._transport, opened.exchange)
         self._room = asyncio.Semaphore(MAX_CALLS)
         self._waiting_room = asyncio.Semaphore(MAX_WAITING_LOOKUPS)
+
+    def __del__(self) -> None:
+        # The loop would keep the files of a client that nobody uses any more.
+        if hasattr(self, "_transport") and not self.closed:
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self._transport.close)
 
     @classmethod
     async def open(

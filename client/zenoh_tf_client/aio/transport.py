@@ -59,7 +59,7 @@ class Transport:
             query.send()
         else:
             # Zenoh's own time-out begins when it takes the query.
-            query.timer = self.loop.call_later(step.timeout_s, query.take, ZENOH_TIMEOUT)
+            query.timer = self.loop.call_later(step.timeout_s, query.time_out)
             self.worker.start(query.send)
         return query
 
@@ -88,7 +88,16 @@ class Transport:
 class SentQuery:
     """A query without an outcome yet. Zenoh calls `_replied` and `_ended`."""
 
-    __slots__ = ("_arrived", "_parts", "_sent_bytes", "_step", "_token", "_transport", "timer")
+    __slots__ = (
+        "_arrived",
+        "_is_sent",
+        "_parts",
+        "_sent_bytes",
+        "_step",
+        "_token",
+        "_transport",
+        "timer",
+    )
 
     def __init__(
         self,
@@ -102,6 +111,7 @@ class SentQuery:
         self._step = step
         self._arrived: Callable[[Outcome], None] | None = arrived  # None: nobody wants it any more
         self._sent_bytes = sent_bytes
+        self._is_sent = False
         self._parts = ReplyParts()
         self._token = zenoh.CancellationToken()
         self.timer: asyncio.TimerHandle | None = None
@@ -115,12 +125,23 @@ class SentQuery:
             )
         except TransformException as error:
             self._transport.hand_over(self, error)
+        self._is_sent = True
+        if self._arrived is None:  # it was cancelled meanwhile
+            self._token.cancel()
 
     def cancel(self) -> None:
         """Let Zenoh forget the query."""
         if self._arrived is not None:
             self._finish()
-            self._token.cancel()
+            if self._is_sent:  # else to cancel it might block, too
+                self._token.cancel()
+
+    def time_out(self) -> None:
+        """Report that no reply came in time."""
+        arrived = self._arrived
+        if arrived is not None:
+            self.cancel()
+            arrived(ZENOH_TIMEOUT)
 
     def take(self, arrival: _Arrival) -> None:
         """Report the outcome, if `arrival` completes it."""

@@ -33,6 +33,10 @@ class Wait(Request[T]):
         self.wait_s = request.wait_s
         self.wait_id = wait_id
 
+    @property
+    def writes(self) -> bool:
+        return self._request.writes
+
     def body(self) -> wire.Message:
         return self._request.body() | {"wait_id": self.wait_id}
 
