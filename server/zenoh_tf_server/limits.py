@@ -315,7 +315,8 @@ def page() -> Iterator[str]:
     yield "the next new one. Memory of samples that is not used any more counts until a frame"
     yield "needs it again. The embedded `TransformTree` takes the first five limits as"
     yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
-    yield "`max_memory_bytes`."
+    yield "`max_memory_bytes`. What an `AsyncTransformClient` has under way is limited in the"
+    yield "client: see [asyncio](asyncio.md#bounds)."
 
 
 if __name__ == "__main__":
