@@ -30,8 +30,11 @@ PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def measure(report: Report) -> None:
-    """Single lookups, many at once, and memory while a stopped server answers none."""
-    with running(*SERVER) as (server, endpoint), TransformClient.connect(endpoint) as tf:
+    """Single lookups by query, many at once, and memory while a stopped server answers none."""
+    with (
+        running(*SERVER) as (server, endpoint),
+        TransformClient.connect(endpoint, reads="query") as tf,
+    ):
         for parent, child, stamp_ns, *pose in history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         with contextlib.ExitStack() as stack:
@@ -50,7 +53,7 @@ _Loop = tuple[asyncio.Runner, AsyncTransformClient]
 @contextlib.contextmanager
 def _client(factory: Callable[[], asyncio.AbstractEventLoop], endpoint: str) -> Iterator[_Loop]:
     with asyncio.Runner(loop_factory=factory) as runner:
-        tf = runner.run(AsyncTransformClient.connect(endpoint, timeout_s=60.0))
+        tf = runner.run(AsyncTransformClient.connect(endpoint, timeout_s=60.0, reads="query"))
         yield runner, tf
         runner.run(tf.close())
 

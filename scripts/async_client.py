@@ -25,7 +25,7 @@ FILES = {
     "batch.py": "aio/batch.py",
 }
 #: Modules that the asynchronous client has of its own.
-OWN = {"connection"}
+OWN = {"connection", "shared_reads"}
 ARGUMENTS = r"\((?:[^()]|\([^()]*\))*\)"
 REPLACEMENTS = [
     # Imports and names.
@@ -37,8 +37,21 @@ REPLACEMENTS = [
     (r"\b(TransformClient|Transaction|Batch)\b", r"Async\1"),
     (r"Callable\[\[AsyncTransaction\], T\]", "Callable[[AsyncTransaction], Awaitable[T]]"),
     (r"\b__(enter|exit)__\b", r"__a\1__"),
+    # A synchronous client gets these lookups from native code instead.
+    (
+        rf"return self\._reads\.query\(\s*lookup_requests\.(\w+)({ARGUMENTS})\s*\)",
+        r"found = self._reads.tree.\1\2\n"
+        r"        if type(found) is not AskServer:\n"
+        r"            return found\n"
+        r"        return self._reads.ask(found, lookup_requests.\1\2)",
+    ),
+    (r"\n\n    A method whose body only asks[^\"]*", r"\n    "),
     # Calls that wait.
-    (r"(?<!def )\bself\.(_connection\.call|_read|commit|send)\(", r"await self.\1("),
+    (
+        r"(?<!def )\bself\.(_connection\.call|_reads\.ask|_shared\.read_versions|_read|commit|send"
+        r"|lookup_transforms)\(",
+        r"await self.\1(",
+    ),
     (r"\bwith (?=AsyncTransaction\()", "async with "),
     (r"= function\(", "= await function("),
     (r"\btime\.sleep\(", "await asyncio.sleep("),

@@ -16,7 +16,10 @@ Run = Callable[[Main], None]
 
 
 async def connected(server: ServerProcess, timeout_s: float = 10.0) -> AsyncTransformClient:
-    return await AsyncTransformClient.connect(server.endpoint, server.tree, timeout_s)
+    """A client whose lookups are queries."""
+    return await AsyncTransformClient.connect(
+        server.endpoint, server.tree, timeout_s, reads="query"
+    )
 
 
 async def fill(tf: AsyncTransformClient) -> None:

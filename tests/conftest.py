@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
@@ -21,6 +22,7 @@ import pytest
 import uvloop
 
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.shared_reads import Mode
 
 from .both_clients import Blocking, LoopThread
 
@@ -107,8 +109,9 @@ class ServerProcess:
             assert time.monotonic() < deadline_s, f"no {text!r} in the log:\n{self.log}"
             time.sleep(0.01)
 
-    def connect(self, timeout_s: float = 5.0) -> TransformClient:
-        return TransformClient.connect(self.endpoint, self.tree, timeout_s)
+    def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
+        """A client; most tests are about queries, so these are the default."""
+        return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
 
     def send_signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
@@ -161,6 +164,23 @@ def start_server(tmp_path: Path) -> Iterator[StartServer]:
 
 
 @pytest.fixture
+def socket_folder() -> Iterator[Path]:
+    """A folder whose path is short enough for sockets."""
+    with tempfile.TemporaryDirectory() as path:
+        yield Path(path)
+
+
+@pytest.fixture
+def start_sharing(start_server: StartServer, socket_folder: Path) -> StartServer:
+    """``start_server``, of servers that share their trees through sockets in `socket_folder`."""
+
+    def start(*flags: str, **options: Any) -> ServerProcess:
+        return start_server("--share-dir", str(socket_folder), *flags, **options)
+
+    return start
+
+
+@pytest.fixture
 def server(start_server: StartServer) -> ServerProcess:
     """A server with the defaults, on an endpoint of its own."""
     return start_server()
@@ -189,8 +209,8 @@ def either_client(
         return
     thread = LoopThread()
 
-    def connect(server: ServerProcess, timeout_s: float = 5.0) -> Blocking:
-        return Blocking.connect(thread, server.endpoint, server.tree, timeout_s)
+    def connect(server: ServerProcess, timeout_s: float = 5.0, reads: Mode = "query") -> Blocking:
+        return Blocking.connect(thread, server.endpoint, server.tree, timeout_s, reads=reads)
 
     monkeypatch.setattr(ServerProcess, "connect", connect)
     yield

@@ -63,6 +63,44 @@ def test_calls_of_one_turn_share_messages(server: ServerProcess, run: Run) -> No
     run(main)
 
 
+def test_what_is_in_memory_is_read_without_suspending(server: ServerProcess, run: Run) -> None:
+    async def main() -> None:
+        async with await AsyncTransformClient.connect(server.endpoint) as tf:
+            await fill(tf)
+            assert tf.reads == "shared"
+            sent = sent_by(tf)
+            found = tf.lookup_transform("map", "base")
+            with pytest.raises(StopIteration) as ended:
+                found.send(None)
+            assert ended.value.value.stamp_ns == 3 * S
+            with pytest.raises(LookupException):
+                await tf.lookup_transform("map", "nowhere")
+            assert (await tf.sample("map", "base", [2 * S])).ok.all()
+            assert (await tf.frame("base")).parent == "odom"
+            async with tf.transaction() as tx:
+                await tx.lookup_latest_transform_xact("map", "base")
+                tx.set_transform(link("map", "goal", 1))
+            assert sent == ["commit"]
+            assert await tf.can_transform("map", "goal", timeout_s=5.0)
+            late = asyncio.create_task(tf.lookup_transform("map", "late", timeout_s=40.0))
+            while not (await tf.stats())["waiters"]:
+                await asyncio.sleep(0.01)
+            await tf.set_transform(link("map", "late", 1))
+            assert (await late).child_frame == "late"
+            server.freeze()
+            while tf.reads == "shared":  # the lease lapses
+                await asyncio.sleep(0.01)
+            asked = asyncio.create_task(tf.lookup_transform("map", "base"))
+            await asyncio.sleep(0.01)
+            assert not asked.done()
+            server.send_signal(signal.SIGCONT)
+            assert (await asked).stamp_ns == 3 * S
+            assert_idle(tf)
+        assert tf.reads == "query"
+
+    run(main)
+
+
 def test_a_bad_call_fails_alone(server: ServerProcess, run: Run) -> None:
     """A whole message would be refused for its sake."""
 

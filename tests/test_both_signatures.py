@@ -31,13 +31,14 @@ PAIRS: list[tuple[type, type]] = [
 ]
 #: These ask nobody.
 PLAIN = {
-    AsyncTransformClient: {"batch", "transaction", "endpoint", "tree"},
+    AsyncTransformClient: {"batch", "transaction", "endpoint", "tree", "reads"},
     AsyncTransaction: {"set_transform", "set_transforms_xact"},
     AsyncBroadcaster: {"authority"},
 }
 #: Their docstrings say what the event loop changes.
 OWN_DOCS = {
-    *("batch", "broadcaster", "close", "connect", "instance", "run_transaction", "transaction"),
+    *("batch", "broadcaster", "close", "connect", "instance", "reads"),
+    *("run_transaction", "transaction"),
 }
 
 MEMBERS = [

@@ -1,8 +1,6 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-The two stubs, this one and `_transform.pyi`, are the one source of signatures and docstrings. The
-build compiles them into the module (bindings/stub_docs.py), so help() shows what editors show.
-`X_target_source` is the pose of source in target, in metres. Pose rows: x y z qx qy qz qw.
+help() shows it, too (bindings/stub_docs.py). `X_target_source` is the pose of source in target.
 """
 
 from collections.abc import Sequence
@@ -11,29 +9,26 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from zenoh_tf._change_log import ChangeLog as ChangeLog
+from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._shared import LAYOUT as LAYOUT
+from zenoh_tf._shared import AskServer as AskServer
+from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
+from zenoh_tf._shared import RegionRefused as RegionRefused
+from zenoh_tf._shared import SharedLookups as SharedLookups
+from zenoh_tf._shared import SharedTree as SharedTree
 from zenoh_tf._transform import LatestTransform as LatestTransform
+from zenoh_tf._transform import Rows as Rows
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
 
-# What a row of `Tree._read_rows` asks for.
-OP_AT: int  # source in target at stamp_ns
+OP_AT: int  # what a row of `Tree._read_rows` asks for: source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time
 OP_LATEST: int  # newest of every link, links may be of different commits
 OP_LATEST_XACT: int  # the same, atomically
 OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
 OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
 NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
-
-#: The answers of `Tree._read_rows`.
-Rows = tuple[
-    NDArray[np.uint8],  # status: 0 or errors.BY_CODE
-    # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
-    NDArray[np.int64],
-    NDArray[np.int64],  # newest_stamp_ns (latest forms only)
-    NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
-    list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
-    tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
-]
 
 # Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
 def columns_of(
@@ -74,7 +69,13 @@ class Tree:
         one_authority_per_frame: bool = False,
         time_jump: Literal["reject", "clear"] = "reject",
         max_memory_bytes: int = 0,
+        max_log_bytes: int = 0,
+        _shared: bool = False,  # other processes may map it; OSError if the host cannot
+        _instance: str = "",  # which server this is, for these processes
     ) -> None: ...
+    def _region_fd(self) -> int: ...  # belongs to the tree; -1 if it is not shared
+    def _begin_lease(self, duration_s: float) -> None: ...  # see zenoh_tf.shared_tree
+    def _extend_lease(self, duration_s: float) -> bool: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> bool:

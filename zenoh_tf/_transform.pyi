@@ -5,9 +5,21 @@ parent. A pose row is (x, y, z, qx, qy, qz, qw), in metres and with a unit quate
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+#: The answers of `Tree._read_rows`.
+Rows = tuple[
+    NDArray[np.uint8],  # status: 0 or errors.BY_CODE
+    # stamp_ns; latest forms: the oldest used; OP_COMMON_TIME: NO_STAMP if all are static
+    NDArray[np.int64],
+    NDArray[np.int64],  # newest_stamp_ns (latest forms only)
+    NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
+    list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
+    tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
+]
 
 class Transform:
     """A rigid transform: a rotation, then a translation. Immutable.

@@ -6,11 +6,14 @@
     tf/v1/{tree}/info              query   what the tree holds
     tf/v1/{tree}/admin             query   clear, reset, remove_frame
     tf/v1/{tree}/hello             query   the server's id, limits and clock; the client's rights
+    tf/v1/{tree}/snapshot          query   all frames and histories, in pieces
+    tf/v1/{tree}/missed            query   messages of the stream that were missed
     tf/v1/{tree}/commit/{authority}   query   the same as above; writes of a server that has
     tf/v1/{tree}/batch/{authority}    query   access rules, which work on keys
     tf/v1/{tree}/admin/{what}         query
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
+    tf/v1/{tree}/stream/{instance}    put  what commits change, from the server
     tf/v1/{tree}/server/{instance}    liveliness token of the server
     tf/v1/{tree}/client/{client}      liveliness token of a client
 
@@ -28,7 +31,16 @@ from .text import quoted
 
 PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.
-OPERATIONS: Final = ("lookup", "commit", "batch", "info", "admin", "hello")
+OPERATIONS: Final = (
+    "lookup",
+    "commit",
+    "batch",
+    "info",
+    "admin",
+    "hello",
+    "snapshot",
+    "missed",
+)
 
 #: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
 TAKES_PARTS: Final = "parts"
@@ -145,6 +157,16 @@ def put_kind(key: str) -> str | None:
     """``set`` or ``static`` of a put's key; None for any other key of a tree."""
     kind = key.rpartition("/")[0].rpartition("/")[2]
     return kind if kind in ("set", "static") else None
+
+
+def stream(tree: str, instance: str) -> str:
+    """The key on which a server instance publishes what commits change."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/stream/{escape(instance, 'instance')}"
+
+
+def streams(tree: str) -> str:
+    """The key expression of the streams of a tree's servers, one after another."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/stream/*"
 
 
 def server(tree: str, instance: str) -> str:

@@ -49,6 +49,8 @@ class TransformTree(_core.Tree):
             cleared so, too.
         max_memory_bytes: Most bytes of all samples together; a write that needs more raises
             `LimitExceeded`. 0 means no limit.
+        max_log_bytes: Most bytes of the log of changes, which servers stream to mirrors. 0 means no
+            log.
 
     Raises:
         InvalidArgumentException: An option is out of its range.

@@ -12,7 +12,7 @@ from zenoh_tf import keys, wire
 from zenoh_tf.errors import AccessDenied, ProtocolError
 
 #: Query families that every client with rights may ask, and those that need the right to read.
-_READS = ("lookup", "batch", "info")
+_READS = ("lookup", "batch", "info", "snapshot", "missed")
 
 
 class Access:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
+from . import shared_reads
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client_introspection import ClientIntrospection
 from .client_lookups import ClientLookups
 from .client_writes import ClientWrites
 from .connection import Connection
+from .shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
 
 T = TypeVar("T")
@@ -40,11 +42,12 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         ``with TransformClient.connect() as tf: print(tf.lookup_transform("map", "base"))``
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, reads: Mode = "auto") -> None:
         """Use `TransformClient.connect` instead.
 
         Args:
             connection: The open connection to use.
+            reads: As in `connect`.
 
         Raises:
             TypeError: `connection` is something else, such as an endpoint.
@@ -55,6 +58,12 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
+        overridden = frozenset(
+            name
+            for name in shared_reads.LOOKUPS
+            if getattr(type(self), name) is not getattr(TransformClient, name)
+        )
+        self._reads = SharedReads(connection, self, reads, overridden)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
@@ -65,6 +74,7 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
         credentials: Credentials = NO_CREDENTIALS,
+        reads: Mode = "auto",
     ) -> Self:
         """Connect to the server of a tree.
 
@@ -74,6 +84,9 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/security.md.
+            reads: How lookups are answered. ``"auto"``: from the server's memory, which this
+                process maps, if the server is on this host and shares its tree; else by queries.
+                ``"query"``: by queries. Both give the same answers and errors.
 
         Returns:
             An open client.
@@ -88,7 +101,8 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         Example:
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
-        return cls(Connection(endpoint, tree, timeout_s, credentials))
+        shared_reads.check(reads)
+        return cls(Connection(endpoint, tree, timeout_s, credentials), reads)
 
     def __repr__(self) -> str:
         connection = self._connection
@@ -118,6 +132,7 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         """
         # The connection first: a thread that is inside `send` may hold its broadcaster for long.
         self._connection.close()
+        self._reads.close()
         for broadcaster in list(self._broadcasters):
             broadcaster.close()
 
@@ -130,6 +145,16 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
     def tree(self) -> str:
         """Returns the name of the tree."""
         return self._connection.tree
+
+    @property
+    def reads(self) -> Literal["shared", "query"]:
+        """Returns how a lookup would be answered now.
+
+        ``"shared"``: from the server's memory, in well under a microsecond. ``"query"``: by a query
+        of the server, as long as its memory cannot be read. This changes by itself, for example
+        when the server restarts; `stats` has the reasons, under names with ``reads_``.
+        """
+        return self._reads.way
 
     @property
     def instance(self) -> str:
@@ -163,7 +188,7 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         Example:
             ``with tf.transaction() as tx: tx.set_transform(stamped)``
         """
-        return Transaction(self._connection)
+        return Transaction(self._connection, self._reads)
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """Call `function` with a new transaction and commit it; repeat this after a conflict.
@@ -182,7 +207,7 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         Example:
             ``tf.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
         """
-        return run_transaction(self._connection, function, attempts)
+        return run_transaction(self._connection, self._reads, function, attempts)
 
     def broadcaster(self, authority: str) -> Broadcaster:
         """Make a publisher of transforms, which sends without waiting for a reply.

@@ -12,15 +12,20 @@ from zenoh_tf import (
     TransformArray,
     Velocity,
 )
+from zenoh_tf.shared_tree import AskServer
 
 from . import lookup_requests
-from .connection import Connection
+from .shared_reads import SharedReads
 
 
 class ClientLookups:
-    """A base of `TransformClient`, which has the connection."""
+    """A base of `TransformClient`, which says how to read.
 
-    _connection: Connection
+    A method whose body only asks the server is replaced, in a client that has mapped the server's
+    memory, by one that reads there first (`shared_reads.LOOKUPS`).
+    """
+
+    _reads: SharedReads
 
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -51,7 +56,7 @@ class ClientLookups:
         Example:
             ``X_map_base = tf.lookup_transform("map", "base").transform``
         """
-        return self._connection.call(
+        return self._reads.query(
             lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
         )
 
@@ -90,7 +95,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(
+        return self._reads.query(
             lookup_requests.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
             )
@@ -118,9 +123,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(
-            lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
-        )
+        return self._reads.query(lookup_requests.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest sample of each link.
@@ -144,7 +147,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(lookup_requests.lookup_latest_transform(target, source))
+        return self._reads.query(lookup_requests.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -168,7 +171,7 @@ class ClientLookups:
         Example:
             ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist").transform``
         """
-        return self._connection.call(lookup_requests.lookup_latest_transform_xact(target, source))
+        return self._reads.query(lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -192,7 +195,7 @@ class ClientLookups:
         Example:
             ``arm, cup = tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        return self._connection.call(lookup_requests.lookup_latest_transforms_xact(pairs))
+        return self._reads.query(lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
         self,
@@ -218,7 +221,12 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(lookup_requests.lookup_transforms(targets, sources, stamps_ns))
+        found = self._reads.tree.lookup_transforms(targets, sources, stamps_ns)
+        if type(found) is not AskServer:
+            return found
+        return self._reads.ask(
+            found, lookup_requests.lookup_transforms(targets, sources, stamps_ns)
+        )
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
         """Look up the pose of `source` in `target` at many times in one request.
@@ -241,7 +249,7 @@ class ClientLookups:
         Example:
             ``path = tf.sample("map", "camera", stamps_ns).translations``
         """
-        return self._connection.call(lookup_requests.sample(target, source, stamps_ns))
+        return self.lookup_transforms(target, source, stamps_ns)
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -262,7 +270,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(lookup_requests.latest_common_time(a, b))
+        return self._reads.query(lookup_requests.latest_common_time(a, b))
 
     def lookup_velocity(
         self,
@@ -302,14 +310,24 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._connection.call(
-            lookup_requests.lookup_velocity(
-                tracking_frame,
-                observation_frame,
-                stamp_ns,
-                averaging_interval_s,
-                reference_frame=reference_frame,
-                reference_point=reference_point,
-                reference_point_frame=reference_point_frame,
-            )
+        found = self._reads.tree.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
         )
+        if type(found) is not AskServer:
+            return found
+        request = lookup_requests.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
+        )
+        return self._reads.ask(found, request)

@@ -93,6 +93,11 @@ class Connection:
         return None if server is None else server.instance
 
     @property
+    def known_server(self) -> ServerInfo | None:
+        """The server that answered last, without asking: None if none is known."""
+        return self.exchange.server
+
+    @property
     def closed(self) -> bool:
         """True once `close` was called."""
         return self.calls.closed

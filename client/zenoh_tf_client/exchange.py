@@ -19,7 +19,7 @@ from typing import Any, Final, TypeVar
 
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import handover, keys, wire
 from zenoh_tf.errors import (
     LimitExceeded,
     OutcomeUnknown,
@@ -55,6 +55,7 @@ class ServerInfo:
     clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
     rows: int  # transforms in one message
+    offer: handover.Offer | None = None  # of its tree's memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +139,7 @@ class Exchange:
             wire.integer(value, "clock_ns") - now_ns,
             wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
             wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
+            handover.parse_offer(value.get(handover.HELLO_FIELD)),
         )
         self.server = server
         return server

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,9 @@ from zenoh_tf.errors import InvalidArgumentException, ProtocolError
 from zenoh_tf.velocity import interval_ns
 
 from . import columns
-from .request import Call, Read, Request, timeout_ns
+from .request import Call, Read, Request, Rows, VersionedRead, timeout_ns
+
+T = TypeVar("T")
 
 
 def lookup_transform(
@@ -47,7 +49,7 @@ def lookup_transform_full(
     source_stamp_ns: int | None,
     fixed_frame: str,
     timeout_s: float = 0.0,
-) -> Request[StampedTransform]:
+) -> Rows[StampedTransform]:
     lookup = columns.lookup(target, source, None, wire.OP_FULL, 1)
     lookup.stamp = np.array([columns.stamp(target_stamp_ns, "target_stamp_ns")])
     lookup.names.append(fixed_frame)
@@ -55,44 +57,43 @@ def lookup_transform_full(
     lookup.source_stamp = np.array([columns.stamp(source_stamp_ns, "source_stamp_ns")])
     lookup.timeout_ns = timeout_ns(timeout_s)
     read = lookup_transform(target, source)  # Its reply has the same form.
-    return Call("lookup", wire.lookup_body(lookup), read.parse, timeout_s)
+    return Rows(lookup, read.answer, timeout_s)
 
 
 def lookup_latest_transforms_xact(
     pairs: Sequence[tuple[str, str]],
-) -> Request[list[LatestTransform]]:
+) -> Rows[list[LatestTransform]]:
     reads = [lookup_latest_transform_xact(target, source) for target, source in pairs]
     lookup = columns.join([read.row for read in reads])
     lookup.atomic = True
 
-    def parse(reply: wire.Message) -> list[LatestTransform]:
-        answer = wire.parse_lookup_reply(reply, len(reads))
-        return [read.result(row) for read, row in zip(reads, answer.rows(), strict=True)]
+    def convert(reply: wire.LookupReply) -> list[LatestTransform]:
+        return [read.result(row) for read, row in zip(reads, reply.rows(), strict=True)]
 
-    return Call("lookup", wire.lookup_body(lookup), parse)
+    return Rows(lookup, convert)
 
 
 def lookup_transforms(
     targets: str | Sequence[str], sources: str | Sequence[str], stamps_ns: ArrayLike | None
-) -> Request[TransformArray]:
+) -> Rows[TransformArray]:
     rows = columns.rows(targets, sources, stamps_ns)
     op = wire.OP_COMMON if stamps_ns is None else wire.OP_AT
     lookup = columns.lookup(targets, sources, stamps_ns, op, rows)
     lookup.errors = False
-
-    def parse(reply: wire.Message) -> TransformArray:
-        answer = wire.parse_lookup_reply(reply, rows)
-        return TransformArray(answer.status, answer.stamp, answer.pose)
-
-    return Call("lookup", wire.lookup_body(lookup), parse)
+    return Rows(lookup, lambda reply: TransformArray(reply.status, reply.stamp, reply.pose))
 
 
-def with_versions(request: Request[Any]) -> Request[wire.Message]:
-    """The same lookup in a transaction: its reply, which also has the read set."""
-    return Call("lookup", request.body() | {"versions": True}, lambda reply: reply)
+def with_versions(request: Read[T] | Rows[T]) -> Request[VersionedRead[T]]:
+    """The same lookup as a part of a transaction."""
+
+    def parse(reply: wire.Message) -> VersionedRead[T]:
+        read_set = wire.parse_read_set(reply)
+        return wire.text(reply, "instance"), read_set, lambda: request.parse(reply)
+
+    return Call("lookup", request.body() | {"versions": True}, parse)
 
 
-def sample(target: str, source: str, stamps_ns: ArrayLike) -> Request[TransformArray]:
+def sample(target: str, source: str, stamps_ns: ArrayLike) -> Rows[TransformArray]:
     return lookup_transforms(target, source, stamps_ns)
 
 

@@ -10,7 +10,7 @@ docstring, because editors and the API reference read both from the source.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -58,7 +58,7 @@ class Request(ABC, Generic[T]):
 
 @dataclass(slots=True)
 class Call(Request[T]):
-    """Any operation except a lookup of a single row."""
+    """Any operation except a lookup."""
 
     kind: str
     message: wire.Message
@@ -107,12 +107,49 @@ class Read(Request[T]):
         one = wire.parse_one_answer(reply)
         if one is not None:
             return self.convert(self.row, *one)
-        return self.result(next(wire.parse_lookup_reply(reply, 1).rows()))
+        return self.answer(wire.parse_lookup_reply(reply, 1))
+
+    def lookup(self) -> wire.Lookup:
+        """Return the row as columns."""
+        return columns.join([self.row])
+
+    def answer(self, reply: wire.LookupReply) -> T:
+        """Return the result in a reply of one row, or raise its error."""
+        return self.result(next(reply.rows()))
 
     def result(self, answer: wire.AnswerRow) -> T:
         """Return the result in one row of a reply, or raise its error."""
         error, stamp_ns, newest_ns, pose = answer
         return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
+
+
+@dataclass(slots=True)
+class Rows(Request[T]):
+    """A lookup of any number of rows."""
+
+    rows: wire.Lookup
+    convert: Callable[[wire.LookupReply], T]
+    wait_s: float = 0.0
+    kind: str = "lookup"
+
+    def body(self) -> wire.Message:
+        return wire.lookup_body(self.rows)
+
+    def parse(self, reply: wire.Message) -> T:
+        return self.convert(wire.parse_lookup_reply(reply, self.rows.rows))
+
+    def lookup(self) -> wire.Lookup:
+        """Return the columns."""
+        return self.rows
+
+    def answer(self, reply: wire.LookupReply) -> T:
+        """Return the result in a reply, or raise its error."""
+        return self.convert(reply)
+
+
+#: What a lookup of a transaction gives: the server instance, the read set, and a function that
+#: returns the result or raises the lookup's error.
+VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
 
 def timeout_ns(timeout_s: float) -> int:

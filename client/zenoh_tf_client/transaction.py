@@ -22,7 +22,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from zenoh_tf import LatestTransform, StampedTransform, wire
+from zenoh_tf import LatestTransform, StampedTransform
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ServerRestarted,
@@ -31,7 +31,8 @@ from zenoh_tf.errors import (
 
 from . import columns, lookup_requests, write_requests
 from .connection import Connection
-from .request import Request
+from .request import Read, Rows
+from .shared_reads import SharedReads
 
 T = TypeVar("T")
 
@@ -49,13 +50,15 @@ class Transaction:
     Thread safety: one thread at a time.
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, reads: SharedReads) -> None:
         """Use `TransformClient.transaction` instead.
 
         Args:
             connection: The connection to read and commit on.
+            reads: How the connection's client reads.
         """
         self._connection = connection
+        self._shared = reads
         self._instance: str | None = None
         self._versions: dict[str, int] = {}
         self._reads = 0
@@ -307,9 +310,8 @@ class Transaction:
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
         self._connection.call(write_requests.commit(commit, self._instance))
 
-    def _read(self, request: Request[T]) -> T:
-        reply = self._connection.call(lookup_requests.with_versions(request))
-        instance = wire.text(reply, "instance")
+    def _read(self, request: Read[T] | Rows[T]) -> T:
+        instance, versions, answer = self._shared.read_versions(request)
         if self._instance not in (None, instance):
             raise ServerRestarted(
                 f"this transaction read from server instance {self._instance}, "
@@ -318,16 +320,19 @@ class Transaction:
             )
         self._instance = instance
         self._reads += 1
-        for name, version in wire.parse_read_set(reply):
+        for name, version in versions:
             if self._versions.setdefault(name, version) != version:
                 raise TransactionConflict(
                     f"frame {name!r} changed between two reads of the transaction", frame=name
                 )
-        return request.parse(reply)
+        return answer()
 
 
 def run_transaction(
-    connection: Connection, function: Callable[[Transaction], T], attempts: int
+    connection: Connection,
+    reads: SharedReads,
+    function: Callable[[Transaction], T],
+    attempts: int,
 ) -> T:
     """See `TransformClient.run_transaction`."""
     if attempts < 1:
@@ -338,7 +343,7 @@ def run_transaction(
     attempt = 1
     while True:
         try:
-            with Transaction(connection) as transaction:
+            with Transaction(connection, reads) as transaction:
                 result = function(transaction)
             return result
         except TransactionConflict as conflict:

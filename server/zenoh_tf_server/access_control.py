@@ -16,7 +16,7 @@ from . import access_rules
 from .access_rules import EVERYTHING, AccessRule
 
 #: Query families that change nothing, except `hello`, which every client may ask.
-READS: Final = ("lookup", "batch", "info")
+READS: Final = ("lookup", "batch", "info", "snapshot", "missed")
 #: Query families whose keys name what is written, once there are rules.
 KEYED: Final = ("commit", "batch", "admin")
 
@@ -88,6 +88,9 @@ def _rights(tree: str, rule: AccessRule, *, keyed: bool) -> list[dict[str, Any]]
     rights: list[dict[str, Any]] = []
     if "read" in rule.may:
         queries += (keys.operation(tree, name) for name in READS)
+        streams = [keys.streams(tree)]
+        rights.append(_right("ingress", ["declare_subscriber"], streams))
+        rights.append(_right("egress", ["put"], streams))
     for name in ("clear", "reset", "remove_frame"):
         if name in rule.may:
             queries.append(keys.keyed_operation(tree, "admin", name))

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import config_file, future_stamps, limits, logs, operations, security, state
+from . import config_file, future_stamps, limits, logs, operations, security, sharing, state
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -59,6 +59,7 @@ def parser() -> argparse.ArgumentParser:
     operations.add_flags(flags)
     future_stamps.add_flags(flags)
     state.add_flags(flags)
+    sharing.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -119,6 +120,7 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
     if not options.cache_time > 0:
         flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
     state.check(flags, options)
+    sharing.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -149,4 +151,5 @@ def settings(options: argparse.Namespace) -> Settings:
         security=options.security,
         operations=operations.from_flags(options),
         state=state.from_flags(options),
+        sharing=sharing.from_flags(options),
     )

@@ -188,6 +188,16 @@ class Limits:
         "authorities with metrics of their own (`--metrics`)",
         "the others are summed as one",
     )
+    change_log_bytes: int = _limit(
+        64 << 20,
+        "bytes of changes that wait to be published, while a mirror listens",
+        "changes are left out of the stream, and all mirrors take a new snapshot",
+    )
+    stream_bytes: int = _limit(
+        64 << 20,
+        "bytes of the stream's latest messages, kept for mirrors that missed some",
+        "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
+    )
     removed_statics: int = _limit(
         10_000,
         "static links remembered as removed, which broadcasters do not announce again",
@@ -313,10 +323,12 @@ def page() -> Iterator[str]:
     yield "authority, those that own no frame are forgotten, the least recently used first. A"
     yield "frame that was removed, or dropped by a reset, gives its place among the `frames` to"
     yield "the next new one. Memory of samples that is not used any more counts until a frame"
-    yield "needs it again. The embedded `TransformTree` takes the first five limits as"
-    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
-    yield "`max_memory_bytes`. What an `AsyncTransformClient` has under way is limited in the"
-    yield "client: see [asyncio](asyncio.md#bounds)."
+    yield "needs it again. Clients that map the tree of a server on their host"
+    yield "(`--share-dir`) read without limits: they spend their own time. The embedded"
+    yield "`TransformTree` takes the first five limits as `max_frames`,"
+    yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`."
+    yield "What an `AsyncTransformClient` has under way is limited in the client: see"
+    yield "[asyncio](asyncio.md#bounds)."
 
 
 if __name__ == "__main__":

@@ -76,6 +76,15 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "dropped_by_queue": _counter(
         "puts_dropped", "published messages dropped because too many of an authority were waiting"
     ),
+    "stream_messages": _counter("stream_messages", "messages published for mirrors"),
+    "stream_message_bytes": _counter("stream_message_bytes", "bytes of these messages"),
+    "stream_gaps": _counter(
+        "stream_gaps", "times that changes were left out of the stream, as too many were waiting"
+    ),
+    "stream_kept_bytes": _gauge(
+        "stream_kept_bytes", "bytes of published messages, kept for mirrors that missed some"
+    ),
+    "change_log_bytes": _gauge("change_log_bytes", "bytes of changes that wait to be published"),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
     "bad_puts": _counter("puts_refused", "published messages that were refused"),

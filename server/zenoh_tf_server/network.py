@@ -68,6 +68,8 @@ def open_session(
                 max_message_bytes=max_message_bytes,
                 security=security.router_settings(tree),
             )
+        # The stream of changes is of this priority: a burst must not be dropped at once.
+        config.insert_json5("transport/link/tx/queue/size/data_low", "16")
         config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
         return zenoh.open(config)
     except zenoh.ZError as error:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import secrets
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -11,7 +13,7 @@ from typing import Literal
 
 from zenoh_tf import TransformTree
 
-from . import network, operations, tree_claim
+from . import network, operations, sharing, tree_claim
 from .clients import Clients
 from .event_reports import EventReports
 from .free_memory import FreeMemory
@@ -24,7 +26,10 @@ from .replies import Replies
 from .request_guard import RequestGuard
 from .security import OPEN, Security
 from .service import Service
+from .sharing import Sharing
+from .snapshots import Snapshots
 from .state import State, StateSettings
+from .stream import Stream
 from .workers import Workers
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
@@ -46,6 +51,7 @@ class Settings:
     security: Security = OPEN
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
+    sharing: sharing.Settings = field(default_factory=sharing.Settings)
 
 
 class Server:
@@ -54,7 +60,8 @@ class Server:
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
         limits = settings.limits
-        tree = TransformTree(
+        make_tree = functools.partial(
+            TransformTree,
             settings.cache_time_s,
             settings.concurrency,
             max_frames=limits.frames,
@@ -64,15 +71,22 @@ class Server:
             max_memory_bytes=limits.memory,
             one_authority_per_frame=settings.one_authority_per_frame,
             time_jump=settings.time_jump,
+            max_log_bytes=limits.change_log_bytes,
         )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
+            shared = Sharing(
+                settings.sharing, settings.tree, self.instance, joined=bool(settings.connect)
+            )
+            stack.callback(shared.close)
+            tree = shared.make_tree(make_tree)
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
             session = network.open_session(
                 settings.listen, settings.connect, limits, settings.security, settings.tree
             )
             stack.callback(session.close)
+            listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
             self.session = session
@@ -97,6 +111,7 @@ class Server:
                 settings.future,
             )
             service.info_requests.addresses = network.addresses(session)
+            self._start_stream(settings, stack)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
@@ -112,6 +127,9 @@ class Server:
                 settings.future,
             )
             stack.callback(ingest.close)
+            sharing.wait_for_predecessor(settings.sharing, listens_since_s)
+            service.offer = shared.start(tree, limits.as_dict())
+            stack.callback(shared.close)
             ingest.start(session, settings.tree)
             reports = EventReports(tree, service.clocks)
             stack.callback(reports.close)
@@ -126,6 +144,17 @@ class Server:
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()
+
+    def _start_stream(self, settings: Settings, stack: ExitStack) -> None:
+        """Publish what commits change, and answer what mirrors ask."""
+        tree, limits = self.service.tree, settings.limits
+        stream = Stream(tree, self.instance, limits)
+        stack.callback(stream.close)
+        stream.start(self.session, settings.tree)
+        self.service.add_counters(stream.counters)
+        cache_ns = round(settings.cache_time_s * 1e9)
+        snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
+        self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
     def close(self) -> None:
         self._stack.close()

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, handover, wire
 from zenoh_tf.errors import TransformException
 
 from .admin_requests import AdminRequests
@@ -74,6 +74,8 @@ class Service:
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
         self._admin_requests = AdminRequests(self._links, limits)
+        #: Where clients of this host can map the tree; the server that shares it sets it.
+        self.offer: handover.Offer | None = None
         self._identity = {
             "tree": name,
             "instance": instance,
@@ -121,6 +123,15 @@ class Service:
     def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
         """Let `stats` have the counters of another part of the server too."""
         self._more_counters.append(counters)
+
+    def add_reads(self, reads: dict[str, Callable[[wire.Message], wire.Message]]) -> None:
+        """Serve more families: each function makes the fields of a reply."""
+        for operation, read in reads.items():
+
+            def reply(message: wire.Message, reply_to: ReplyCallback, read: Any = read) -> None:
+                reply_to(self._pack_within(read(message)), False)
+
+            self._operations[operation] = reply
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:
@@ -286,6 +297,8 @@ class Service:
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
         known = self._identity | {"clock_ns": time.monotonic_ns()}
+        if self.offer is not None and (access is None or "read" in access["may"]):
+            known[handover.HELLO_FIELD] = self.offer.fields()
         return known if access is None else known | {"access": access}
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:

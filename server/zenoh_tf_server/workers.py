@@ -42,7 +42,7 @@ _MAX_SENDERS: Final = 1000
 #: which take a few milliseconds.
 SHORT_BYTES: Final = 256 << 10
 #: Families whose requests are rare: one thread serves them.
-_SMALL: Final = ("info", "admin", "hello")
+_SMALL: Final = ("info", "admin", "hello", "snapshot", "missed")
 #: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
 _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64

@@ -2,7 +2,7 @@
 #include <random>
 
 #include "check.hpp"
-#include "name_table.hpp"
+#include "owned_memory.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;
@@ -19,7 +19,7 @@ std::string name_of(int n) {
 
 TEST(readers_find_names_that_stay_while_others_come_and_go) {
   constexpr int kStay = 20, kChange = 40, kRounds = 20'000;
-  NameTable table(kStay + kChange);
+  OwnedNames table(kStay + kChange);
   for (int n = 0; n < kStay; ++n) table.insert(name_of(n));
   ThreadGroup threads;
   for (int reader = 0; reader < 2; ++reader)

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "fixture.hpp"
+#include "owned_memory.hpp"
 #include "pose4.hpp"
 
 using namespace ztf;
@@ -57,23 +58,22 @@ class History {
 
   [[nodiscard]] LinkLookup at(Stamp stamp) const {
     SampleInterval unused;
-    return find_link(*frame, stamp, unused);
+    return find_link(*frame, frame->ring.load(), stamp, unused);
   }
   [[nodiscard]] double x(Stamp stamp) const {
     SampleInterval b;
-    CHECK_EQ(find_link(*frame, stamp, b).status, Status::ok);
+    CHECK_EQ(find_link(*frame, frame->ring.load(), stamp, b).status, Status::ok);
     return lane(interpolate(b, b, b, b), 3).x;
   }
   [[nodiscard]] std::vector<Sent> newest_first() const {
     std::vector<Sent> all;
-    const std::uint32_t first = frame->first.load();
-    for (std::uint32_t i = frame->count.load(); i-- > 0;)
-      all.push_back(
-          {frame->ring.load().stamp(first + i), parent_at(*frame, frame->ring, first + i)});
+    const Ring ring = frame->ring.load();
+    for (std::uint32_t i = frame->count.load(), first = frame->first.load(); i-- > 0;)
+      all.push_back({ring.stamp(first + i), parent_at(*frame, ring, first + i)});
     return all;
   }
 
-  std::unique_ptr<RingArena> memory = std::make_unique<RingArena>(0);
+  std::unique_ptr<OwnedArena> memory = std::make_unique<OwnedArena>();
   std::unique_ptr<Frame> frame;
   HistoryLimits limits;
 };
@@ -328,12 +328,12 @@ TEST(a_cursor_ignores_the_slots_of_a_ring_that_was_replaced) {
   for (Stamp stamp = 0; stamp < 100; stamp += 10) h.put(stamp, 1);
   clear_history(*h.frame);  // the slots keep their samples
   for (const Stamp stamp : {0, 1, 2, 3, 80}) h.put(stamp, 1);
-  HistoryCursor cursor(*h.frame, true);
+  HistoryCursor cursor(*h.frame, h.frame->ring.load(), true);
   h.reserve(12);                      // replaces the ring
   for (const Stamp time : {3, 55}) {  // 55 would also fit between two old samples
     SampleInterval found, expected;
     CHECK(cursor.find(time, found));
-    CHECK_EQ(find_link(*h.frame, time, expected).status, Status::ok);
+    CHECK_EQ(find_link(*h.frame, h.frame->ring.load(), time, expected).status, Status::ok);
     CHECK_EQ(found.older->stamp.load(), expected.older->stamp.load());
     CHECK_EQ(found.newer->stamp.load(), expected.newer->stamp.load());
   }
@@ -387,7 +387,7 @@ TEST(a_merge_equals_inserting_one_by_one) {
 }
 
 TEST(a_ring_that_was_given_back_is_used_again) {
-  RingArena memory(0);
+  OwnedArena memory;
   const Ring a = Ring::make(8, memory), b = Ring::make(8, memory), c = Ring::make(16, memory);
   const std::uint64_t bytes = memory.bytes();
   a.give_back(memory);

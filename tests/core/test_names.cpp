@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "check.hpp"
-#include "name_table.hpp"
+#include "owned_memory.hpp"
 
 using namespace ztf;
 
@@ -38,7 +38,7 @@ TEST(every_byte_of_a_name_and_its_length_count) {
 
 TEST(a_name_is_found_only_if_every_byte_is_the_same) {
   for (std::size_t length = 1; length <= 40; ++length) {
-    NameTable table(4);
+    OwnedNames table(4);
     const std::string name(length, 'a');
     CHECK_EQ(table.insert(name), 1u);
     std::string other = name;
@@ -71,7 +71,7 @@ TEST(each_table_hashes_with_a_seed_of_its_own) { CHECK(NameHash()("map") != Name
 
 TEST(names_are_found_however_the_table_grows) {
   const std::vector<std::string> names = frames_of_a_fleet();
-  NameTable table(static_cast<std::uint32_t>(names.size()));
+  OwnedNames table(static_cast<std::uint32_t>(names.size()));
   for (const std::string& name : names) CHECK_EQ(table.find(name), 0u);
   for (std::uint32_t i = 0; i < names.size(); ++i) CHECK_EQ(table.insert(names[i]), i + 1);
   for (std::uint32_t i = 0; i < names.size(); ++i) CHECK_EQ(table.find(names[i]), i + 1);
@@ -84,7 +84,7 @@ TEST(names_are_found_however_the_table_grows) {
 }
 
 TEST(names_of_every_length_are_kept) {
-  NameTable table(100);
+  OwnedNames table(100);
   std::vector<std::string> names;
   for (std::size_t length = 1; length <= 60; ++length) names.push_back(std::string(length, 'a'));
   for (const std::string& name : names) {
@@ -99,7 +99,7 @@ TEST(names_of_every_length_are_kept) {
 
 TEST(several_names_are_found_as_each_by_itself) {
   const std::vector<std::string> names = frames_of_a_fleet();
-  NameTable table(static_cast<std::uint32_t>(names.size()));
+  OwnedNames table(static_cast<std::uint32_t>(names.size()));
   std::vector<std::string_view> asked;
   const auto check = [&] {
     std::vector<NameTable::Id> ids(asked.size() + 1, 77);
@@ -122,7 +122,7 @@ TEST(several_names_are_found_as_each_by_itself) {
 }
 
 TEST(removed_names_give_their_ids_and_slots_back) {
-  NameTable table(100);
+  OwnedNames table(100);
   const auto name = [](int n) {
     return std::string(static_cast<std::size_t>(n % 50), 'a' + n % 3) + std::to_string(n);
   };

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import msgpack
 
+from zenoh_tf import wire
+
 from ..attack import messages
 
 _WRITE = {"id": bytes(16), "expires_ns": 1 << 62, "instance": "0123456789abcdef"}
@@ -80,6 +82,11 @@ def seeds() -> list[Seed]:
         "info": infos,
         "admin": admins,
         "batch": batches,
+        "snapshot": [
+            wire.snapshot_request(None),
+            wire.snapshot_request(wire.SnapshotRequest("0123456789abcdef", 0, 0, 100)),
+        ],
+        "missed": [wire.missed_request("0123456789abcdef", 1)],
         "set": _commits()[:3],
         "static": _commits()[3:],
     }

@@ -21,6 +21,8 @@ from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf_server import config_file, flags
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.service import Service
+from zenoh_tf_server.snapshots import Snapshots
+from zenoh_tf_server.stream import Stream
 
 #: Small, so that no input takes long and every limit is hit.
 LIMITS = Limits(frames=300, samples_per_frame=64, rows=1000, waiters=64, outcomes=256)
@@ -49,6 +51,12 @@ def decoder(data: bytes) -> None:
         lambda body: wire.parse_commit_reply(body, 2),
         lambda body: wire.parse_value(body, str),
         wire.parse_one_answer,
+        wire.parse_stream,
+        wire.parse_snapshot_plan,
+        wire.parse_snapshot_request,
+        wire.parse_snapshot_piece,
+        wire.parse_missed_request,
+        wire.parse_missed_reply,
     ):
         try:
             parse(message)
@@ -99,8 +107,12 @@ def _service() -> tuple[Service, _InternalErrors]:
         max_samples_per_frame=LIMITS.samples_per_frame,
         max_name_bytes=LIMITS.name_bytes,
         max_depth=LIMITS.depth,
+        max_log_bytes=LIMITS.change_log_bytes,
     )
-    service = Service(tree, "main", "0123456789abcdef", LIMITS, loop)
+    instance = "0123456789abcdef"
+    service = Service(tree, "main", instance, LIMITS, loop)
+    snapshots = Snapshots(tree, Stream(tree, instance, LIMITS), instance, 10**10, LIMITS)
+    service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
     atexit.register(service.close)
     return service, errors
 

@@ -18,6 +18,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <optional>
 #include <random>
 #include <string>
@@ -25,6 +26,7 @@
 #include <vector>
 
 #include "churn.hpp"
+#include "shared_tree.hpp"
 #include "tree.hpp"
 
 using namespace ztf;
@@ -78,6 +80,9 @@ struct World {
     commit((1u << kLinks) - 1, 0, {});
     for (const std::string& name : names) ids.push_back(tree.find(name));
     churn.emplace(tree, names[0]);
+    if (!options.shared) return;
+    tree.begin_lease(3'600'000'000'000);
+    mapped = std::make_unique<SharedTree>(tree.descriptor());
   }
 
   Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads) {
@@ -116,6 +121,8 @@ struct World {
   }
 
   Tree tree;
+  std::unique_ptr<SharedTree> mapped;  // the tree as other processes see it, if it is shared
+  std::atomic<std::int64_t> mapped_reads{0};
   std::vector<std::string> names;
   std::vector<FrameId> ids;
   std::optional<Churn> churn;
@@ -211,6 +218,22 @@ class Client {
     return true;
   }
 
+  // Calls read(tree). Half of the threads read as another process does, and ask the tree itself
+  // where that gives no answer.
+  template <class Read>
+  void read(Read&& read) {
+    if (world_.mapped && thread_ % 2 != 0) {
+      try {
+        read(*world_.mapped);
+        ++world_.mapped_reads;
+        return;
+      } catch (const Unanswered& why) {
+        if (why.reason != Unanswered::Reason::busy) fail("a mapped tree cannot be read");
+      }
+    }
+    read(world_.tree);
+  }
+
   void step_churn() {
     const Churn::Result result = world_.churn->step(random_);
     for (const Churn::Access& access : result.accesses)
@@ -223,14 +246,14 @@ class Client {
 
   void ask(const Question& question) {
     Answer answer;
-    world_.tree.lookup(question.query, answer);
+    read([&](const auto& tree) { tree.lookup(question.query, answer); });
     note_answer(question, answer);
   }
   void ask_together(const std::vector<Question>& questions, std::size_t n, ReadSet& reads) {
     std::vector<Query> queries;
     for (std::size_t i = 0; i < n; ++i) queries.push_back(questions[i].query);
     std::vector<Answer> answers(n);
-    world_.tree.lookup_transaction(queries, answers, reads);
+    read([&](const auto& tree) { tree.lookup_transaction(queries, answers, reads); });
     for (std::size_t i = 0; i < n; ++i) note_answer(questions[i], answers[i]);
   }
 
@@ -295,13 +318,15 @@ void put(std::FILE* file, const T* values, std::size_t n) {
 
 }  // namespace
 
-// driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE
+// driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]
 int main(int argc, char** argv) {
-  if (argc != 7) fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE");
+  if (argc != 7 && argc != 8)
+    fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]");
   const std::string mode = argv[1];
   // Names have no room all at a time, so that ids pass on often, and some commits are rejected.
   Options options{.cache_ns = std::stoull(argv[2]),
                   .max_frames = kLinks + 1 + 3 * Churn::kNames / 2};
+  options.shared = argc == 8;
   if (mode == "optimistic")
     options.concurrency = Concurrency::optimistic;
   else if (mode == "2pl")
@@ -324,6 +349,7 @@ int main(int argc, char** argv) {
   std::vector<std::thread> running;
   for (Client& client : clients) running.emplace_back([&client] { client.run(); });
   for (std::thread& thread : running) thread.join();
+  if (world.mapped && world.mapped_reads == 0) fail("no read was answered by the mapped tree");
 
   std::int64_t sizes[2] = {0, 0};
   for (Client& client : clients) {

@@ -60,6 +60,7 @@ class Run(NamedTuple):
     in_order: bool
     seed: int
     threads: int
+    shared: bool = False  # half of the threads read through a mapped region
 
 
 def runs(concurrency: Concurrency, n: int) -> Iterator[Run]:
@@ -69,7 +70,9 @@ def runs(concurrency: Concurrency, n: int) -> Iterator[Run]:
 
 def record(driver: Path, run: Run, file: Path) -> History:
     cache_ns = 0 if run.in_order else 64
-    arguments = [run.concurrency, cache_ns, run.seed, run.threads, TRANSACTIONS, file]
+    arguments: list[object] = [run.concurrency, cache_ns, run.seed, run.threads, TRANSACTIONS, file]
+    if run.shared:
+        arguments.append("shared")
     subprocess.run([driver, *map(str, arguments)], check=True, timeout=60)
     return load(file, run.in_order)
 

@@ -4,6 +4,7 @@
 """
 
 import os
+import sys
 from dataclasses import replace
 from math import ceil
 from pathlib import Path
@@ -35,13 +36,20 @@ def driver() -> Path:
     return build_driver()
 
 
+@pytest.mark.parametrize(
+    "shared",
+    [
+        False,
+        pytest.param(True, marks=pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")),
+    ],
+)
 @pytest.mark.parametrize("concurrency", MODES)
 def test_histories_are_strictly_serializable(
-    driver: Path, concurrency: Concurrency, tmp_path: Path
+    driver: Path, concurrency: Concurrency, shared: bool, tmp_path: Path
 ) -> None:
     seen = Liveliness(0, 0, 0)
     for run in runs(concurrency, HISTORIES):
-        history = record(driver, run, tmp_path / "history")
+        history = record(driver, run._replace(shared=shared), tmp_path / "history")
         anomaly = find_anomaly(history)
         assert anomaly is None, f"{run}\n{describe(history, anomaly)}"
         seen += liveliness(history)

@@ -5,6 +5,7 @@ The SDK refuses first, so that its user is told why. The raw sessions do what th
 
 from __future__ import annotations
 
+import queue
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -361,3 +362,33 @@ def test_the_router_carries_nothing_else(secured: Secured) -> None:
 def test_passwords_are_not_in_the_log(secured: Secured) -> None:
     log = secured.server.log
     assert "secret-of" not in log and "Traceback" not in log
+
+
+# --- the stream
+
+
+def test_the_stream_is_for_clients_that_may_read(secured: Secured) -> None:
+    heard: dict[str, queue.Queue[str]] = {"reader": queue.Queue(), "listener": queue.Queue()}
+    with (
+        secured.raw("reader") as reader,
+        secured.raw("listener") as listener,
+        secured.raw("wheels") as forger,
+        secured.client("admin") as tf,
+    ):
+        for name, session in (("listener", listener), ("reader", reader)):
+
+            def received(sample: zenoh.Sample, name: str = name) -> None:
+                heard[name].put(str(sample.key_expr))
+
+            session.declare_subscriber(keys.streams("main"), received)
+        key = heard["reader"].get(timeout=10.0)
+        assert key.startswith("tf/v1/main/stream/")
+        # Nobody but the server may say what has changed.
+        forger.put(keys.stream("main", "forged"), b"")
+        tf.set_transform(LINK, "admin")
+        for _ in range(5):
+            assert heard["reader"].get(timeout=10.0) == key
+        assert heard["listener"].empty()
+        for operation in ("snapshot", "missed"):
+            assert list(reader.get(keys.operation("main", operation), timeout=5.0))
+            assert not list(listener.get(keys.operation("main", operation), timeout=5.0))

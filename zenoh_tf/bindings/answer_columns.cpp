@@ -25,8 +25,9 @@ bool same_failure(const ReadRows& rows, const AnswerColumns::Failed& i,
 }
 
 // The error of a row that failed.
-nb::object error_of_row(const Tree& tree, const ReadRows& rows, const AnswerColumns::Failed& failed,
-                        const std::string& note) {
+template <class AnyTree>
+nb::object error_of_row(const AnyTree& tree, const ReadRows& rows,
+                        const AnswerColumns::Failed& failed, const std::string& note) {
   const auto& [i, failure] = failed;
   if (rows.has_invalid_name(i)) return rows.name_error(tree, i);
   if (failure.code == Code::limit) {  // only of a waiting lookup
@@ -74,7 +75,8 @@ AnswerColumns::AnswerColumns(const ReadRows& rows, const std::vector<Answer>& an
   }
 }
 
-nb::tuple reply(const Tree& tree, const ReadRows& rows, AnswerColumns&& columns,
+template <class AnyTree>
+nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& columns,
                 const FailureReport& report, const nb::object& reads) {
   nb::list failures;
   nb::object error;
@@ -101,5 +103,10 @@ nb::tuple reply(const Tree& tree, const ReadRows& rows, AnswerColumns&& columns,
                         array_of(std::move(columns.newest), {n}),
                         array_of(std::move(columns.pose), {n, 7}), failures, reads);
 }
+
+template nb::tuple reply(const Tree&, const ReadRows&, AnswerColumns&&, const FailureReport&,
+                         const nb::object&);
+template nb::tuple reply(const SharedTree&, const ReadRows&, AnswerColumns&&, const FailureReport&,
+                         const nb::object&);
 
 }  // namespace ztf

@@ -16,7 +16,7 @@ std::string_view text_of(nb::handle name, const char* field) {
   return {text, static_cast<std::size_t>(size)};
 }
 
-FrameRef frame_of(const Tree& tree, nb::handle name, const char* field) {
+std::string_view frame_name_of(nb::handle name, const char* field) {
   const std::string_view text = text_of(name, field);
   if (text.empty()) raise_invalid(std::string(field) + " is empty", field);
   if (text[0] == '/') {
@@ -28,11 +28,7 @@ FrameRef frame_of(const Tree& tree, nb::handle name, const char* field) {
                          " is spelled " + quoted(text.substr(1)),
                      facts));
   }
-  return tree.find_ref(text);
-}
-
-Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source) {
-  return {op, frame_of(tree, target, "target_frame").id, frame_of(tree, source, "source_frame").id};
+  return text;
 }
 
 Stamp stamp_of(nb::handle stamp, const char* field) {

@@ -10,12 +10,14 @@
 #include <nanobind/stl/string_view.h>
 #include <nanobind/stl/vector.h>
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string_view>
 #include <utility>
 
 #include "docs.hpp"
+#include "shared_tree.hpp"
 #include "tree.hpp"
 
 // A method's signature and docstring, from the stubs.
@@ -44,8 +46,15 @@ struct LatestTransform : StampedTransform {
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
 nb::object make_error(const Rejected& rejected);
 // The error of a lookup of `source` in `target`; `note` is appended to its message.
-nb::object make_error(const Tree& tree, const Failure& failure, nb::handle target,
-                      nb::handle source, const std::string& note = "");
+nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
+                      const Failure& failure, nb::handle target, nb::handle source,
+                      const std::string& note);
+template <class AnyTree>
+nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle target,
+                      nb::handle source, const std::string& note = "") {
+  return make_error([&](FrameId id) { return tree.name(failure, id); }, tree.options().max_depth,
+                    failure, target, source, note);
+}
 // The note of a lookup that timed out.
 std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
@@ -90,10 +99,10 @@ class GilReleasedOnWait final : private LongWait {
 
 using FrameRef = Tree::FrameRef;
 
-// Tree::lookup of the query that find_names() returns, for threads that hold the GIL. Finds the
-// names again if a name has lost its id meanwhile. Returns the query that was answered.
-template <class FindNames>
-Query lookup_holding_gil(const Tree& tree, Answer& answer, FindNames&& find_names) {
+// The tree's lookup of the query that find_names() returns, for threads that hold the GIL. Finds
+// the names again if a name has lost its id meanwhile. Returns the query that was answered.
+template <class AnyTree, class FindNames>
+Query lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_names) {
   return tree.read_names([&] {
     const Query query = find_names();
     const GilReleasedOnWait released;
@@ -108,9 +117,17 @@ Query lookup_holding_gil(const Tree& tree, Answer& answer, FindNames&& find_name
 std::string quoted(std::string_view name);
 // A str's UTF-8; valid as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
+// The same, of a name that a frame may have; raises for others.
+std::string_view frame_name_of(nb::handle name, const char* field);
 // A frame's id, 0 if there is none. Raises for names that no frame can have.
-FrameRef frame_of(const Tree& tree, nb::handle name, const char* field);
-Query query_of(const Tree& tree, Op op, nb::handle target, nb::handle source);
+template <class AnyTree>
+FrameRef frame_of(const AnyTree& tree, nb::handle name, const char* field) {
+  return tree.find_ref(frame_name_of(name, field));
+}
+template <class AnyTree>
+Query query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source) {
+  return {op, frame_of(tree, target, "target_frame").id, frame_of(tree, source, "source_frame").id};
+}
 // An int as a stamp; kNoStamp for None.
 Stamp stamp_of(nb::handle stamp, const char* field);
 // Exactly n numbers of a sequence.
@@ -166,5 +183,16 @@ void bind_commit(nb::module_& m, nb::class_<Tree>& tree);
 void bind_parked_lookups(nb::module_& m);
 void bind_introspection(nb::class_<Tree>& tree);
 void bind_velocity(nb::class_<Tree>& tree);
+void bind_change_log(nb::module_& m);
+void bind_change_replay(nb::module_& m);
+void bind_lookups(nb::class_<Tree>& tree);
+
+// The same of a tree in another process: each method returns AskServer if it cannot answer.
+void bind_shared_tree(nb::module_& m);
+void bind_lookups(nb::class_<SharedTree>& tree);
+void bind_lookup_columns(nb::class_<SharedTree>& tree);
+void bind_read_rows(nb::class_<SharedTree>& tree);
+void bind_introspection(nb::class_<SharedTree>& tree);
+void bind_velocity(nb::class_<SharedTree>& tree);
 
 }  // namespace ztf

@@ -50,7 +50,8 @@ nb::object make_error(const Rejected& r) {
   return make_error(r.code, r.message, facts);
 }
 
-nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb::handle source,
+nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
+                      const Failure& f, nb::handle target, nb::handle source,
                       const std::string& note) {
   const std::string target_name = quoted(text_of(target, "target_frame"));
   const std::string source_name = quoted(text_of(source, "source_frame"));
@@ -64,20 +65,20 @@ nb::object make_error(const Tree& tree, const Failure& f, nb::handle target, nb:
     facts["frame"] = f.target == 0 ? target : source;
     message = "frame " + (f.target == 0 ? target_name : source_name) + " does not exist";
   } else if (f.code == Code::lookup) {
-    if (const std::string frame = tree.name(f, f.frame); !frame.empty()) facts["frame"] = frame;
-    facts["limit"] = tree.options().max_depth;
+    if (const std::string frame = name_of(f.frame); !frame.empty()) facts["frame"] = frame;
+    facts["limit"] = max_depth;
     message = "the path between " + target_name + " and " + source_name + at +
-              " is longer than the limit of " + std::to_string(tree.options().max_depth) +
+              " is longer than the limit of " + std::to_string(max_depth) +
               " links per side (max_depth), or runs in a loop";
   } else if (f.code == Code::connectivity) {
-    const std::string target_root = tree.name(f, f.target_root);
-    const std::string source_root = tree.name(f, f.source_root);
+    const std::string target_root = name_of(f.target_root);
+    const std::string source_root = name_of(f.source_root);
     if (!target_root.empty()) facts["target_root"] = target_root;
     if (!source_root.empty()) facts["source_root"] = source_root;
     message = target_name + " and " + source_name + " are not connected" + at +
               ": their roots are " + frame_text(target_root) + " and " + frame_text(source_root);
   } else {
-    const std::string child = tree.name(f, f.frame), parent = tree.name(f, f.parent);
+    const std::string child = name_of(f.frame), parent = name_of(f.parent);
     if (!child.empty()) facts["frame"] = child;
     if (!parent.empty()) facts["parent_frame"] = parent;
     facts["oldest_stamp_ns"] = f.oldest;

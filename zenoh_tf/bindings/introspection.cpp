@@ -1,6 +1,8 @@
-// Introspection: frames, links, authorities and counters.
+// Introspection: frames, links, authorities and counters. Of a tree in another process, frames and
+// links.
 #include <algorithm>
 
+#include "ask_server.hpp"
 #include "budget.hpp"
 
 namespace ztf {
@@ -8,7 +10,8 @@ namespace ztf {
 namespace {
 
 // The id of a frame that must exist.
-FrameId known(const Tree& tree, nb::handle name) {
+template <class AnyTree>
+FrameId known(const AnyTree& tree, nb::handle name) {
   const FrameId id = frame_of(tree, name, "frame").id;
   if (id == 0) {
     nb::dict facts;
@@ -19,21 +22,25 @@ FrameId known(const Tree& tree, nb::handle name) {
   return id;
 }
 
-FrameInfo info_holding_gil(const Tree& tree, FrameId id) {
+template <class AnyTree>
+FrameInfo info_holding_gil(const AnyTree& tree, FrameId id) {
   const GilReleasedOnWait released;
   return tree.info(id);
 }
 
-nb::object name_or_none(const Tree& tree, FrameId id) {
+template <class AnyTree>
+nb::object name_or_none(const AnyTree& tree, FrameId id) {
   if (id == 0) return nb::none();
   const std::string name = tree.name(id);
   return nb::str(name.data(), name.size());
 }
 
-nb::list frames(const Tree& tree) {
+template <class AnyTree>
+nb::list frames(const AnyTree& tree) {
   nb::list out;
   for (FrameId id = 1, n = tree.size(); id <= n; ++id)
     if (!tree.removed(id)) out.append(name_or_none(tree, id));
+  if constexpr (std::is_same_v<AnyTree, SharedTree>) tree.check_lease();
   return out;
 }
 
@@ -58,7 +65,8 @@ nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most,
 
 nb::object text(std::string_view value) { return nb::str(value.data(), value.size()); }
 
-nb::object last_change(const Tree& tree, const FrameInfo& info) {
+template <class AnyTree>
+nb::object last_change(const AnyTree& tree, const FrameInfo& info) {
   using Change = FrameEvents::Change;
   if (info.change == Change::none) return nb::none();
   nb::dict out;
@@ -78,7 +86,8 @@ T load(const std::atomic<T>& counter) {
 }
 
 // The fields of zenoh_tf.FrameInfo.
-nb::dict read_frame_record(const Tree& tree, nb::handle name) {
+template <class AnyTree>
+nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
   const FrameId id = known(tree, name);
   const FrameInfo info = info_holding_gil(tree, id);
   const FrameEvents& events = tree.events(id);
@@ -106,7 +115,8 @@ nb::dict read_frame_record(const Tree& tree, nb::handle name) {
   return out;
 }
 
-nb::dict frame_record(const Tree& tree, nb::handle name) {
+template <class AnyTree>
+nb::dict frame_record(const AnyTree& tree, nb::handle name) {
   return tree.read_names([&] { return read_frame_record(tree, name); });
 }
 
@@ -152,7 +162,8 @@ std::uint64_t links(const Tree& tree, nb::handle frames) {
   return total;
 }
 
-nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
+template <class AnyTree>
+nb::object parent(const AnyTree& tree, nb::handle frame, nb::handle stamp) {
   const Stamp at = stamp_of(stamp, "stamp_ns");
   return tree.read_names([&] {
     const FrameId id = known(tree, frame);
@@ -165,7 +176,8 @@ nb::object parent(const Tree& tree, nb::handle frame, nb::handle stamp) {
   });
 }
 
-nb::list read_chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+template <class AnyTree>
+nb::list read_chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
   Query query = query_of(tree, Op::at, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   std::vector<FrameId> ids;
@@ -180,7 +192,8 @@ nb::list read_chain(const Tree& tree, nb::handle target, nb::handle source, nb::
   return out;
 }
 
-nb::list chain(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+template <class AnyTree>
+nb::list chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
   return tree.read_names([&] { return read_chain(tree, target, source, stamp); });
 }
 
@@ -263,18 +276,27 @@ nb::tuple take_events(Tree& tree) {
 }  // namespace
 
 void bind_introspection(nb::class_<Tree>& tree) {
-  tree.def("frames", &frames, ZTF_DOC(Tree_frames))
-      .def("parent", &parent, ZTF_DOC(Tree_parent), nb::arg("frame"),
+  tree.def("frames", &frames<Tree>, ZTF_DOC(Tree_frames))
+      .def("parent", &parent<Tree>, ZTF_DOC(Tree_parent), nb::arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", &chain, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
+      .def("chain", &chain<Tree>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats, ZTF_DOC(Tree_stats))
       .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("budget"))
       .def("_frame_count", [](const Tree& t) { return t.size(); })
       .def("_links", &links, nb::arg("frames"))
-      .def("_frame_record", &frame_record, nb::arg("name"))
+      .def("_frame_record", &frame_record<Tree>, nb::arg("name"))
       .def("_authority_records", &authority_records)
       .def("_take_events", &take_events);
+}
+
+void bind_introspection(nb::class_<SharedTree>& tree) {
+  tree.def("frames", or_ask_server<&frames<SharedTree>>)
+      .def("parent", or_ask_server<&parent<SharedTree>>, nb::arg("frame"),
+           nb::arg("stamp_ns").none() = nb::none())
+      .def("chain", or_ask_server<&chain<SharedTree>>, nb::arg("target"), nb::arg("source"),
+           nb::arg("stamp_ns").none() = nb::none())
+      .def("_frame_record", or_ask_server<&frame_record<SharedTree>>, nb::arg("name"));
 }
 
 }  // namespace ztf

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "bindings.hpp"
+#include "ask_server.hpp"
 #include "sample_block.hpp"
 
 namespace ztf {
@@ -32,9 +32,10 @@ class RowCount {
 };
 
 // Frames of a column of names, or of one name that stands for every row.
+template <class AnyTree>
 class FrameColumn {
  public:
-  FrameColumn(const Tree& tree, nb::handle names, const char* field, RowCount& rows)
+  FrameColumn(const AnyTree& tree, nb::handle names, const char* field, RowCount& rows)
       : tree_(tree), field_(field), single_(PyUnicode_Check(names.ptr())) {
     if (single_) {
       items_ = nb::make_tuple(names);
@@ -69,7 +70,7 @@ class FrameColumn {
  private:
   [[nodiscard]] std::size_t index(std::size_t row) const noexcept { return single_ ? 0 : row; }
 
-  const Tree& tree_;
+  const AnyTree& tree_;
   const char* const field_;
   const bool single_;
   nb::tuple items_;
@@ -160,8 +161,9 @@ Query query_of_row(FrameId target, FrameId source, Stamp time) {
 }
 
 // Returns the rows whose names have lost their ids meanwhile.
-std::vector<std::size_t> look_up(const Tree& tree, const FrameColumn& targets,
-                                 const FrameColumn& sources, const StampColumn& stamps,
+template <class AnyTree>
+std::vector<std::size_t> look_up(const AnyTree& tree, const FrameColumn<AnyTree>& targets,
+                                 const FrameColumn<AnyTree>& sources, const StampColumn& stamps,
                                  std::size_t n, const Output& out) {
   std::vector<std::size_t> lost;
   std::vector<Query> queries(std::min(n, kPortion));
@@ -184,11 +186,12 @@ std::vector<std::size_t> look_up(const Tree& tree, const FrameColumn& targets,
 }
 
 // (status, stamps, poses) of one lookup per row.
-nb::tuple lookup_columns(const Tree& tree, nb::handle target_names, nb::handle source_names,
+template <class AnyTree>
+nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handle source_names,
                          nb::handle stamps_ns) {
   RowCount rows;
-  const FrameColumn targets(tree, target_names, "targets", rows);
-  const FrameColumn sources(tree, source_names, "sources", rows);
+  const FrameColumn<AnyTree> targets(tree, target_names, "targets", rows);
+  const FrameColumn<AnyTree> sources(tree, source_names, "sources", rows);
   const StampColumn stamps(stamps_ns, rows);
   const std::size_t n = rows.value();
   Output out;
@@ -214,8 +217,13 @@ nb::tuple lookup_columns(const Tree& tree, nb::handle target_names, nb::handle s
 }  // namespace
 
 void bind_lookup_columns(nb::class_<Tree>& tree) {
-  tree.def("_lookup_columns", &lookup_columns, nb::arg("targets"), nb::arg("sources"),
+  tree.def("_lookup_columns", &lookup_columns<Tree>, nb::arg("targets"), nb::arg("sources"),
            nb::arg("stamps_ns").none());
+}
+
+void bind_lookup_columns(nb::class_<SharedTree>& tree) {
+  tree.def("_lookup_columns", or_ask_server<&lookup_columns<SharedTree>>, nb::arg("targets"),
+           nb::arg("sources"), nb::arg("stamps_ns").none());
 }
 
 }  // namespace ztf

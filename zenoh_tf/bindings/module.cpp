@@ -9,7 +9,10 @@ NB_MODULE(_core, m) {
   ztf::bind_stamped(m);
   ztf::bind_budget(m);
   ztf::bind_tree(m);
+  ztf::bind_shared_tree(m);
   ztf::bind_parked_lookups(m);
+  ztf::bind_change_log(m);
+  ztf::bind_change_replay(m);
   ztf::bind_message_size(m);
   ztf::bind_join_buffers(m);
 }

@@ -6,6 +6,8 @@
 
 #include <algorithm>
 
+#include "ask_server.hpp"
+
 namespace ztf {
 
 namespace {
@@ -35,7 +37,8 @@ class FirstReads {
 
 // The read set: names of frames and their versions. A frame that does not exist has version 0:
 // a transaction conflicts if it is created.
-nb::object versions_of(const Tree& tree, const ReadRows& rows,
+template <class AnyTree>
+nb::object versions_of(const AnyTree& tree, const ReadRows& rows,
                        const std::vector<ReadVersion>& read_set, Budget* budget) {
   if (budget) {
     std::uint64_t bytes = 0;
@@ -64,7 +67,8 @@ nb::object versions_of(const Tree& tree, const ReadRows& rows,
 
 // Looks the rows up, and collects what they read if `read_set` is not null. Throws Rejected if an
 // atomic lookup, or the read set, has more than `max_reads` frames.
-void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
+template <class AnyTree>
+void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
              std::vector<Answer>& answers, FirstReads* read_set) {
   ReadSet reads;
   if (atomic) {
@@ -89,7 +93,8 @@ void look_up(const Tree& tree, ReadRows& rows, bool atomic, std::size_t max_read
   }
 }
 
-nb::tuple read_rows(const Tree& tree, nb::handle names, const Column<std::uint8_t>& op,
+template <class AnyTree>
+nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uint8_t>& op,
                     const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
                     const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
                     const std::optional<Column<Stamp>>& source_stamp, bool atomic, bool versions,
@@ -134,7 +139,8 @@ Rejected malformed(std::string message, const char* field) {
   return {.code = Code::invalid_argument, .message = std::move(message), .field = field};
 }
 
-[[noreturn]] void raise_too_long(const Tree& tree, std::string_view name) {
+template <class AnyTree>
+[[noreturn]] void raise_too_long(const AnyTree& tree, std::string_view name) {
   std::size_t end = kMaxQuoted;
   while (end > 0 && (static_cast<unsigned char>(name[end]) & 0xc0) == 0x80) --end;
   nb::dict facts;
@@ -150,7 +156,8 @@ Rejected malformed(std::string message, const char* field) {
 
 }  // namespace
 
-std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
+template <class AnyTree>
+std::vector<nb::object> names_of(const AnyTree& tree, nb::handle names,
                                  std::vector<std::string_view>& texts, const char* field) {
   // A commit strips one '/' in front.
   const std::size_t most = std::size_t{tree.options().max_name_bytes} + 1;
@@ -173,7 +180,8 @@ std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field)
   return index;
 }
 
-ReadRows::ReadRows(const Tree& tree, nb::handle name_list, const ReadColumns& columns)
+template <class AnyTree>
+ReadRows::ReadRows(const AnyTree& tree, nb::handle name_list, const ReadColumns& columns)
     : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
   for (std::size_t i = 0; i < name_objects.size(); ++i) {
     try {
@@ -229,7 +237,8 @@ void ReadRows::set_query_ids(std::size_t row) {
   if (query.op == Op::full) query.fixed = frames[names[row].fixed].id;
 }
 
-bool ReadRows::find_names_again(const Tree& tree) {
+template <class AnyTree>
+bool ReadRows::find_names_again(const AnyTree& tree) {
   bool unchanged = true;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const FrameRef frame = invalid_name[i] ? FrameRef() : tree.find_ref(texts[i]);
@@ -240,7 +249,8 @@ bool ReadRows::find_names_again(const Tree& tree) {
   return unchanged;
 }
 
-bool ReadRows::find_lost_names(const Tree& tree, std::size_t row) {
+template <class AnyTree>
+bool ReadRows::find_lost_names(const AnyTree& tree, std::size_t row) {
   bool none = true;
   for (const std::uint32_t name : {names[row].target, names[row].source, names[row].fixed}) {
     if (tree.is_current(frames[name])) continue;
@@ -250,7 +260,8 @@ bool ReadRows::find_lost_names(const Tree& tree, std::size_t row) {
   return none;
 }
 
-std::uint64_t ReadRows::links(const Tree& tree, std::uint64_t most) const {
+template <class AnyTree>
+std::uint64_t ReadRows::links(const AnyTree& tree, std::uint64_t most) const {
   constexpr std::uint32_t kUnknown = 0xffffffff;
   std::vector<std::uint32_t> depths(frames.size(), kUnknown);
   const auto depth_of = [&](std::uint32_t name) {
@@ -276,7 +287,8 @@ bool ReadRows::has_invalid_name(std::size_t row) const {
          (queries[row].op == Op::full && invalid_name[fixed]);
 }
 
-nb::object ReadRows::name_error(const Tree& tree, std::size_t row) const {
+template <class AnyTree>
+nb::object ReadRows::name_error(const AnyTree& tree, std::size_t row) const {
   const auto [target, source, fixed] = names[row];
   try {
     (void)frame_of(tree, name_objects[target], "target_frame");
@@ -297,11 +309,27 @@ void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
   m.attr("OP_FULL") = static_cast<int>(Op::full);
   m.attr("NO_STAMP") = kNoStamp;
 
-  tree.def("_read_rows", &read_rows, nb::arg("names"), nb::arg("op"), nb::arg("target"),
+  tree.def("_read_rows", &read_rows<Tree>, nb::arg("names"), nb::arg("op"), nb::arg("target"),
            nb::arg("source"), nb::arg("stamp_ns"), nb::arg("fixed").none() = nb::none(),
            nb::arg("source_stamp_ns").none() = nb::none(), nb::kw_only(), nb::arg("atomic") = false,
            nb::arg("versions") = false, nb::arg("errors") = true,
            nb::arg("budget").none() = nb::none());
 }
+
+void bind_read_rows(nb::class_<SharedTree>& tree) {
+  tree.def("_read_rows", or_ask_server<&read_rows<SharedTree>>, nb::arg("names"), nb::arg("op"),
+           nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
+           nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
+           nb::kw_only(), nb::arg("atomic") = false, nb::arg("versions") = false,
+           nb::arg("errors") = true, nb::arg("budget").none() = nb::none());
+}
+
+// What the other files use.
+template std::vector<nb::object> names_of(const Tree&, nb::handle, std::vector<std::string_view>&,
+                                          const char*);
+template ReadRows::ReadRows(const Tree&, nb::handle, const ReadColumns&);
+template std::uint64_t ReadRows::links(const Tree&, std::uint64_t) const;
+template nb::object ReadRows::name_error(const Tree&, std::size_t) const;
+template nb::object ReadRows::name_error(const SharedTree&, std::size_t) const;
 
 }  // namespace ztf

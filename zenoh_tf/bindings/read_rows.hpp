@@ -1,5 +1,5 @@
 // Lookups and commits as columns over a list of names: shared by read_rows.cpp, answer_columns.cpp,
-// commit.cpp and parked_lookups.cpp.
+// commit.cpp and parked_lookups.cpp. The first two compile the templates for both kinds of trees.
 //
 // Thread safety: everything here requires the GIL, except where it says "needs no GIL".
 #pragma once
@@ -10,7 +10,8 @@ namespace ztf {
 
 // Fills `texts` with the UTF-8 of the names. Returns the names, which keep the texts alive. Raises
 // LimitExceeded for a name that is too long for the tree, and quotes only its beginning.
-std::vector<nb::object> names_of(const Tree& tree, nb::handle names,
+template <class AnyTree>
+std::vector<nb::object> names_of(const AnyTree& tree, nb::handle names,
                                  std::vector<std::string_view>& texts, const char* field);
 // `index`, which must be below the number of names: else throws Rejected. Needs no GIL.
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field);
@@ -45,7 +46,8 @@ struct ReadColumns {
 // One lookup per row.
 struct ReadRows {
   // Resolves the names, and checks that the columns have as many rows each; `set` adds the rows.
-  ReadRows(const Tree& tree, nb::handle names, const ReadColumns& columns);
+  template <class AnyTree>
+  ReadRows(const AnyTree& tree, nb::handle names, const ReadColumns& columns);
 
   // Adds the rows. Throws Rejected for a row that is malformed. Needs no GIL.
   void set(const ReadColumns& columns);
@@ -63,11 +65,12 @@ struct ReadRows {
   // Finds all names again and updates the queries. Returns true if every name still has the id
   // that the queries used: otherwise their answers may be another frame's, or from before a frame
   // was created. Needs no GIL.
-  [[nodiscard]] bool find_names_again(const Tree& tree);
+  template <class AnyTree>
+  [[nodiscard]] bool find_names_again(const AnyTree& tree);
   // Calls look_up(query) for one row, again if a name of it has lost its id meanwhile. Needs no
   // GIL, unless look_up does.
-  template <class LookUp>
-  void look_up_row(const Tree& tree, std::size_t row, LookUp&& look_up) {
+  template <class AnyTree, class LookUp>
+  void look_up_row(const AnyTree& tree, std::size_t row, LookUp&& look_up) {
     do {
       set_query_ids(row);
       look_up(queries[row]);
@@ -76,18 +79,21 @@ struct ReadRows {
 
   // The links that the rows climb at most, by the newest parents; if that is more than `most`, any
   // number above it. Costs a walk for each name that a row uses. Needs no GIL.
-  [[nodiscard]] std::uint64_t links(const Tree& tree, std::uint64_t most) const;
+  template <class AnyTree>
+  [[nodiscard]] std::uint64_t links(const AnyTree& tree, std::uint64_t most) const;
 
   // Needs no GIL.
   [[nodiscard]] bool has_invalid_name(std::size_t row) const;
   // The error of a row that has an invalid name.
-  [[nodiscard]] nb::object name_error(const Tree& tree, std::size_t row) const;
+  template <class AnyTree>
+  [[nodiscard]] nb::object name_error(const AnyTree& tree, std::size_t row) const;
 
  private:
   void set_query_ids();
   void set_query_ids(std::size_t row);
   // Finds those names of a row again that have lost their ids. Returns true if there are none.
-  bool find_lost_names(const Tree& tree, std::size_t row);
+  template <class AnyTree>
+  bool find_lost_names(const AnyTree& tree, std::size_t row);
 };
 
 // How the failures of a reply are reported.
@@ -116,7 +122,8 @@ struct AnswerColumns {
 };
 
 // (status, stamps, newest stamps, poses, [(row, error)], reads).
-nb::tuple reply(const Tree& tree, const ReadRows& rows, AnswerColumns&& columns,
+template <class AnyTree>
+nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& columns,
                 const FailureReport& report, const nb::object& reads);
 
 }  // namespace ztf

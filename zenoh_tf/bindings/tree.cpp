@@ -4,8 +4,8 @@
 // waits for a frame or a mutex for more than some microseconds, it releases it. Waits for data, and
 // commits of several transforms, release it. No thread waits for the GIL while it holds a lock of
 // the core, so there is no deadlock between the two.
-#include <chrono>
 #include <cmath>
+#include <system_error>
 
 #include "bindings.hpp"
 
@@ -19,176 +19,7 @@ constexpr std::pair<std::string_view, Concurrency> kConcurrency[] = {
     {"giant", Concurrency::giant},
 };
 
-// Its destruction takes the wait list's mutex, whose holder may wait for a frame.
-struct OwnedWaiter {
-  std::optional<BlockingWaiter> waiter;
-  ~OwnedWaiter() {
-    const GilReleasedOnWait released;
-    waiter.reset();
-  }
-};
-
 constexpr std::int64_t kLeastMemory = 1 << 16;  // bytes
-
-// Blocks until there is an answer to the query that find_names() returns, none can come, or the
-// deadline has passed. Returns the note to append to a failure's message.
-template <class FindNames>
-[[gnu::noinline]] std::string wait(const Tree& tree, FindNames&& find_names, nb::handle target,
-                                   nb::handle source, nb::handle fixed, double timeout_s,
-                                   Answer& answer) {
-  if (!(timeout_s >= 0)) raise_invalid("timeout_s must be 0 or more seconds", "timeout_s");
-  using Clock = BlockingWaiter::Clock;
-  const auto time = std::chrono::duration<double>(std::min(timeout_s, 1e9));
-  const Clock::time_point deadline =
-      Clock::now() + std::chrono::duration_cast<Clock::duration>(time);
-  // Python handles signals in its main thread, while that holds the GIL; so the main thread wakes
-  // up regularly to check.
-  const auto slice =
-      is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
-  OwnedWaiter owned;
-  BlockingWaiter& waiter =
-      owned.waiter.emplace(tree.wait_list(), find_names(), text_of(target, "target_frame"),
-                           text_of(source, "source_frame"),
-                           fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
-  for (Clock::time_point now = Clock::now();; now = Clock::now()) {
-    bool done;
-    {
-      const GilReleased released;
-      done = waiter.wait(deadline - now < slice ? deadline : now + slice);
-    }
-    if (PyErr_CheckSignals() != 0) throw nb::python_error();
-    if (done) {
-      answer = waiter.answer();
-      return {};
-    }
-    if (Clock::now() >= deadline) break;
-  }
-  lookup_holding_gil(tree, answer, find_names);  // the failure as of the deadline
-  return waited(timeout_s);
-}
-
-// The answer as a value; raises its failure.
-StampedTransform stamped_answer(const Tree& tree, const Answer& a, nb::handle target,
-                                nb::handle source, const std::string& note = {}) {
-  if (a.failure.code != Code::ok) [[unlikely]]
-    raise(make_error(tree, a.failure, target, source, note));
-  return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
-}
-
-LatestTransform latest_answer(const Tree& tree, const Answer& a, nb::handle target,
-                              nb::handle source) {
-  return {stamped_answer(tree, a, target, source), a.newest};
-}
-
-Query query_at(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
-  Query query = query_of(tree, Op::latest_common, target, source);
-  query.stamp = stamp_of(stamp, "stamp_ns");
-  if (query.stamp != kNoStamp) query.op = Op::at;
-  return query;
-}
-
-StampedTransform lookup(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-                        double timeout_s) {
-  const auto query = [&] { return query_at(tree, target, source, stamp); };
-  Answer a;
-  if (timeout_s == 0.0) [[likely]] {
-    lookup_holding_gil(tree, a, query);
-    return stamped_answer(tree, a, target, source);
-  }
-  const std::string note = wait(tree, query, target, source, nb::none(), timeout_s, a);
-  return stamped_answer(tree, a, target, source, note);
-}
-
-StampedTransform lookup_full(const Tree& tree, nb::handle target, nb::handle target_stamp,
-                             nb::handle source, nb::handle source_stamp, nb::handle fixed,
-                             double timeout_s) {
-  const auto query = [&] {
-    Query named = query_of(tree, Op::full, target, source);
-    named.stamp = stamp_of(target_stamp, "target_stamp_ns");
-    named.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
-    named.fixed = frame_of(tree, fixed, "fixed_frame").id;
-    return named;
-  };
-  Answer a;
-  std::string note;
-  if (timeout_s == 0.0)
-    lookup_holding_gil(tree, a, query);
-  else
-    note = wait(tree, query, target, source, fixed, timeout_s, a);
-  if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
-  // The lookup failed in one of its halves: source in fixed, or fixed in target.
-  const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
-  return stamped_answer(tree, a, first ? fixed : target, first ? source : fixed, note);
-}
-
-bool can(const Tree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-         double timeout_s) {
-  for (const nb::handle name : {target, source}) {
-    const std::string_view text = text_of(name, "frame");
-    if (text.empty() || text[0] == '/') return false;
-  }
-  const auto query = [&] { return query_at(tree, target, source, stamp); };
-  Answer a;
-  if (timeout_s == 0.0)
-    lookup_holding_gil(tree, a, query);
-  else
-    wait(tree, query, target, source, nb::none(), timeout_s, a);
-  return a.failure.code == Code::ok;
-}
-
-template <Op op>
-LatestTransform latest(const Tree& tree, nb::handle target, nb::handle source) {
-  Answer a;
-  lookup_holding_gil(tree, a, [&] { return query_of(tree, op, target, source); });
-  return latest_answer(tree, a, target, source);
-}
-
-nb::list latest_all(const Tree& tree, nb::handle pairs) {
-  const nb::tuple items = tuple_of(pairs);
-  std::vector<Query> queries;
-  std::vector<FrameRef> frames;  // of the queries: target, source
-  std::vector<std::pair<nb::object, nb::object>> names;
-  for (const nb::handle item : items) {
-    const nb::tuple pair = nb::steal<nb::tuple>(PySequence_Tuple(item.ptr()));
-    if (!pair.is_valid() || pair.size() != 2) {
-      PyErr_Clear();
-      raise_invalid("pairs must hold (target_frame, source_frame) tuples", "pairs");
-    }
-    names.emplace_back(pair[0], pair[1]);
-    frames.push_back(frame_of(tree, pair[0], "target_frame"));
-    frames.push_back(frame_of(tree, pair[1], "source_frame"));
-    queries.push_back({Op::latest_xact, frames[frames.size() - 2].id, frames.back().id});
-  }
-  std::vector<Answer> answers(queries.size());
-  ReadSet reads;
-  // Resolves the names again after the transaction: a frame that was created or removed meanwhile
-  // would be reported beside newer state of another pair.
-  for (bool unchanged = false; !unchanged;) {
-    {
-      const GilReleasedOnWait released;
-      tree.lookup_transaction(queries, answers, reads);
-    }
-    unchanged = true;
-    for (std::size_t i = 0; i < queries.size(); ++i) {
-      const FrameRef target = frame_of(tree, names[i].first, "target_frame");
-      const FrameRef source = frame_of(tree, names[i].second, "source_frame");
-      unchanged &= target == frames[2 * i] && source == frames[2 * i + 1];
-      frames[2 * i] = target, frames[2 * i + 1] = source;
-      queries[i].target = target.id, queries[i].source = source.id;
-    }
-  }
-  nb::list out;
-  for (std::size_t i = 0; i < answers.size(); ++i)
-    out.append(latest_answer(tree, answers[i], names[i].first, names[i].second));
-  return out;
-}
-
-std::optional<Stamp> latest_common_time(const Tree& tree, nb::handle a, nb::handle b) {
-  Answer answer;
-  lookup_holding_gil(tree, answer, [&] { return query_of(tree, Op::common_time, a, b); });
-  if (answer.failure.code != Code::ok) raise(make_error(tree, answer.failure, a, b));
-  return answer.stamp == kNoStamp ? std::nullopt : std::optional(answer.stamp);
-}
 
 bool set(Tree& tree, const StampedTransform& s, std::string_view authority, bool is_static) {
   const std::string_view names[] = {text_of(s.parent_frame, "parent_frame"),
@@ -266,10 +97,13 @@ Concurrency concurrency_of(std::string_view name) {
                 "concurrency");
 }
 
+std::int64_t ns_of(double seconds) { return static_cast<std::int64_t>(seconds * 1e9); }
+
 void construct(Tree* self, double cache_time_s, std::string_view concurrency,
                std::int64_t max_frames, std::int64_t max_samples_per_frame,
                std::int64_t max_name_bytes, std::int64_t max_depth, bool one_authority_per_frame,
-               std::string_view time_jump, std::int64_t max_memory_bytes) {
+               std::string_view time_jump, std::int64_t max_memory_bytes,
+               std::uint64_t max_log_bytes, bool shared, std::string_view instance) {
   Options options;
   if (!(cache_time_s > 0 && cache_time_s <= 1e9))
     raise_invalid("cache_time_s must be above 0 and at most 1e9 seconds", "cache_time_s");
@@ -289,7 +123,15 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency,
   if (time_jump != "reject" && time_jump != "clear")
     raise_invalid("time_jump must be 'reject' or 'clear', not " + quoted(time_jump), "time_jump");
   options.clear_on_time_jump = time_jump == "clear";
-  new (self) Tree(options);
+  options.max_log_bytes = max_log_bytes;
+  options.shared = shared;
+  options.instance = instance;
+  try {
+    new (self) Tree(options);
+  } catch (const std::system_error& error) {
+    const nb::object type = nb::borrow(PyExc_OSError);
+    raise(type(error.code().value(), error.what()));
+  }
 }
 
 // "TransformTree(3 frames, cache_time_s=10.0, concurrency='optimistic')"
@@ -330,24 +172,6 @@ void bind_writes(nb::class_<Tree>& tree) {
            nb::arg("expires_ns"));
 }
 
-void bind_lookups(nb::class_<Tree>& tree) {
-  tree.def("lookup_transform", &lookup, ZTF_DOC(Tree_lookup_transform), nb::arg("target"),
-           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_transform_full", &lookup_full, ZTF_DOC(Tree_lookup_transform_full),
-           nb::arg("target"), nb::arg("target_stamp_ns").none(), nb::arg("source"),
-           nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
-      .def("can_transform", &can, ZTF_DOC(Tree_can_transform), nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_latest_transform", &latest<Op::latest>, ZTF_DOC(Tree_lookup_latest_transform),
-           nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transform_xact", &latest<Op::latest_xact>,
-           ZTF_DOC(Tree_lookup_latest_transform_xact), nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transforms_xact", &latest_all,
-           ZTF_DOC(Tree_lookup_latest_transforms_xact), nb::arg("pairs"))
-      .def("latest_common_time", &latest_common_time, ZTF_DOC(Tree_latest_common_time),
-           nb::arg("a"), nb::arg("b"));
-}
-
 }  // namespace
 
 void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
@@ -375,7 +199,15 @@ void bind_tree(nb::module_& m) {
            nb::arg("max_name_bytes") = defaults.max_name_bytes,
            nb::arg("max_depth") = defaults.max_depth,
            nb::arg("one_authority_per_frame") = defaults.one_authority_per_frame,
-           nb::arg("time_jump") = "reject", nb::arg("max_memory_bytes") = 0)
+           nb::arg("time_jump") = "reject", nb::arg("max_memory_bytes") = 0,
+           nb::arg("max_log_bytes") = 0, nb::arg("_shared") = false, nb::arg("_instance") = "")
+      .def("_region_fd", &Tree::descriptor)
+      .def(
+          "_begin_lease", [](Tree& t, double seconds) { t.begin_lease(ns_of(seconds)); },
+          nb::arg("duration_s"))
+      .def(
+          "_extend_lease", [](Tree& t, double seconds) { return t.extend_lease(ns_of(seconds)); },
+          nb::arg("duration_s"))
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
   bind_lookups(tree);

@@ -3,13 +3,14 @@
 // GIL: kept, as by every single lookup.
 #include <cmath>
 
-#include "bindings.hpp"
+#include "ask_server.hpp"
 
 namespace ztf {
 
 namespace {
 
-nb::dict velocity_record(const Tree& tree, nb::handle tracking, nb::handle observation,
+template <class AnyTree>
+nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle observation,
                          nb::handle stamp, Stamp interval, nb::handle reference_or_none,
                          nb::handle point, nb::handle point_frame_or_none) {
   const nb::handle reference = reference_or_none.is_none() ? observation : reference_or_none;
@@ -64,8 +65,15 @@ nb::dict velocity_record(const Tree& tree, nb::handle tracking, nb::handle obser
 }  // namespace
 
 void bind_velocity(nb::class_<Tree>& tree) {
-  tree.def("_velocity_record", &velocity_record, nb::arg("tracking_frame"),
+  tree.def("_velocity_record", &velocity_record<Tree>, nb::arg("tracking_frame"),
            nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
+           nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
+           nb::arg("reference_point"), nb::arg("reference_point_frame").none());
+}
+
+void bind_velocity(nb::class_<SharedTree>& tree) {
+  tree.def("_velocity_record", or_ask_server<&velocity_record<SharedTree>>,
+           nb::arg("tracking_frame"), nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
            nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
            nb::arg("reference_point"), nb::arg("reference_point_frame").none());
 }

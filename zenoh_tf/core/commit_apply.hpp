@@ -16,6 +16,10 @@ class CommitExecution {
   // plan. Throws bad_alloc.
   void reserve();
 
+  // Fills the ticket's entry with what apply() is going to change (commit_log.cpp). Requires a
+  // ready plan. Throws bad_alloc.
+  void log(LogTicket& ticket, const WriteLocks& locks) const;
+
   // Stores the plan's rows and publishes its names. Requires reserve(), the write locks, and that
   // WriteLocks::begin_write() has been called. Names are no part of a reader's snapshot: they are
   // published one by one, so a lookup may find one new name and not yet another.

@@ -45,6 +45,8 @@ class CommitNames {
   [[nodiscard]] bool all_valid() const noexcept { return all_valid_; }
   // The id of a name of the request; 0 if the name is new.
   [[nodiscard]] FrameId id(std::uint32_t index) const noexcept { return ids_[index]; }
+  // The name itself, as it is stored.
+  [[nodiscard]] std::string_view name(std::uint32_t index) const noexcept { return names_[index]; }
 
   // Looks up the authority, and with `may_add` looks up the names again and forgets the ids that an
   // earlier attempt has assigned. Returns false if a name or the authority is new and may not be

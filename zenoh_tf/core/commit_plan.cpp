@@ -327,7 +327,7 @@ void CommitPlan::prepare_ring(FrameWrites& group) {
 
 void CommitPlan::give_back_rings() noexcept {
   for (const PreparedRing& prepared : prepared_rings_)
-    if (prepared.ring && !prepared.ring.is_empty()) prepared.ring.give_back(tree_.ring_arena_);
+    if (prepared.ring) prepared.ring.give_back(tree_.ring_arena_);
   prepared_rings_.clear();
 }
 

@@ -16,14 +16,14 @@ namespace ztf {
 // read. Returns false if the caller must use the general walk, with a new range. Then the target is
 // not within kDirectLinks above the source, validation has failed, or the links differ in their
 // stamps although `one_stamp` is set. Requires target != source.
-template <class Guard>
-ZTF_ALWAYS_INLINE bool compose_newest_links(const Frame* frames, Guard& guard,
+template <class Access, class Guard>
+ZTF_ALWAYS_INLINE bool compose_newest_links(const Access& access, Guard& guard,
                                             std::size_t max_depth, FrameId target, FrameId source,
                                             bool one_stamp, StampRange& stamps, Pose& pose) {
   PathStep steps[kDirectLinks];
   const std::size_t limit = std::min(kDirectLinks, max_depth);
-  const Frame* const goal = frames + target;
-  const Frame* frame = frames + source;
+  const Frame* const goal = access.frame(target);
+  const Frame* frame = access.frame(source);
   std::size_t links = 0;
   Pose product;
   do {
@@ -36,7 +36,7 @@ ZTF_ALWAYS_INLINE bool compose_newest_links(const Frame* frames, Guard& guard,
     stamps.include(link.stamp);
     if (one_stamp && !stamps.all_equal()) return false;
     product = links == 1 ? frame->latest.pose.load() : frame->latest.pose.load() * product;
-    frame = frames + link.parent;
+    frame = access.frame(link.parent);
   } while (frame != goal);
   pose = product;
   return guard.validate({steps, links});

@@ -11,15 +11,17 @@
 // 3. Where `parent_changes` is 0, all samples have the parent `parent`, and the ring's own parents
 //    are meaningless. A sample that is not the newest has parent 0 if its parent was removed
 //    (tree_names.cpp).
-// 4. `samples_per_ns` is 0 unless parent_changes is 0 and count at least 2. It is stored after the
-//    ring: a reader that sees another value than 0 also sees a ring, even in a torn read.
+// 4. `samples_per_ns` is 0 unless parent_changes is 0 and count at least 2.
 // 5. A frame that is not static and has count 0 has no parent: it is a root, new, or cleared.
-// 6. A frame that ever had a ring has one for ever. A replaced ring goes to another frame once the
-//    frame has a new version (ring_arena.hpp).
+// 6. A ring that was replaced or taken away goes to another frame once the frame has a new version
+//    (ring_arena.hpp).
+// 7. Nothing here is an address, so that another process may map frames and rings wherever it
+//    likes (region.hpp).
 #pragma once
 
 #include <atomic>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <new>
@@ -90,14 +92,15 @@ static_assert(sizeof(Sample) == 64);
 // The samples behind a frame's record: their address and capacity in one word. The low bits, which
 // the address leaves free, hold the capacity's logarithm, so both always belong together. The
 // samples' parents are stored after all samples. They are rarely touched, as mostly all samples
-// have the frame's parent.
+// have the frame's parent. A ring of capacity 1 is none: a frame without a ring gives its newest
+// sample as one, so that a torn read always finds a sample. It has no parents.
 class Ring {
  public:
   Ring() noexcept = default;  // none
-  explicit operator bool() const noexcept { return word_ != 0; }
+  explicit operator bool() const noexcept { return (word_ & kLogarithm) != 0; }
 
-  // Returns a ring whose samples mean nothing. Requires a capacity that is a power of two. Throws
-  // RingArena::Full and bad_alloc.
+  // Returns a ring whose samples mean nothing. Requires a capacity that is a power of two, and at
+  // least 2. Throws RingArena::Full and bad_alloc.
   static Ring make(std::uint32_t capacity, RingArena& memory) {
     const auto logarithm = static_cast<unsigned>(std::countr_zero(capacity));
     Ring ring;
@@ -105,10 +108,6 @@ class Ring {
         reinterpret_cast<std::uintptr_t>(memory.allocate(logarithm, lines(capacity))) | logarithm;
     return ring;
   }
-  // Returns a ring that is too small for a history. A frame whose ring was taken away gets it, so
-  // that a torn read always finds a ring. Throws RingArena::Full and bad_alloc.
-  static Ring make_empty(RingArena& memory) { return make(1, memory); }
-  [[nodiscard]] bool is_empty() const noexcept { return capacity() == 1; }
   // Gives the memory back, under the conditions of RingArena::give_back().
   void give_back(RingArena& memory) const noexcept {
     memory.give_back(static_cast<unsigned>(word_ & kLogarithm),
@@ -117,6 +116,20 @@ class Ring {
 
   [[nodiscard]] ZTF_ALWAYS_INLINE std::uint32_t capacity() const noexcept {
     return std::uint32_t{1} << (word_ & kLogarithm);
+  }
+
+  // For readers that do not trust the word: false if the capacity is more than any ring has; then
+  // only begin() may be called besides.
+  [[nodiscard]] ZTF_ALWAYS_INLINE bool has_valid_capacity() const noexcept {
+    return (word_ & kLogarithm) <= 30;
+  }
+  [[nodiscard]] ZTF_ALWAYS_INLINE const void* begin() const noexcept { return samples(); }
+  [[nodiscard]] ZTF_ALWAYS_INLINE std::size_t bytes() const noexcept {
+    return std::size_t{capacity()} * sizeof(Sample) + (*this ? capacity() * sizeof(FrameId) : 0);
+  }
+  // None, for the frame of which this is the newest sample.
+  static Ring without(const Sample& latest) noexcept {
+    return Ring(reinterpret_cast<std::uintptr_t>(&latest));
   }
 
   [[nodiscard]] ZTF_ALWAYS_INLINE Sample& sample(std::uint32_t i) const noexcept {
@@ -150,8 +163,10 @@ class Ring {
   void prefetch_for_write(std::uint32_t i) const noexcept { ztf::prefetch_for_write(&sample(i)); }
 
  private:
+  friend class RelativeRing;
   static constexpr std::uintptr_t kLogarithm = 63;
 
+  explicit Ring(std::uintptr_t word) noexcept : word_(word) {}
   // The samples, then their parents.
   static std::size_t lines(std::uint32_t capacity) noexcept {
     return capacity + (capacity * sizeof(FrameId) + 63) / 64;
@@ -166,6 +181,28 @@ class Ring {
   std::uintptr_t word_ = 0;
 };
 
+// A frame's ring, as the distance from the frame's newest sample to the ring: one addition to an
+// address that a reader has at hand (docs/decisions/0011-trees-in-shared-memory.md). 0 is none.
+class RelativeRing {
+ public:
+  [[nodiscard]] ZTF_ALWAYS_INLINE Ring
+  load(std::memory_order order = std::memory_order_seq_cst) const noexcept {
+    return Ring(latest() + distance_.load(order));
+  }
+  void store(Ring ring, std::memory_order order) noexcept {
+    distance_.store(ring ? ring.word_ - latest() : 0, order);
+  }
+
+  // From the ring's word to the frame's newest sample.
+  static constexpr std::size_t kToLatest = 48;
+
+ private:
+  [[nodiscard]] ZTF_ALWAYS_INLINE std::uintptr_t latest() const noexcept {
+    return reinterpret_cast<std::uintptr_t>(this) + kToLatest;
+  }
+  std::atomic<std::uint64_t> distance_;
+};
+
 // One frame's record in two adjacent cache lines: what a walk needs, then the newest sample.
 // Lookups of newest samples touch nothing else, which keeps them fast under contention, where
 // coherence traffic is the cost.
@@ -173,7 +210,7 @@ struct alignas(128) Frame {
   SeqLock version;
   SharedLock shared;  // two-phase locking only
   std::atomic<FrameId> parent;
-  std::atomic<Ring> ring;
+  RelativeRing ring;
   std::atomic<std::uint32_t> first;
   std::atomic<std::uint32_t> count;
   std::atomic<Stamp> oldest_stamp;            // of the ring's samples
@@ -192,6 +229,6 @@ struct alignas(128) Frame {
   }
 };
 static_assert(sizeof(Frame) == 128);
-static_assert(std::atomic<Ring>::is_always_lock_free);
+static_assert(offsetof(Frame, latest) - offsetof(Frame, ring) == RelativeRing::kToLatest);
 
 }  // namespace ztf

@@ -22,15 +22,10 @@
 #include <utility>
 
 #include "compose.hpp"
+#include "options.hpp"
 #include "small_vector.hpp"
 
 namespace ztf {
-
-enum class Concurrency : std::uint8_t {
-  optimistic,  // readers take no locks and validate versions; a commit locks the frames it writes
-  two_phase,   // readers and commits lock their frames and unlock them only at the end
-  giant,       // one mutex for every transaction
-};
 
 // A frame and the version in which it was read.
 struct ReadVersion {

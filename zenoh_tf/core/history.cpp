@@ -39,13 +39,13 @@ std::uint32_t search_ring(Ring ring, std::uint32_t first, std::uint32_t high, do
 
 }  // namespace
 
-LinkLookup find_link_by_search(const Frame& frame, Stamp time, SampleInterval& interval) noexcept {
+LinkLookup find_link_by_search(const Frame& frame, Ring ring, Stamp time,
+                               SampleInterval& interval) noexcept {
   using Status = LinkLookup::Status;
   const auto acquire = std::memory_order_acquire;
   const FrameId parent = frame.parent.load(acquire);
   const std::uint32_t count = frame.count.load(acquire);
   const Stamp newest = frame.latest.stamp.load(acquire);
-  const Ring ring = frame.ring.load(acquire);
   interval = {&frame.latest, &frame.latest, time};
   if (count == 0) return {Status::root, 0};
   if (count == 1 || !ring) return {Status::no_data, parent};  // without a ring: a torn read

@@ -49,12 +49,12 @@ ZTF_ALWAYS_INLINE double elapsed_ns(Stamp from, Stamp to) noexcept {
 // false, and the caller has to search.
 class UniformHistory {
  public:
-  // Loads the words in the order of the members.
-  ZTF_ALWAYS_INLINE explicit UniformHistory(const Frame& frame) noexcept
+  // Requires the frame's ring, as it is now or was before.
+  ZTF_ALWAYS_INLINE UniformHistory(const Frame& frame, Ring ring) noexcept
       : rate_(frame.samples_per_ns.load(std::memory_order_acquire)),
         newest_(frame.latest.stamp.load(std::memory_order_acquire)),
         oldest_(frame.oldest_stamp.load(std::memory_order_acquire)),
-        ring_(frame.ring.load(std::memory_order_acquire)),
+        ring_(ring),
         end_(frame.first.load(std::memory_order_acquire) +
              frame.count.load(std::memory_order_acquire)) {}
 
@@ -80,8 +80,6 @@ class UniformHistory {
   [[nodiscard]] Ring ring() const noexcept { return ring_; }
 
  private:
-  // Members are initialized, and so the frame's words are loaded, in this order. The rate must come
-  // first: a reader that sees a rate above 0 also sees a ring (frame.hpp).
   const double rate_;
   const Stamp newest_, oldest_;
   const Ring ring_;
@@ -89,15 +87,18 @@ class UniformHistory {
 };
 
 // The slow path of find_link(): searches the ring, and decides why there is no sample.
-LinkLookup find_link_by_search(const Frame& frame, Stamp time, SampleInterval& interval) noexcept;
+LinkLookup find_link_by_search(const Frame& frame, Ring ring, Stamp time,
+                               SampleInterval& interval) noexcept;
 
 // Returns a frame's parent at a time and sets its samples then. If the frame has no sample at the
-// time, sets the interval to the newest sample, so that a caller may read it.
-ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp time,
+// time, sets the interval to the newest sample, so that a caller may read it. Requires the frame's
+// ring, as it is now or was before. The caller has loaded it, as not every reader trusts its place
+// (frame_access.hpp).
+ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Ring ring, Stamp time,
                                        SampleInterval& interval) noexcept {
   using Status = LinkLookup::Status;
   const FrameId parent = frame.parent.load(std::memory_order_acquire);
-  const UniformHistory history(frame);
+  const UniformHistory history(frame, ring);
   if (history.contains(time)) [[likely]] {
     if (history.find(time, interval)) [[likely]]
       return {Status::ok, parent};
@@ -106,7 +107,7 @@ ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp time,
     interval = {&frame.latest, &frame.latest, time};
     return {parent == 0 ? Status::root : Status::ok, parent};
   }
-  return find_link_by_search(frame, time, interval);
+  return find_link_by_search(frame, ring, time, interval);
 }
 
 // Finds a frame's samples for many times in turn, and reads the frame only once. Where the guess by
@@ -114,8 +115,8 @@ ZTF_ALWAYS_INLINE LinkLookup find_link(const Frame& frame, Stamp time,
 // irregular history that makes Tree::lookup_batch 2.4 times as fast.
 class HistoryCursor {
  public:
-  HistoryCursor(const Frame& frame, bool ascending) noexcept
-      : frame_(frame), history_(frame), ascending_(ascending) {}
+  HistoryCursor(const Frame& frame, Ring ring, bool ascending) noexcept
+      : frame_(frame), history_(frame, ring), ascending_(ascending) {}
 
   // Sets the interval as find_link() does. Returns false if the frame has no sample at the time.
   ZTF_ALWAYS_INLINE bool find(Stamp time, SampleInterval& interval) noexcept {
@@ -136,7 +137,8 @@ class HistoryCursor {
     return false;
   }
   [[gnu::noinline]] bool find_anew(Stamp time, SampleInterval& interval) noexcept {
-    const bool found = find_link(frame_, time, interval).status == LinkLookup::Status::ok;
+    const bool found =
+        find_link(frame_, history_.ring(), time, interval).status == LinkLookup::Status::ok;
     slot_ = history_.ring().index_of(*interval.older);
     // False for a sample of another ring, as in a torn read.
     steps_ = ascending_ && found && interval.older != interval.newer &&
@@ -163,9 +165,8 @@ inline Stamp oldest_served_stamp(const Frame& frame) noexcept {
   return (frame.count.load(acquire) == 0 ? frame.latest.stamp : frame.oldest_stamp).load(acquire);
 }
 
-// Returns the parent of the oldest sample.
-inline FrameId oldest_parent(const Frame& frame) noexcept {
-  const Ring ring = frame.ring.load(std::memory_order_acquire);
+// Returns the parent of the oldest sample. Requires the frame's ring.
+inline FrameId oldest_parent(const Frame& frame, Ring ring) noexcept {
   if (!ring || frame.count.load(std::memory_order_acquire) == 0)
     return frame.parent.load(std::memory_order_acquire);
   return parent_at(frame, ring, frame.first.load(std::memory_order_acquire));

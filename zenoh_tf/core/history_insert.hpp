@@ -88,7 +88,7 @@ inline bool needs_larger_ring(const Frame& frame, std::uint64_t kept, std::uint3
                               const HistoryLimits& limits) noexcept {
   const Ring ring = frame.ring.load(std::memory_order_relaxed);
   const std::uint64_t wanted = std::min<std::uint64_t>(kept + extra, limits.max_samples);
-  return !ring || ring.capacity() < wanted || ring.is_empty();
+  return !ring || ring.capacity() < wanted;
 }
 
 // Returns a larger ring with the frame's samples, with room for `extra` more. Requires the write

@@ -84,6 +84,15 @@ class SeqLock {
     return version & kWriting ? wait_for_writer() : version;
   }
 
+  // The same, but waits only as long as wait() returns true. Then returns a version that no frame
+  // ever has, so that its validation fails. A boolean result would take a third off the speed of
+  // the shortest lookups.
+  template <class Wait>
+  ZTF_ALWAYS_INLINE Version read_begin(Wait&& wait) const {
+    const Version version = current();
+    return version & kWriting ? wait_for_writer(wait) : version;
+  }
+
   // Calls read(version) until no write happened during the call, and returns its result. Discarded
   // calls may see torn values. After kOptimisticReads failed attempts it takes the writer lock, so
   // that it ends however often others write. Requires that the caller does not hold that lock.
@@ -162,6 +171,12 @@ class SeqLock {
     const auto result = read(version);
     unlock_unchanged(version);
     return result;
+  }
+  template <class Wait>
+  [[gnu::noinline, gnu::cold]] Version wait_for_writer(Wait& wait) const {
+    while (wait())
+      if (const Version version = current(); !(version & kWriting)) return version;
+    return ~Version{0};  // with kWriteLocked, which current() never returns
   }
   [[gnu::noinline, gnu::cold]] Version wait_for_writer() const {
     Backoff backoff;

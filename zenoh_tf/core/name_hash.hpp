@@ -26,6 +26,10 @@ ZTF_ALWAYS_INLINE Word word_at(const char* text) noexcept {
 class NameHash {
  public:
   NameHash() : NameHash(std::random_device()) {}
+  NameHash(std::uint64_t seed, std::uint64_t mix) noexcept : seed_(seed), mix_(mix) {}
+
+  [[nodiscard]] std::uint64_t seed() const noexcept { return seed_; }
+  [[nodiscard]] std::uint64_t mix() const noexcept { return mix_; }
 
   // All 64 bits depend on every byte and on the length.
   [[nodiscard]] ZTF_ALWAYS_INLINE std::uint64_t operator()(std::string_view name) const noexcept {

@@ -30,12 +30,12 @@ inline Code code_of(LinkLookup::Status status) noexcept {
 
 // Answers queries under one guard. Every public function returns false if the transaction must
 // be retried; then its outputs mean nothing.
-template <class Guard>
+template <class Guard, class Access>
 class Reader {
  public:
-  Reader(const Frame* frames, Guard& guard, std::uint32_t max_depth,
+  Reader(const Access& access, Guard& guard, std::uint32_t max_depth,
          const std::atomic<bool>& ever_reparented, const std::atomic<std::uint64_t>& ids_freed)
-      : frames_(frames),
+      : access_(access),
         guard_(guard),
         max_depth_(max_depth),
         ever_reparented_(ever_reparented),
@@ -93,7 +93,7 @@ class Reader {
     a.failure.code = Code::ok;
     return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
       if (never_reparented())
-        block.compute(chain);
+        compute(block, chain);
       else
         block.leave_unanswered();
       return true;
@@ -117,8 +117,13 @@ class Reader {
   }
 
  private:
-  [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept {
-    return static_cast<FrameId>(frame - frames_);
+  [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept { return access_.id_of(frame); }
+
+  void compute(SampleBlock& block, const Chain& chain) const {
+    SmallVector<Ring, 32> source, target;
+    for (const PathStep& step : chain.source) source.push_back(access_.ring(*step.frame));
+    for (const PathStep& step : chain.target) target.push_back(access_.ring(*step.frame));
+    block.compute(chain, {source.begin(), source.size()}, {target.begin(), target.size()});
   }
 
   // True if no frame ever had samples of two parents in its history. Then a chain found for one
@@ -135,9 +140,9 @@ class Reader {
   template <class LinkSelector, class Body>
   ZTF_ALWAYS_INLINE bool with_chain(FrameId target, FrameId source, LinkSelector select,
                                     Stamp stamp, Answer& a, Body body) {
-    AncestorPath from_source(frames_ + source), from_target(frames_ + target);
+    AncestorPath from_source(access_.frame(source)), from_target(access_.frame(target));
     Chain chain;
-    Walker<Guard, LinkSelector> walker(frames_, guard_, select, max_depth_);
+    Walker<Access, Guard, LinkSelector> walker(access_, guard_, select, max_depth_);
     switch (walker.find_chain(from_source, from_target, chain)) {
       case WalkResult::reached:
         if (!body(chain)) return false;
@@ -176,7 +181,7 @@ class Reader {
   ZTF_ALWAYS_INLINE bool lookup_latest_common(FrameId target, FrameId source, Answer& a) {
     if (target == source) return lookup_self(target, 0, a);
     StampRange newest;
-    if (compose_newest_links(frames_, guard_, max_depth_, target, source, true, newest, a.pose)) {
+    if (compose_newest_links(access_, guard_, max_depth_, target, source, true, newest, a.pose)) {
       a.stamp = oldest_or_zero(newest);
       return true;
     }
@@ -193,7 +198,7 @@ class Reader {
   ZTF_ALWAYS_INLINE bool lookup_latest(FrameId target, FrameId source, Answer& a) {
     if (target == source) return lookup_self(target, 0, a);
     StampRange newest;
-    if (compose_newest_links(frames_, guard_, max_depth_, target, source, false, newest, a.pose)) {
+    if (compose_newest_links(access_, guard_, max_depth_, target, source, false, newest, a.pose)) {
       set_stamps(newest, a);
       return true;
     }
@@ -236,7 +241,7 @@ class Reader {
   // Answers the lookup of a frame in itself: the identity, with the stamp of its newest sample. For
   // a root or a static frame the stamp is `timeless_stamp`, which is kNoStamp for common_time.
   bool lookup_self(FrameId id, Stamp timeless_stamp, Answer& a) {
-    const Frame& frame = frames_[id];
+    const Frame& frame = *access_.frame(id);
     Version version;
     if (!guard_.read_version(frame, version)) return false;
     const LatestLink link(frame);
@@ -266,10 +271,11 @@ class Reader {
 
   // Sets the intervals of newest links to an earlier time. Returns false if a link has no sample
   // then. Requires never_reparented(), because the links must have the same parents at that time.
-  static bool move_to_time(PathSegment steps, Stamp time) noexcept {
+  bool move_to_time(PathSegment steps, Stamp time) const noexcept {
     for (PathStep& step : steps) {
       if (step.interval.time == time || step.interval.time == kNoStamp) continue;
-      if (find_link(*step.frame, time, step.interval).status != LinkLookup::Status::ok)
+      const Ring ring = access_.ring(*step.frame);
+      if (find_link(*step.frame, ring, time, step.interval).status != LinkLookup::Status::ok)
         return false;
     }
     return true;
@@ -297,7 +303,7 @@ class Reader {
         return LatestLink(frame);
       });
       const Frame* const parent = i + 1 < steps.size() ? steps[i + 1].frame : common_ancestor;
-      if (frames_ + link.parent != parent) return false;
+      if (access_.frame(link.parent) != parent) return false;
       stamps.include(link.stamp);
       pose = newest * pose;
     }
@@ -332,7 +338,7 @@ class Reader {
         a.failure.frame = id_of(path->highest);
         // A time before the history gets the oldest sample's parent, one after it the newest's.
         a.failure.parent = path->failure == LinkLookup::Status::backward
-                               ? oldest_parent(frame)
+                               ? oldest_parent(frame, access_.ring(frame))
                                : frame.parent.load(std::memory_order_acquire);
         a.failure.oldest = oldest_served_stamp(frame);
         a.failure.newest = frame.latest.stamp.load(std::memory_order_acquire);
@@ -340,7 +346,7 @@ class Reader {
       }
   }
 
-  const Frame* const frames_;
+  const Access access_;
   Guard& guard_;
   const std::uint32_t max_depth_;
   const std::atomic<bool>& ever_reparented_;

@@ -21,10 +21,9 @@
 #include <atomic>
 #include <cstddef>
 #include <mutex>
-#include <vector>
 
 #include "long_wait.hpp"
-#include "zeroed_array.hpp"
+#include "region.hpp"
 
 namespace ztf {
 
@@ -39,8 +38,9 @@ class RingArena {
   // Thrown if allocate() would exceed the limit.
   struct Full {};
 
-  // With max_bytes 0 there is no limit.
-  explicit RingArena(std::uint64_t max_bytes) : max_lines_(max_bytes / sizeof(Line)) {}
+  // With max_bytes 0 there is no limit. Requires that the region outlives this object.
+  RingArena(Region& region, std::uint64_t max_bytes)
+      : region_(region), max_lines_(max_bytes / sizeof(Line)) {}
   RingArena(const RingArena&) = delete;
   RingArena& operator=(const RingArena&) = delete;
 
@@ -55,10 +55,11 @@ class RingArena {
     if (max_lines_ != 0 && lines_ + lines > max_lines_) throw Full();
     if (lines > left_) {
       // The rest of the last block stays unused.
-      const std::size_t size = std::max(lines, kFirstBlock << std::min(blocks_.size(), kDoublings));
-      blocks_.emplace_back(size);
-      free_ = blocks_.back().begin();
-      left_ = size;
+      const std::size_t size = std::max(lines, kFirstBlock << std::min(blocks_, kDoublings));
+      const Region::Piece block = region_.allocate(lines * sizeof(Line), size * sizeof(Line));
+      ++blocks_;
+      free_ = reinterpret_cast<Line*>(block.begin);
+      left_ = block.bytes / sizeof(Line);
     }
     Line* const taken = free_;
     free_ += lines;
@@ -86,9 +87,10 @@ class RingArena {
   static constexpr std::size_t kDoublings = 9;      // up to 32 MiB
 
   mutable std::mutex mutex_;
+  Region& region_;
   const std::uint64_t max_lines_;
   std::uint64_t lines_ = 0;  // given out, ever
-  std::vector<ZeroedArray<Line>> blocks_;
+  std::size_t blocks_ = 0;
   Line* free_ = nullptr;
   std::size_t left_ = 0;
   std::array<Line*, 64> free_rings_{};  // by the capacity's logarithm

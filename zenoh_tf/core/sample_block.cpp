@@ -4,13 +4,13 @@
 namespace ztf {
 
 // Multiplies the poses by the link's poses from the left; the first link's replace them.
-ZTF_MULTIVERSION void SampleBlock::compose_link(const Frame& frame, bool is_first,
+ZTF_MULTIVERSION void SampleBlock::compose_link(const Frame& frame, Ring ring, bool is_first,
                                                 Poses& poses) noexcept {
   yield_point();
   // All samples are found before any pose is computed, so that the loads of the next times overlap
   // with each other instead of waiting for the arithmetic.
   std::array<SampleInterval, kRows> intervals;
-  HistoryCursor cursor(frame, ascending_);
+  HistoryCursor cursor(frame, ring, ascending_);
   for (std::size_t row = 0; row < 4 * quads(); ++row) {
     const Stamp time = queries_[std::min(row, queries_.size() - 1)].stamp;
     if (!cursor.find(time, intervals[row])) unanswered_[row] = true;
@@ -22,17 +22,20 @@ ZTF_MULTIVERSION void SampleBlock::compose_link(const Frame& frame, bool is_firs
   }
 }
 
-void SampleBlock::compose_segment(const PathSegment& steps, Poses& poses) noexcept {
-  for (std::size_t i = 0; i < steps.size(); ++i) compose_link(*steps[i].frame, i == 0, poses);
+void SampleBlock::compose_segment(const PathSegment& steps, std::span<const Ring> rings,
+                                  Poses& poses) noexcept {
+  for (std::size_t i = 0; i < steps.size(); ++i)
+    compose_link(*steps[i].frame, rings[i], i == 0, poses);
 }
 
-ZTF_MULTIVERSION void SampleBlock::compute(const Chain& chain) noexcept {
+ZTF_MULTIVERSION void SampleBlock::compute(const Chain& chain, std::span<const Ring> source_rings,
+                                           std::span<const Ring> target_rings) noexcept {
   unanswered_.fill(false);
   ascending_ = std::is_sorted(queries_.begin(), queries_.end(),
                               [](const Query& a, const Query& b) { return a.stamp < b.stamp; });
   Poses poses, from_target;
-  compose_segment(chain.source, poses);
-  compose_segment(chain.target, from_target);
+  compose_segment(chain.source, source_rings, poses);
+  compose_segment(chain.target, target_rings, from_target);
   if (!chain.target.empty())
     for (std::size_t i = 0; i < quads(); ++i)
       poses[i] =

@@ -28,8 +28,10 @@ class SampleBlock {
   [[nodiscard]] const Query& first() const noexcept { return queries_[0]; }
   [[nodiscard]] Answer& first_answer() const noexcept { return answers_[0]; }
 
-  // Answers the rows at whose time all links of the chain have a sample.
-  void compute(const Chain& chain) noexcept;
+  // Answers the rows at whose time all links of the chain have a sample. Requires the ring of each
+  // frame of both segments.
+  void compute(const Chain& chain, std::span<const Ring> source_rings,
+               std::span<const Ring> target_rings) noexcept;
   void leave_unanswered() noexcept { unanswered_.fill(true); }
   [[nodiscard]] bool unanswered(std::size_t row) const noexcept { return unanswered_[row]; }
 
@@ -38,8 +40,9 @@ class SampleBlock {
   using Poses = std::array<Pose4, kRows / 4>;
 
   [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
-  void compose_link(const Frame& frame, bool is_first, Poses& poses) noexcept;
-  void compose_segment(const PathSegment& steps, Poses& poses) noexcept;
+  void compose_link(const Frame& frame, Ring ring, bool is_first, Poses& poses) noexcept;
+  void compose_segment(const PathSegment& steps, std::span<const Ring> rings,
+                       Poses& poses) noexcept;
 
   const std::span<const Query> queries_;
   const std::span<Answer> answers_;

@@ -5,32 +5,41 @@
 
 #include "commit_validation.hpp"
 #include "history_insert.hpp"
+#include "host.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
 
-namespace {
-
-// A tree has more ids than frames. So at the limit of frames, too, ids are freed only after many
-// removals, and each bears a small part of what it costs to look at all frames (tree_names.cpp).
-std::uint32_t most_ids(const Options& options) noexcept {
-  return options.max_frames + options.max_frames / 16;
-}
-
-}  // namespace
-
 Tree::Tree(const Options& options)
     : options_(options),
-      frame_array_(most_ids(options) + 1),
-      frames_(frame_array_.begin()),
-      ring_arena_(options.max_memory_bytes),
-      empty_ring_(Ring::make_empty(ring_arena_)),
-      events_(most_ids(options) + 1),
-      waiters_(most_ids(options) + 1),
-      topology_index_(most_ids(options) + 1),
+      region_(options),
+      frames_(region_.frames()),
+      ring_arena_(region_, options.max_memory_bytes),
+      events_(region_.events()),
+      waiters_(options.max_ids() + 1),
+      topology_index_(options.max_ids() + 1),
       authority_counters_(options.max_authorities),
-      names_(most_ids(options)),
-      authorities_(options.max_authorities) {}
+      ever_reparented_(region_.header().ever_reparented),
+      ids_freed_(region_.header().ids_freed),
+      names_(region_.header().names, region_.names(), options.max_ids(), region_),
+      authorities_(region_.header().authorities, region_.authorities(), options.max_authorities,
+                   region_),
+      change_log_(options.max_log_bytes != 0 ? std::make_unique<ChangeLog>(options.max_log_bytes)
+                                             : nullptr) {}
+
+// The clock is read before the store: a thread that is stopped in between promises too little.
+void Tree::begin_lease(std::int64_t duration_ns) noexcept {
+  const std::int64_t until = duration_ns > 0 ? monotonic_ns() + duration_ns : 0;
+  region_.header().lease_ns.store(until, std::memory_order_seq_cst);
+}
+
+bool Tree::extend_lease(std::int64_t duration_ns) noexcept {
+  std::atomic<std::int64_t>& lease = region_.header().lease_ns;
+  const std::int64_t now = monotonic_ns();
+  if (now >= lease.load(std::memory_order_relaxed)) return false;
+  lease.store(now + duration_ns, std::memory_order_seq_cst);
+  return true;
+}
 
 std::unique_lock<std::mutex> Tree::lock_giant() const {
   return options_.concurrency == Concurrency::giant ? lock_announced(giant_)
@@ -47,11 +56,15 @@ void Tree::clear_frame(FrameId id) noexcept {
   clear_history(frames_[id]);
 }
 
+bool Tree::is_cleared(FrameId id, bool keep_static) const noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const bool has_data = frames_[id].parent.load(relaxed) != 0;
+  return has_data && !(keep_static && frames_[id].is_static.load(relaxed));
+}
+
 void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept {
   for (const FrameId id : frames) {
-    Frame& frame = frames_[id];
-    const bool has_data = frame.parent.load(std::memory_order_relaxed) != 0;
-    if (!has_data || (keep_static && frame.is_static.load(std::memory_order_relaxed))) continue;
+    if (!is_cleared(id, keep_static)) continue;
     clear_frame(id);
     dropped.push_back(id);
   }
@@ -70,11 +83,15 @@ void Tree::clear(bool keep_static, std::int64_t expires_ns) {
     const auto topology = lock_announced(topology_);
     list_frames(all);
     (void)dropped.reserve(all.size());  // before the first write, after which nothing may fail
+    LogTicket ticket(change_log_.get());
     WriteLocks locks(*this, all);
+    log_clear(ticket, locks, keep_static);
     check_not_expired(expires_ns);
     locks.begin_write();
+    ticket.draw();
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
+    ticket.publish();
   }
   commit_count_.add();
   notify_waiters_of(dropped);
@@ -95,21 +112,25 @@ void Tree::reset(std::int64_t expires_ns) {
 void Tree::drop_frames(const FrameList& frames, std::int64_t expires_ns) {
   SmallVector<Ring, 16> rings;
   (void)rings.reserve(frames.size());  // before the first write, after which nothing may fail
+  LogTicket ticket(change_log_.get());
   WriteLocks locks(*this, frames);
+  log_removal(ticket, locks);
   check_not_expired(expires_ns);
   locks.begin_write();
+  ticket.draw();
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     clear_frame(id);
     topology_index_.set_height(id, 0);  // its children are gone, too
     frame.authority.store(0, std::memory_order_release);
-    if (const Ring ring = frame.ring.load(std::memory_order_relaxed); ring && !ring.is_empty()) {
+    if (const Ring ring = frame.ring.load(std::memory_order_relaxed)) {
       rings.push_back(ring);
-      frame.ring.store(empty_ring_, std::memory_order_release);
+      frame.ring.store(Ring(), std::memory_order_release);
     }
     names_.hide(id);
   }
   locks.release(frames);
+  ticket.publish();
   for (const Ring ring : rings) ring.give_back(ring_arena_);
 }
 

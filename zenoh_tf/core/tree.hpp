@@ -22,39 +22,23 @@
 #include <string_view>
 #include <vector>
 
+#include "change_log.hpp"
 #include "counters.hpp"
 #include "event_log.hpp"
 #include "frame_info.hpp"
 #include "guards.hpp"
 #include "history.hpp"
+#include "layout.hpp"
 #include "name_table.hpp"
+#include "options.hpp"
 #include "query.hpp"
+#include "region.hpp"
 #include "topology_index.hpp"
 #include "velocity.hpp"
 #include "wait_list.hpp"
 #include "zeroed_array.hpp"
 
 namespace ztf {
-
-struct Options {
-  std::uint64_t cache_ns = 10'000'000'000;  // less than 2^63
-  Concurrency concurrency = Concurrency::optimistic;
-  std::uint32_t max_frames = 1u << 20;
-  std::uint32_t max_samples_per_frame = 1u << 16;
-  std::uint32_t max_name_bytes = 255;
-  // The most links between a frame and its root: a commit that puts a frame deeper is rejected.
-  std::uint32_t max_depth = 1000;
-  // If there are more, those that own no frame are forgotten, the least recently used first.
-  std::uint32_t max_authorities = 4096;
-  // Most bytes of all rings of samples; 0: no limit. A ring that is not used any more counts until
-  // a frame needs one of its capacity.
-  std::uint64_t max_memory_bytes = 0;
-  bool one_authority_per_frame = false;
-  // Two commits in a row whose rows of a frame are too old mean that time was set back, if the
-  // second's are newer: it clears the frame's history and stores its rows. Without this option it
-  // does so only if the history ends ahead of the real-time clock (CommitPlan::restarts_history).
-  bool clear_on_time_jump = false;
-};
 
 // The expiry of a write that may be applied at any time.
 inline constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
@@ -109,10 +93,12 @@ struct FrameTotals {
   std::atomic<std::uint64_t> rewritten{0}, dropped{0}, evicted{0};
 };
 
-template <class Guard>
+class FrameAccess;
+template <class Guard, class Access>
 class Reader;
 class CommitPlan;
 class CommitExecution;
+class WriteLocks;
 enum class CommitScope : std::uint8_t;
 enum class PlanOutcome : std::uint8_t;
 
@@ -201,6 +187,11 @@ class Tree {
   // How many rows were dropped because they were later than CommitRequest::max_stamp.
   [[nodiscard]] std::uint64_t from_future() const noexcept { return from_future_.load(); }
 
+  // The change log; null if the tree has none.
+  [[nodiscard]] ChangeLog* change_log() const noexcept { return change_log_.get(); }
+  // Of a mirror (change_replay.hpp): the tree's state is the original's after this number.
+  [[nodiscard]] Seq replayed() const noexcept { return replayed_.load(std::memory_order_acquire); }
+
   // What happened to frames that have lost their names.
   [[nodiscard]] const FrameTotals& totals_of_freed() const noexcept { return totals_of_freed_; }
 
@@ -236,6 +227,16 @@ class Tree {
     waiters_[frame].fetch_sub(1, std::memory_order_seq_cst);
   }
 
+  // The file descriptor of the tree's region, which belongs to the tree; -1 without
+  // Options::shared.
+  [[nodiscard]] int descriptor() const noexcept { return region_.descriptor(); }
+  // Begins a lease of that length from now: until its end, readers in other processes believe what
+  // they read. Requires that no other server has taken over. 0 ends the lease.
+  void begin_lease(std::int64_t duration_ns) noexcept;
+  // Moves the end of the lease, unless it has lapsed: then returns false, as another server may
+  // have taken over. Both are for one thread at a time.
+  [[nodiscard]] bool extend_lease(std::int64_t duration_ns) noexcept;
+
   // The bytes of all rings of samples, those that wait to be used again included.
   [[nodiscard]] std::uint64_t memory_bytes() const { return ring_arena_.bytes(); }
   [[nodiscard]] std::uint64_t commits() const noexcept { return commit_count_.sum(); }
@@ -248,9 +249,11 @@ class Tree {
   friend class CommitExecution;
   friend class CommitNames;
   friend class WriteLocks;
+  friend class ChangeReplay;
+  friend class SnapshotReader;
 
   template <class Guard>
-  Reader<Guard> reader(Guard& guard) const noexcept;
+  Reader<Guard, FrameAccess> reader(Guard& guard) const noexcept;
   template <class Body>
   void read(ReadSet& reads, Body&& body) const;
 
@@ -275,6 +278,13 @@ class Tree {
   // Leaves the frame without samples and without a parent. Requires the topology mutex, and what
   // clear_history() requires.
   void clear_frame(FrameId id) noexcept;
+  // Whether clear() drops the frame's samples. Requires the frame's write lock.
+  [[nodiscard]] bool is_cleared(FrameId id, bool keep_static) const noexcept;
+  // Fill the ticket's entry, before the first write. Require the topology mutex and the frames'
+  // write locks. Throw bad_alloc.
+  void log_clear(LogTicket& ticket, const WriteLocks& locks, bool keep_static) const;
+  void log_removal(LogTicket& ticket, const WriteLocks& locks) const;
+  void log_orphans(LogTicket& ticket, const WriteLocks& locks) const;
   // Adds the frames that had samples to `dropped`, which must have room for all. Requires the
   // topology mutex and the frames' write locks.
   void drop_samples(const FrameList& frames, bool keep_static, FrameList& dropped) noexcept;
@@ -289,19 +299,18 @@ class Tree {
   void notify_waiters_of(const FrameList& changed) const noexcept;
 
   const Options options_;
-  const ZeroedArray<Frame> frame_array_;
+  Region region_;
   Frame* const frames_;
   RingArena ring_arena_;
-  const Ring empty_ring_;  // of frames that were removed
-  const ZeroedArray<FrameEvents> events_;
+  FrameEvents* const events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
   TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
-  std::atomic<bool> ever_reparented_{false};  // some frame once had samples of two parents
+  std::atomic<bool>& ever_reparented_;  // some frame once had samples of two parents
   // Counts how often ids of removed names or forgotten authorities were freed. It is incremented
   // under the topology mutex, once no frame refers to such an id, and before any passes on. Lies
   // beside words that every lookup reads, and that hardly ever change.
-  std::atomic<std::uint64_t> ids_freed_{0};
+  std::atomic<std::uint64_t>& ids_freed_;
   NameTable names_;
   NameTable authorities_;
   Version version_base_ = 0;  // of frames with a new name; guarded by the topology mutex
@@ -311,6 +320,8 @@ class Tree {
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
   EventLog event_log_;
+  const std::unique_ptr<ChangeLog> change_log_;
+  std::atomic<Seq> replayed_{0};
   std::atomic<std::uint64_t> from_future_{0};
   mutable WaitList wait_list_{*this};
 };

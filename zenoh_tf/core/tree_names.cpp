@@ -82,8 +82,11 @@ void Tree::free_removed_names() {
   for (FrameId id = 1; id <= names_.size(); ++id)
     if (names_.hidden(id) || refers_to_removed(id)) frames.push_back(id);
   {
+    LogTicket ticket(change_log_.get());
     WriteLocks locks(*this, frames);
+    log_orphans(ticket, locks);
     locks.begin_write();
+    ticket.draw();
     for (const FrameId id : frames) {
       if (!names_.hidden(id)) {
         forget_removed_parents(id);
@@ -102,6 +105,7 @@ void Tree::free_removed_names() {
     event_log_.forget([&](FrameId id) { return names_.hidden(id); });
     ids_freed_.fetch_add(1, std::memory_order_seq_cst);
     locks.release_from(version_base_);
+    ticket.publish();
   }
   // Few: no ids are freed while as many are left as the commit may need. No thread knows them.
   for (FrameId id = names_.size() + 1; id <= names_.max_size(); ++id)

@@ -38,14 +38,7 @@ void Tree::lookup_guarded(const Query& query, Answer& answer) const {
 
 void Tree::lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
                               ReadSet& reads, std::size_t max_reads) const {
-  read(reads, [&](auto& reader) {
-    for (std::size_t i = 0; i < queries.size(); ++i) {
-      if (!reader.answer(queries[i], answers[i])) return false;
-      if (reads.size() > max_reads) [[unlikely]]
-        throw Rejected{.code = Code::limit, .message = "the lookup reads too many frames"};
-    }
-    return true;
-  });
+  read(reads, [&](auto& reader) { return answer_all(reader, queries, answers, reads, max_reads); });
 }
 
 Failure Tree::chain(const Query& query, std::vector<FrameId>& frames) const {
@@ -57,35 +50,14 @@ Failure Tree::chain(const Query& query, std::vector<FrameId>& frames) const {
 
 FrameId Tree::parent(FrameId id, Stamp stamp) const {
   const Frame& frame = frames_[id];
-  return frame.version.read_consistent([&](Version) noexcept {
-    SampleInterval interval;
-    const LinkLookup link =
-        stamp == kNoStamp ? SelectLatest{}(frame, interval) : SelectAt{stamp}(frame, interval);
-    return link.status == LinkLookup::Status::ok ? link.parent : FrameId{0};
-  });
+  return frame.version.read_consistent(
+      [&](Version) noexcept { return parent_of(FrameAccess(frames_), frame, stamp); });
 }
 
 FrameInfo Tree::info(FrameId id) const {
-  const auto acquire = std::memory_order_acquire;
   const Frame& frame = frames_[id];
-  return frame.version.read_consistent([&](Version version) noexcept {
-    FrameInfo info;
-    info.version = version;
-    info.parent = frame.parent.load(acquire);
-    info.authority = frame.authority.load(acquire);
-    info.is_static = frame.is_static.load(acquire);
-    info.samples = frame.count.load(acquire);
-    info.evicted = frame.evicted.load(acquire);
-    info.oldest = oldest_served_stamp(frame);
-    info.newest = frame.latest.stamp.load(acquire);
-    const FrameEvents& events = events_[id];
-    info.change = events.change.load(acquire);
-    info.change_stamp = events.change_stamp.load(acquire);
-    info.change_authority = events.change_authority.load(acquire);
-    info.parent_before = events.parent_before.load(acquire);
-    info.static_before = events.static_before.load(acquire);
-    return info;
-  });
+  return frame.version.read_consistent(
+      [&](Version version) noexcept { return info_of(frame, events_[id], version); });
 }
 
 Stamp Tree::oldest_insertable(const FrameInfo& info) const noexcept {

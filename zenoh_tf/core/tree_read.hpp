@@ -17,9 +17,50 @@ constexpr int kOptimisticAttempts = 64;
 // Two-phase locking: after so many attempts a reader no longer gives way to a starving writer.
 constexpr int kHeedWantedAttempts = 8;
 
+// Answers all queries. Returns false if the transaction must be retried. Throws Rejected if more
+// than `max_reads` frames are read.
+template <class AnyReader>
+bool answer_all(AnyReader& reader, std::span<const Query> queries, std::span<Answer> answers,
+                const ReadSet& reads, std::size_t max_reads) {
+  for (std::size_t i = 0; i < queries.size(); ++i) {
+    if (!reader.answer(queries[i], answers[i])) return false;
+    if (reads.size() > max_reads) [[unlikely]]
+      throw Rejected{.code = Code::limit, .message = "the lookup reads too many frames"};
+  }
+  return true;
+}
+
+// Returns a frame's parent at a time, or of the newest sample for kNoStamp; 0 if there is none.
+template <class Access>
+FrameId parent_of(const Access& access, const Frame& frame, Stamp stamp) noexcept {
+  SampleInterval interval;
+  const LinkLookup link = stamp == kNoStamp ? SelectLatest{}(access, frame, interval)
+                                            : SelectAt{stamp}(access, frame, interval);
+  return link.status == LinkLookup::Status::ok ? link.parent : FrameId{0};
+}
+
+inline FrameInfo info_of(const Frame& frame, const FrameEvents& events, Version version) noexcept {
+  const auto acquire = std::memory_order_acquire;
+  FrameInfo info;
+  info.version = version;
+  info.parent = frame.parent.load(acquire);
+  info.authority = frame.authority.load(acquire);
+  info.is_static = frame.is_static.load(acquire);
+  info.samples = frame.count.load(acquire);
+  info.evicted = frame.evicted.load(acquire);
+  info.oldest = oldest_served_stamp(frame);
+  info.newest = frame.latest.stamp.load(acquire);
+  info.change = events.change.load(acquire);
+  info.change_stamp = events.change_stamp.load(acquire);
+  info.change_authority = events.change_authority.load(acquire);
+  info.parent_before = events.parent_before.load(acquire);
+  info.static_before = events.static_before.load(acquire);
+  return info;
+}
+
 template <class Guard>
-ZTF_ALWAYS_INLINE Reader<Guard> Tree::reader(Guard& guard) const noexcept {
-  return {frames_, guard, options_.max_depth, ever_reparented_, ids_freed_};
+ZTF_ALWAYS_INLINE Reader<Guard, FrameAccess> Tree::reader(Guard& guard) const noexcept {
+  return {FrameAccess(frames_), guard, options_.max_depth, ever_reparented_, ids_freed_};
 }
 
 // Runs body(reader) until everything that it read was the tree's state at one instant. `reads` is

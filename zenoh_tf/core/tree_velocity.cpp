@@ -3,6 +3,7 @@
 // The averaging window is tf2's. It is as long as the averaging interval and centred at the time
 // asked for. It is moved back if it would end after the latest common time, and cut off if it would
 // begin before time zero.
+#include "shared_tree_read.hpp"
 #include "tree_read.hpp"
 
 namespace ztf {
@@ -19,8 +20,8 @@ Stamp earlier(Stamp stamp, Stamp by) noexcept {
 }
 
 // Computes the velocity. Returns false if the transaction must be retried, like Reader's functions.
-template <class Guard>
-bool measure(Reader<Guard>& reader, const VelocityQuery& q, VelocityAnswer& a) {
+template <class AnyReader>
+bool measure(AnyReader& reader, const VelocityQuery& q, VelocityAnswer& a) {
   using Leg = VelocityAnswer::Leg;
   a = VelocityAnswer{};
   const auto lookup = [&](Leg leg, const Query& query, Answer& answer) {
@@ -72,6 +73,11 @@ bool measure(Reader<Guard>& reader, const VelocityQuery& q, VelocityAnswer& a) {
 }  // namespace
 
 void Tree::lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const {
+  ReadSet reads;
+  read(reads, [&](auto& reader) { return measure(reader, query, answer); });
+}
+
+void SharedTree::lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const {
   ReadSet reads;
   read(reads, [&](auto& reader) { return measure(reader, query, answer); });
 }

@@ -1,7 +1,20 @@
 // Commits: resolve, lock, validate, decide, apply.
+#include <type_traits>
+
 #include "commit_apply.hpp"
 
 namespace ztf {
+
+namespace {
+
+// The LogTicket of a tree without a change log. With two instances of the code, a commit pays one
+// predictable branch; four of them, in LogTicket, cost a commit of one row 4 %.
+struct NoTicket {
+  void draw() noexcept {}
+  void publish() noexcept {}
+};
+
+}  // namespace
 
 void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) {
   CommitPlan plan(*this, request, stored);
@@ -25,28 +38,42 @@ void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) 
 // Throws Rejected and bad_alloc. Unless it returns `ready` it has changed nothing that others can
 // see, and `stored` is unspecified.
 PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, CommitScope scope) {
-  // To lock all frames is long work in itself.
-  if (scope == CommitScope::all_frames) LongWait::announce();
-  std::unique_lock<std::mutex> topology;
-  if (scope != CommitScope::children) topology = lock_announced(topology_);
-  if (!plan.resolve_and_group(scope)) return PlanOutcome::needs_topology;
+  const auto attempt = [&]<class Ticket>(Ticket& ticket) {
+    // To lock all frames is long work in itself.
+    if (scope == CommitScope::all_frames) LongWait::announce();
+    std::unique_lock<std::mutex> topology;
+    if (scope != CommitScope::children) topology = lock_announced(topology_);
+    if (!plan.resolve_and_group(scope)) return PlanOutcome::needs_topology;
 
-  FrameList all;
-  if (scope == CommitScope::all_frames) plan.list_all_frames(all);
-  WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children(), plan.is_long());
-  if (plan.has_read_set()) {
+    FrameList all;
+    if (scope == CommitScope::all_frames) plan.list_all_frames(all);
+    WriteLocks locks(*this, scope == CommitScope::all_frames ? all : plan.children(),
+                     plan.is_long());
+    if (plan.has_read_set()) {
+      locks.begin_write();
+      ticket.draw();
+      plan.validate_read_set(locks);
+    }
+    if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready)
+      return outcome;
+    execution.reserve();
+    if constexpr (std::is_same_v<Ticket, LogTicket>) execution.log(ticket, locks);
+    plan.check_expiry();
+
+    // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
     locks.begin_write();
-    plan.validate_read_set(locks);
+    ticket.draw();
+    execution.apply();
+    locks.release(execution.frames_with_new_version(locks));
+    ticket.publish();
+    return PlanOutcome::ready;
+  };
+  if (change_log_) [[unlikely]] {
+    LogTicket ticket(change_log_.get());
+    return attempt(ticket);
   }
-  if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
-  execution.reserve();
-  plan.check_expiry();
-
-  // At the latest here, readers wait. This is the linearization point (write_locks.hpp).
-  locks.begin_write();
-  execution.apply();
-  locks.release(execution.frames_with_new_version(locks));
-  return PlanOutcome::ready;
+  NoTicket ticket;
+  return attempt(ticket);
 }
 
 }  // namespace ztf

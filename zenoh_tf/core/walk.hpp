@@ -10,6 +10,7 @@
 // meaningful only after its guard has validated the steps (guards.hpp).
 #pragma once
 
+#include "frame_access.hpp"
 #include "guards.hpp"
 #include "query.hpp"
 
@@ -29,7 +30,8 @@ struct LatestLink {
 // A link selector decides which of a frame's links a walk follows. This one selects the newest.
 struct SelectLatest {
   static constexpr bool is_forest = true;  // newest links never form a loop (tree.hpp)
-  ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
+  template <class Access>
+  ZTF_ALWAYS_INLINE LinkLookup operator()(const Access&, const Frame& frame,
                                           SampleInterval& interval) const noexcept {
     const LatestLink link(frame);
     interval = {&frame.latest, &frame.latest, link.stamp};
@@ -42,9 +44,10 @@ struct SelectLatest {
 struct SelectAt {
   static constexpr bool is_forest = false;
   Stamp time;
-  ZTF_ALWAYS_INLINE LinkLookup operator()(const Frame& frame,
+  template <class Access>
+  ZTF_ALWAYS_INLINE LinkLookup operator()(const Access& access, const Frame& frame,
                                           SampleInterval& interval) const noexcept {
-    return find_link(frame, time, interval);
+    return find_link(frame, access.ring(frame), time, interval);
   }
 };
 
@@ -99,12 +102,12 @@ enum class WalkResult : std::uint8_t {
 };
 
 // Extends ancestor paths under a guard.
-template <class Guard, class LinkSelector>
+template <class Access, class Guard, class LinkSelector>
 class Walker {
  public:
-  ZTF_ALWAYS_INLINE Walker(const Frame* frames, Guard& guard, LinkSelector select,
+  ZTF_ALWAYS_INLINE Walker(const Access& access, Guard& guard, LinkSelector select,
                            std::size_t max_depth) noexcept
-      : frames_(frames), guard_(guard), select_(select), max_depth_(max_depth) {}
+      : access_(access), guard_(guard), select_(select), max_depth_(max_depth) {}
 
   // Finds the chain between the starts of two new paths. If the result is exhausted, there is none
   // and neither path is open.
@@ -136,7 +139,7 @@ class Walker {
     for (; links > 0; --links, ++step) {
       step->frame = frame;
       if (!guard_.read_version(*frame, step->version)) return WalkResult::retry;
-      const LinkLookup link = select_(*frame, step->interval);
+      const LinkLookup link = select_(access_, *frame, step->interval);
       // A torn read may give parent 0 with status ok. Validation will find that out.
       const bool has_link = link.status == LinkLookup::Status::ok && link.parent != 0;
       if (!has_link || path.steps.size() == max_depth_) [[unlikely]] {
@@ -149,7 +152,7 @@ class Walker {
         break;
       }
       path.steps.set_size(path.steps.size() + 1);
-      frame = frames_ + link.parent;
+      frame = access_.frame(link.parent);
       if (frame == goal) {
         result = WalkResult::reached;
         break;
@@ -212,7 +215,7 @@ class Walker {
             from_target.frame_above(target_links)};
   }
 
-  const Frame* const frames_;
+  const Access& access_;
   Guard& guard_;
   const LinkSelector select_;
   const std::size_t max_depth_;

@@ -70,11 +70,18 @@ class WriteLocks {
     readers_may_read_ = false;
   }
 
+  // Unlocks all frames, and gives each the version after `before_of(id, version before)`.
+  template <class Before>
+  void release_each(Before&& before_of) noexcept {
+    for (ReadVersion& locked : locked_) locked.version = before_of(locked.frame, locked.version);
+    release(frames_);
+  }
+
   // Unlocks all frames, and gives each a new version, which is `least` or later.
   void release_from(Version least) noexcept {
-    for (ReadVersion& locked : locked_)
-      locked.version = std::max(locked.version, least - SeqLock::kIncrement);
-    release(frames_);
+    release_each([&](FrameId, Version before) noexcept {
+      return std::max(before, least - SeqLock::kIncrement);
+    });
   }
 
   // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a

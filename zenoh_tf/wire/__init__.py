@@ -1,7 +1,8 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-and `calls` batches, info and admin requests. docs/protocol.md describes it for other languages.
+`calls` batches, info and admin requests, and `stream` what mirrors follow. docs/protocol.md
+describes it for other languages.
 """
 
 from .calls import (
@@ -67,6 +68,27 @@ from .lookup import (
     parse_one_read,
     parse_read_set,
 )
+from .stream import (
+    Changes,
+    Frames,
+    SnapshotPiece,
+    SnapshotPlan,
+    SnapshotRequest,
+    StreamMessage,
+    TreeSettings,
+    missed_reply,
+    missed_request,
+    parse_missed_reply,
+    parse_missed_request,
+    parse_snapshot_piece,
+    parse_snapshot_plan,
+    parse_snapshot_request,
+    parse_stream,
+    snapshot_piece_reply,
+    snapshot_plan_reply,
+    snapshot_request,
+    stream_body,
+)
 
 __all__ = [
     "F64",
@@ -82,11 +104,18 @@ __all__ = [
     "OP_LATEST_XACT",
     "VERSION",
     "AnswerRow",
+    "Changes",
     "Commit",
+    "Frames",
     "Lookup",
     "LookupReply",
     "Message",
     "Pose",
+    "SnapshotPiece",
+    "SnapshotPlan",
+    "SnapshotRequest",
+    "StreamMessage",
+    "TreeSettings",
     "Write",
     "as_transform_exception",
     "batch_body",
@@ -102,6 +131,8 @@ __all__ = [
     "integer",
     "lookup_body",
     "lookup_reply",
+    "missed_reply",
+    "missed_request",
     "name",
     "one_answer",
     "one_read",
@@ -113,13 +144,23 @@ __all__ = [
     "parse_commit_reply",
     "parse_lookup",
     "parse_lookup_reply",
+    "parse_missed_reply",
+    "parse_missed_request",
     "parse_one_answer",
     "parse_one_read",
     "parse_read_set",
+    "parse_snapshot_piece",
+    "parse_snapshot_plan",
+    "parse_snapshot_request",
+    "parse_stream",
     "parse_value",
     "parse_write",
     "raise_error",
     "raw",
+    "snapshot_piece_reply",
+    "snapshot_plan_reply",
+    "snapshot_request",
+    "stream_body",
     "text",
     "unpack",
 ]

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
 from ..broadcaster import Broadcaster
 from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
+from ..shared_reads import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
 from .connection import Connection
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
+from .shared_reads import SharedReads
 from .transaction import AsyncTransaction, run_transaction
 from .writes import AsyncWrites
 
@@ -56,6 +58,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
                 "use await AsyncTransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
+        self._reads = SharedReads(connection)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
@@ -66,6 +69,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
         credentials: Credentials = NO_CREDENTIALS,
+        reads: Mode = "auto",
     ) -> Self:
         """Connect to the server of a tree.
 
@@ -75,6 +79,9 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/security.md.
+            reads: How lookups are answered. ``"auto"``: from the server's memory, which this
+                process maps, if the server is on this host and shares its tree; else by queries.
+                ``"query"``: by queries. Both give the same answers and errors.
 
         Returns:
             An open client of the running event loop.
@@ -89,7 +96,8 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         Example:
             ``tf = await AsyncTransformClient.connect("tcp/robot:7447", tree="main")``
         """
-        return cls(await Connection.open(endpoint, tree, timeout_s, credentials))
+        check(reads)
+        return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
 
     def __repr__(self) -> str:
         connection = self._connection
@@ -134,6 +142,16 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         return self._connection.tree
 
     @property
+    def reads(self) -> Literal["shared", "query"]:
+        """Returns how a lookup would be answered now.
+
+        ``"shared"``: from the server's memory, without suspending the caller. ``"query"``: by a
+        query of the server, as long as its memory cannot be read. This changes by itself, for
+        example when the server restarts; `stats` has the reasons, under names with ``reads_``.
+        """
+        return self._reads.way
+
+    @property
     async def instance(self) -> str:
         """Returns the id of the server that answered last; a restarted server has a new one.
 
@@ -167,7 +185,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         Example:
             ``async with tf.transaction() as tx: tx.set_transform(stamped)``
         """
-        return AsyncTransaction(self._connection)
+        return AsyncTransaction(self._connection, self._reads)
 
     async def run_transaction(
         self, function: Callable[[AsyncTransaction], Awaitable[T]], attempts: int = 10
@@ -189,7 +207,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         Example:
             ``await tf.run_transaction(lift)``
         """
-        return await run_transaction(self._connection, function, attempts)
+        return await run_transaction(self._connection, self._reads, function, attempts)
 
     async def broadcaster(self, authority: str) -> AsyncBroadcaster:
         """Make a publisher of transforms, which sends without waiting for a reply.

@@ -17,6 +17,7 @@ from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 
 from .. import connection
 from ..request import Request
+from ..shared_reads import Mode, SharedReads
 from .operation import Operation
 from .outbox import Outbox
 from .threads import in_thread
@@ -34,12 +35,17 @@ MAX_WAITING_LOOKUPS: Final = 2000
 _CLOSED: Final = "the connection is closed"
 
 
+class _Nobody:
+    """Stands for the client, which gets no methods from native code: its own are coroutines."""
+
+
 class Connection:
     """Makes the calls of one loop; see the module. Close it with `close`."""
 
-    def __init__(self, opened: connection.Connection) -> None:
-        """Use an open connection from the running loop."""
+    def __init__(self, opened: connection.Connection, mapped: SharedReads) -> None:
+        """Use an open connection from the running loop, and the tree that it has mapped."""
         self.opened = opened
+        self.mapped = mapped
         self._loop = asyncio.get_running_loop()
         self._transport = Transport(self._loop, opened.queries)
         self._outbox = Outbox(self._transport, opened.exchange)
@@ -55,15 +61,19 @@ class Connection:
 
     @classmethod
     async def open(
-        cls, endpoint: str, tree: str, timeout_s: float, credentials: Credentials
+        cls, endpoint: str, tree: str, timeout_s: float, credentials: Credentials, reads: Mode
     ) -> Self:
         """Connect; raises what the synchronous `Connection` raises."""
-        return cls(
-            await in_thread(
-                lambda: connection.Connection(endpoint, tree, timeout_s, credentials),
-                undo=connection.Connection.close,
-            )
-        )
+
+        def connect() -> tuple[connection.Connection, SharedReads]:
+            opened = connection.Connection(endpoint, tree, timeout_s, credentials)
+            return opened, SharedReads(opened, _Nobody(), reads)
+
+        def close(opened: tuple[connection.Connection, SharedReads]) -> None:
+            opened[0].close()
+            opened[1].close()
+
+        return cls(*await in_thread(connect, undo=close))
 
     @property
     def endpoint(self) -> str:
@@ -141,6 +151,7 @@ class Connection:
 
         def close() -> None:
             self.opened.close()
+            self.mapped.close()
             then()
 
         await in_thread(close, undo=lambda _: None)

@@ -5,15 +5,18 @@
 from __future__ import annotations
 
 from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
+from zenoh_tf.shared_tree import AskServer
 
 from .. import info_requests
 from .connection import Connection
+from .shared_reads import SharedReads
 
 
 class AsyncIntrospection:
     """A base of `AsyncTransformClient`, which has the connection."""
 
     _connection: Connection
+    _reads: SharedReads
 
     async def frames(self) -> list[str]:
         """List the names of all frames.
@@ -29,6 +32,10 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
+        found = self._reads.tree.frames()
+        if type(found) is not AskServer:
+            return found
+        self._reads.note(found)
         names, after = await self._connection.call(info_requests.frames_page(None))
         while after is not None:
             page, after = await self._connection.call(info_requests.frames_page(after))
@@ -51,7 +58,10 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.frame(name))
+        found = self._reads.tree.frame(name)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.frame(name))
 
     async def authorities(self) -> list[AuthorityInfo]:
         """List what each authority has published.
@@ -98,7 +108,10 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.parent(frame, stamp_ns))
+        found = self._reads.tree.parent(frame, stamp_ns)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.parent(frame, stamp_ns))
 
     async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """Return the frames on the path between two frames.
@@ -121,17 +134,22 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.chain(target, source, stamp_ns))
+        found = self._reads.tree.chain(target, source, stamp_ns)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.chain(target, source, stamp_ns))
 
     async def stats(self) -> dict[str, int]:
-        """Return the counters of the tree and of the server.
+        """Return the counters of the tree, of the server, and of how this client reads.
 
         Returns:
-            Values by the counters' names.
+            Values by the counters' names. ``reads_shared`` is 1 if lookups read the server's memory
+            now, ``reads_mapped`` counts how often it was mapped, ``reads_asked_*`` the lookups that
+            asked the server instead, and ``reads_refused_*`` why its memory was not mapped.
 
         Raises:
             ServerUnavailable: No server answered in time, or the client is closed.
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.stats())
+        return await self._connection.call(info_requests.stats()) | self._reads.stats()

@@ -14,15 +14,16 @@ from zenoh_tf import (
     TransformArray,
     Velocity,
 )
+from zenoh_tf.shared_tree import AskServer
 
 from .. import lookup_requests
-from .connection import Connection
+from .shared_reads import SharedReads
 
 
 class AsyncLookups:
-    """A base of `AsyncTransformClient`, which has the connection."""
+    """A base of `AsyncTransformClient`, which says how to read."""
 
-    _connection: Connection
+    _reads: SharedReads
 
     async def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -53,8 +54,11 @@ class AsyncLookups:
         Example:
             ``X_map_base = (await tf.lookup_transform("map", "base")).transform``
         """
-        return await self._connection.call(
-            lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
+        found = self._reads.tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(
+            found, lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
         )
 
     async def lookup_transform_full(
@@ -92,10 +96,16 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(
+        found = self._reads.tree.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        )
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(
+            found,
             lookup_requests.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-            )
+            ),
         )
 
     async def can_transform(
@@ -120,8 +130,11 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(
-            lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
+        found = self._reads.tree.can_transform(target, source, stamp_ns, timeout_s)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(
+            found, lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
         )
 
     async def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
@@ -146,7 +159,10 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(lookup_requests.lookup_latest_transform(target, source))
+        found = self._reads.tree.lookup_latest_transform(target, source)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, lookup_requests.lookup_latest_transform(target, source))
 
     async def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -170,8 +186,11 @@ class AsyncLookups:
         Example:
             ``X_map_wrist = (await tf.lookup_latest_transform_xact("map", "wrist")).transform``
         """
-        return await self._connection.call(
-            lookup_requests.lookup_latest_transform_xact(target, source)
+        found = self._reads.tree.lookup_latest_transform_xact(target, source)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(
+            found, lookup_requests.lookup_latest_transform_xact(target, source)
         )
 
     async def lookup_latest_transforms_xact(
@@ -196,7 +215,10 @@ class AsyncLookups:
         Example:
             ``arm, cup = await tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        return await self._connection.call(lookup_requests.lookup_latest_transforms_xact(pairs))
+        found = self._reads.tree.lookup_latest_transforms_xact(pairs)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, lookup_requests.lookup_latest_transforms_xact(pairs))
 
     async def lookup_transforms(
         self,
@@ -222,8 +244,11 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(
-            lookup_requests.lookup_transforms(targets, sources, stamps_ns)
+        found = self._reads.tree.lookup_transforms(targets, sources, stamps_ns)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(
+            found, lookup_requests.lookup_transforms(targets, sources, stamps_ns)
         )
 
     async def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
@@ -247,7 +272,7 @@ class AsyncLookups:
         Example:
             ``path = (await tf.sample("map", "camera", stamps_ns)).translations``
         """
-        return await self._connection.call(lookup_requests.sample(target, source, stamps_ns))
+        return await self.lookup_transforms(target, source, stamps_ns)
 
     async def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -268,7 +293,10 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(lookup_requests.latest_common_time(a, b))
+        found = self._reads.tree.latest_common_time(a, b)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, lookup_requests.latest_common_time(a, b))
 
     async def lookup_velocity(
         self,
@@ -308,14 +336,24 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(
-            lookup_requests.lookup_velocity(
-                tracking_frame,
-                observation_frame,
-                stamp_ns,
-                averaging_interval_s,
-                reference_frame=reference_frame,
-                reference_point=reference_point,
-                reference_point_frame=reference_point_frame,
-            )
+        found = self._reads.tree.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
         )
+        if type(found) is not AskServer:
+            return found
+        request = lookup_requests.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
+        )
+        return await self._reads.ask(found, request)

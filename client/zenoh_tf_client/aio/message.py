@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..exchange import Exchange
 from .drive import Drive
+from .joining import Joined, join
 from .operation import AnyOperation
-from .sharing import Shared, share
 from .transport import Transport
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Message(Drive):
     """Sends operations together, and gives each its result."""
 
-    __slots__ = ("_left", "_operations", "_outbox", "_shared", "waits")
+    __slots__ = ("_joined", "_left", "_operations", "_outbox", "waits")
 
     def __init__(
         self,
@@ -28,10 +28,10 @@ class Message(Drive):
         outbox: Outbox,
     ) -> None:
         first = operations[0].request
-        self._shared: Shared | None = None
+        self._joined: Joined | None = None
         if len(operations) > 1:
-            self._shared = share([operation.request for operation in operations])
-        super().__init__(transport, exchange.call(self._shared or first))
+            self._joined = join([operation.request for operation in operations])
+        super().__init__(transport, exchange.call(self._joined or first))
         self._outbox = outbox
         self._operations = operations
         self._left = len(operations)  # those that are not cancelled
@@ -49,15 +49,15 @@ class Message(Drive):
 
     def _done(self, result: Any, error: Exception | None) -> None:
         self._outbox.finished(self)
-        operations, shared = self._operations, self._shared
+        operations, joined = self._operations, self._joined
         self._operations = ()  # or each would refer to the other, and wait for the collector
         if error is None:
-            if shared is None:
+            if joined is None:
                 operations[0].succeed(result)
                 return
             for operation, each in zip(operations, result, strict=True):
                 operation.settle(each)
-        elif shared is not None and shared.is_refused(error):
+        elif joined is not None and joined.is_refused(error):
             # Bisects, so that only the operation that is to blame fails.
             waiting = [operation for operation in operations if not operation.future.done()]
             half = (len(waiting) + 1) // 2

@@ -24,7 +24,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from zenoh_tf import LatestTransform, StampedTransform, wire
+from zenoh_tf import LatestTransform, StampedTransform
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ServerRestarted,
@@ -32,8 +32,9 @@ from zenoh_tf.errors import (
 )
 
 from .. import columns, lookup_requests, write_requests
-from ..request import Request
+from ..request import Read, Rows
 from .connection import Connection
+from .shared_reads import SharedReads
 
 T = TypeVar("T")
 
@@ -51,13 +52,15 @@ class AsyncTransaction:
     Concurrency: one task at a time.
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, reads: SharedReads) -> None:
         """Use `AsyncTransformClient.transaction` instead.
 
         Args:
             connection: The connection to read and commit on.
+            reads: How the connection's client reads.
         """
         self._connection = connection
+        self._shared = reads
         self._instance: str | None = None
         self._versions: dict[str, int] = {}
         self._reads = 0
@@ -309,9 +312,8 @@ class AsyncTransaction:
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
         await self._connection.call(write_requests.commit(commit, self._instance))
 
-    async def _read(self, request: Request[T]) -> T:
-        reply = await self._connection.call(lookup_requests.with_versions(request))
-        instance = wire.text(reply, "instance")
+    async def _read(self, request: Read[T] | Rows[T]) -> T:
+        instance, versions, answer = await self._shared.read_versions(request)
         if self._instance not in (None, instance):
             raise ServerRestarted(
                 f"this transaction read from server instance {self._instance}, "
@@ -320,16 +322,19 @@ class AsyncTransaction:
             )
         self._instance = instance
         self._reads += 1
-        for name, version in wire.parse_read_set(reply):
+        for name, version in versions:
             if self._versions.setdefault(name, version) != version:
                 raise TransactionConflict(
                     f"frame {name!r} changed between two reads of the transaction", frame=name
                 )
-        return request.parse(reply)
+        return answer()
 
 
 async def run_transaction(
-    connection: Connection, function: Callable[[AsyncTransaction], Awaitable[T]], attempts: int
+    connection: Connection,
+    reads: SharedReads,
+    function: Callable[[AsyncTransaction], Awaitable[T]],
+    attempts: int,
 ) -> T:
     """See `AsyncTransformClient.run_transaction`."""
     if attempts < 1:
@@ -340,7 +345,7 @@ async def run_transaction(
     attempt = 1
     while True:
         try:
-            async with AsyncTransaction(connection) as transaction:
+            async with AsyncTransaction(connection, reads) as transaction:
                 result = await function(transaction)
             return result
         except TransactionConflict as conflict:

@@ -21,7 +21,7 @@ from ..request import Read, Request
 Result = Callable[[], Any]
 
 
-class Shared(Request[list[Result]]):
+class Joined(Request[list[Result]]):
     """One message for several operations. Its result has one for each, in order."""
 
     wait_s = 0.0
@@ -32,7 +32,7 @@ class Shared(Request[list[Result]]):
         them, so that the others may be sent again."""
 
 
-class SharedReads(Shared):
+class JoinedReads(Joined):
     """Lookups of single rows, as one lookup of many."""
 
     kind = "lookup"
@@ -52,7 +52,7 @@ class SharedReads(Shared):
         return isinstance(error, ProtocolError) or not isinstance(error, ServiceException)
 
 
-class SharedWrites(Shared):
+class JoinedWrites(Joined):
     """Commits of one authority, as a batch."""
 
     kind = "batch"
@@ -77,8 +77,8 @@ class SharedWrites(Shared):
         return not isinstance(error, ServiceException)
 
 
-def share(requests: Sequence[Request[Any]]) -> Shared:
+def join(requests: Sequence[Request[Any]]) -> Joined:
     """Return one request for several of a group."""
     if requests[0].writes:
-        return SharedWrites(requests)
-    return SharedReads([request for request in requests if isinstance(request, Read)])
+        return JoinedWrites(requests)
+    return JoinedReads([request for request in requests if isinstance(request, Read)])

@@ -1,0 +1,269 @@
+"""Shares the server's tree with clients of the same host, who map its memory.
+
+The tree is in a region of memory, whose file descriptor every client gets that may open a Unix
+socket (`zenoh_tf.handover`). Clients believe what they read until the region's lease ends, which a
+thread of the core extends as long as the process lives and runs (core/lease.hpp).
+
+No answer may come from this tree once a successor has accepted a write. The successor listens where
+this server did, so it can only start when this process has ended: a server that joins an existing
+network can have a successor earlier, and shares nothing. And each server waits at its start until
+the lease of a predecessor must have lapsed (`wait_for_predecessor`).
+
+A client sends nothing, and nothing of a connection is kept, so clients cannot use the server up.
+
+Thread safety: construction and `close` by one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import logging
+import os
+import re
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from zenoh_tf import TransformTree, handover
+from zenoh_tf._core import LeaseKeeper
+from zenoh_tf.text import quoted
+
+from .network import NetworkError
+
+#: The lease of core/lease.hpp.
+LEASE_S: Final = 0.25
+_BACKLOG: Final = 64
+#: After an error that may last, such as too many open files.
+_PAUSE_S: Final = 0.1
+_SEND_TIMEOUT_S: Final = 1.0
+#: Sockets of other servers that are looked at when a server starts.
+_MOST_STALE: Final = 1000
+_UNSAFE: Final = re.compile(r"[^A-Za-z0-9_-]")
+
+log = logging.getLogger("zenoh_tf.server.sharing")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the flags of `add_flags` say."""
+
+    on: bool = True
+    folder: Path | None = None  # None: the default
+    group: str | None = None
+    #: How long a predecessor may have a lease after it has lost the endpoints.
+    predecessor_s: float = LEASE_S
+
+    @property
+    def required(self) -> bool:
+        """True if the server must not start without sharing its tree."""
+        return self.folder is not None or self.group is not None
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of `from_flags`."""
+    group = parser.add_argument_group("clients on the same host, who read the tree's memory")
+    group.add_argument(
+        "--share-dir",
+        type=Path,
+        metavar="DIR",
+        help="put the socket that hands the tree over into this folder, and do not start if that "
+        "is impossible (default: zenoh-tf below $XDG_RUNTIME_DIR, else /run/zenoh-tf)",
+    )
+    group.add_argument(
+        "--share-group",
+        metavar="GROUP",
+        help="let this group read the tree as well (default: only the server's user)",
+    )
+    group.add_argument(
+        "--no-share",
+        action="store_true",
+        help="let no client read the tree's memory; all reads are queries",
+    )
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if the flags do not fit together."""
+    for flag in ("share_dir", "share_group"):
+        if getattr(options, flag) is None:
+            continue
+        name = "--" + flag.replace("_", "-")
+        if options.no_share:
+            parser.error(f"{name} and --no-share exclude each other")
+        if options.connect:
+            parser.error(f"{name}: a server with --connect does not share its tree")
+
+
+def from_flags(options: argparse.Namespace) -> Settings:
+    """The settings that the flags say."""
+    return Settings(not options.no_share, options.share_dir, options.share_group)
+
+
+class Sharing:
+    """The shared memory and the socket of one server's tree."""
+
+    def __init__(self, settings: Settings, tree: str, instance: str, *, joined: bool) -> None:
+        """Make the socket, which nobody can open before `start`.
+
+        `joined`: the server is a client of an existing network.
+
+        Raises:
+            NetworkError: Sharing is required, and there can be no socket.
+        """
+        self._settings = settings
+        self._tree_name = tree
+        self._instance = instance
+        self._listener: socket.socket | None = None
+        self._path: Path | None = None
+        self._keeper: LeaseKeeper | None = None
+        self._closed = False
+        if not settings.on:
+            return
+        if joined:
+            log.info("the tree is not shared: the server joined a network (--connect)")
+            return
+        try:
+            self._listen()
+        except (OSError, LookupError) as error:
+            self._give_up(error)
+
+    def make_tree(self, make: Callable[..., TransformTree]) -> TransformTree:
+        """The server's tree, in shared memory if that is possible. `make` takes the options of
+        TransformTree that say so.
+
+        Raises:
+            NetworkError: Sharing is required, and there can be no shared memory.
+        """
+        if self._listener is None:
+            return make()
+        try:
+            return make(_shared=True, _instance=self._instance)
+        except OSError as error:
+            self._give_up(error)
+            return make()
+
+    def start(self, tree: TransformTree, limits: dict[str, int]) -> handover.Offer | None:
+        """Begin the lease and hand the tree over. Call it when no predecessor can have a lease.
+        Returns what `hello` tells of it; None if the tree is not shared."""
+        listener, path = self._listener, self._path
+        if listener is None or path is None:
+            return None
+        self._keeper = LeaseKeeper(tree)
+        hello = handover.message(self._tree_name, self._instance, limits)
+        threading.Thread(
+            target=self._hand_over, args=(listener, hello, tree), name="share", daemon=True
+        ).start()
+        final = path.with_suffix(handover.SUFFIX)
+        path.rename(final)
+        self._path = final
+        log.info("clients on this host can read the tree's memory: %s", final)
+        return handover.Offer(handover.boot_id(), str(final))
+
+    def close(self) -> None:
+        """End the lease and remove the socket. May be called again."""
+        self._closed = True
+        keeper, self._keeper = self._keeper, None
+        if keeper is not None:
+            keeper.end()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            with contextlib.suppress(OSError):  # wakes the thread up
+                listener.shutdown(socket.SHUT_RDWR)
+            listener.close()
+        path, self._path = self._path, None
+        if path is not None:
+            path.unlink(missing_ok=True)
+
+    def _listen(self) -> None:
+        if not handover.boot_id():
+            raise OSError(errno.ENOSYS, "the system does not say which host it is")
+        folder = self._folder()
+        _remove_stale(folder)
+        # Under another name at first: another server that starts must not take it for stale.
+        name = f"{_UNSAFE.sub('_', self._tree_name)[:40]}-{self._instance}.new"
+        path = folder / name
+        if len(os.fsencode(path.with_suffix(handover.SUFFIX))) >= handover.MAX_PATH_BYTES:
+            raise OSError(errno.ENAMETOOLONG, f"the path of the socket is too long: {path}")
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._path = path
+        self._listener.bind(str(path))
+        path.chmod(0o600 if self._settings.group is None else 0o660)
+        if self._settings.group is not None:
+            shutil.chown(path, group=self._settings.group)
+        self._listener.listen(_BACKLOG)
+
+    def _folder(self) -> Path:
+        """The folder of the socket, which is made if it does not exist."""
+        settings = self._settings
+        folders = handover.default_folders() if settings.folder is None else [settings.folder]
+        if settings.group is not None:  # no group can enter $XDG_RUNTIME_DIR
+            folders = folders[-1:]
+        failure: OSError | None = None
+        for folder in folders:
+            try:
+                try:
+                    folder.mkdir(mode=0o700)
+                except FileExistsError:
+                    pass
+                else:
+                    if settings.group is not None:
+                        shutil.chown(folder, group=settings.group)
+                        folder.chmod(0o750)
+                if os.access(folder, os.W_OK | os.X_OK):
+                    return folder.absolute()
+                failure = PermissionError(errno.EACCES, f"cannot write to {folder}")
+            except OSError as error:
+                failure = error
+        assert failure is not None
+        raise failure
+
+    def _give_up(self, error: Exception) -> None:
+        self.close()
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        name = f": {error.filename}" if isinstance(error, OSError) and error.filename else ""
+        if self._settings.required:
+            raise NetworkError(f"cannot share the tree: {reason}{name}") from error
+        log.info("the tree is not shared, clients read by queries: %s%s", reason, name)
+
+    def _hand_over(self, listener: socket.socket, hello: bytes, tree: TransformTree) -> None:
+        while not self._closed:
+            try:
+                peer, _ = listener.accept()
+            except OSError as error:
+                if self._closed:
+                    return
+                log.warning("cannot hand the tree over: %s", error)
+                time.sleep(_PAUSE_S)
+                continue
+            with peer, contextlib.suppress(OSError):  # the client has gone, or takes no more
+                peer.settimeout(_SEND_TIMEOUT_S)
+                socket.send_fds(peer, [hello], [tree._region_fd()])
+
+
+def wait_for_predecessor(settings: Settings, listens_since_s: float) -> None:
+    """Wait until the lease of a predecessor must have lapsed, which had the server's endpoints
+    until `listens_since_s` (of the monotonic clock) at most."""
+    time.sleep(max(0.0, listens_since_s + settings.predecessor_s - time.monotonic()))
+
+
+def _remove_stale(folder: Path) -> None:
+    """Remove the sockets of servers that were killed: nobody listens on them."""
+    for number, path in enumerate(folder.glob("*" + handover.SUFFIX)):
+        if number == _MOST_STALE:
+            return
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            probe.setblocking(False)
+            try:
+                probe.connect(str(path))
+            except ConnectionRefusedError:
+                with contextlib.suppress(OSError):
+                    path.unlink()
+                    log.debug("removed the socket of a server that is gone: %s", quoted(path.name))
+            except OSError:
+                continue  # another server's, or none of ours

@@ -1,0 +1,195 @@
+// The change log under concurrent writers: its order, and mirrors that follow it.
+#include <map>
+
+#include "change_batch.hpp"
+#include "fixture.hpp"
+#include "snapshot.hpp"
+#include "thread_group.hpp"
+
+using namespace ztf;
+
+namespace {
+
+constexpr std::uint64_t kLogBytes = 64 << 20;
+const char* const kFrames[] = {"a", "b", "c", "d"};
+
+// Takes entries until `done` is true and nothing is left, and calls visit(entries, last).
+template <class Visit>
+void follow(ChangeLog& log, Seq position, const std::atomic<bool>& done, Visit&& visit) {
+  for (;;) {
+    const bool is_last = done;
+    log.wait(ChangeLog::Clock::now() + std::chrono::milliseconds(1));
+    ChangeLog::Taken taken = log.take(1 << 16);
+    CHECK(!taken.lost);
+    CHECK_EQ(taken.first, position + 1);
+    position = taken.last;
+    if (!taken.entries.empty()) visit(taken.entries, taken.last);
+    if (is_last && position == log.last_drawn()) return;
+    if (taken.lost) return;
+  }
+}
+
+void load_snapshot(Tree& from, Tree& to) {
+  SnapshotReader reader(from);
+  ChangeReplay replay(to);
+  const SnapshotPlan plan = reader.plan(256);
+  if (plan.ever_reparented) replay.set_ever_reparented();
+  for (std::size_t i = 1; i < plan.bounds.size(); ++i) {
+    const SnapshotPiece piece = reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20);
+    const std::vector<std::string_view> names(piece.names.begin(), piece.names.end());
+    const std::vector<std::string_view> authorities(piece.authorities.begin(),
+                                                    piece.authorities.end());
+    replay.load({names, authorities, piece.frame, piece.authority, piece.count, piece.version,
+                 piece.is_static, piece.stamp, piece.parent, piece.pose});
+  }
+}
+
+}  // namespace
+
+// Each commit says which version it has read of another frame. In the order of the log, that is
+// the version which the frame has then. So the order is a serial order.
+TEST(the_numbers_are_a_serial_order) {
+  for_each_concurrency([](Concurrency c) {
+    World w(Options{.concurrency = c, .max_log_bytes = kLogBytes});
+    for (const char* frame : kFrames) w.set("map", frame, 1);
+    ChangeLog& log = *w.tree.change_log();
+    const Seq start = log.start();
+    std::map<std::string, double, std::less<>> versions;
+    for (const char* frame : kFrames)
+      versions[frame] = static_cast<double>(w.tree.version(w.id(frame)));
+
+    std::atomic<Stamp> clock{1};
+    std::atomic<int> conflicts{0};
+    std::atomic<bool> done{false};
+    ThreadGroup threads;
+    for (unsigned seed = 1; seed <= 3; ++seed)
+      threads.foreground([&, seed] {
+        std::minstd_rand random(seed);
+        for (int i = 0; i < 3000; ++i) {
+          const std::string read = kFrames[random() % 4], written = kFrames[random() % 4];
+          const std::string second = kFrames[random() % 4];
+          // As a reader sees it, who waits for a write that is in progress.
+          const Version version = w.tree.version(w.id(read)) & ~SeqLock::kWriting;
+          const Pose pose = at_x(static_cast<double>(version));
+          std::vector<Set> sets{{"map", written, ++clock, pose}};
+          if (i % 2 == 0 && second != written) sets.push_back({"map", second, ++clock, pose});
+          if (w.commit(sets, {.authority = read, .drop_old = true, .reads = {{read, version}}}))
+            ++conflicts;
+        }
+      });
+    std::thread consumer([&] {
+      follow(log, start, done, [&](std::vector<LogEntryPtr>& entries, Seq) {
+        for (const LogEntryPtr& entry : entries) {
+          for (const Change& change : *entry)
+            CHECK_EQ(versions.find(entry->authority())->second, change.pose.x);
+          for (const Change& change : *entry) {
+            double& version = versions.find(entry->name(change.frame))->second;
+            CHECK(static_cast<double>(change.version) > version);
+            version = static_cast<double>(change.version);
+          }
+        }
+      });
+    });
+    threads.join();
+    done = true;
+    consumer.join();
+    for (const char* frame : kFrames)
+      CHECK_EQ(versions[frame], static_cast<double>(w.tree.version(w.id(frame))));
+    CHECK(conflicts > 0);
+  });
+}
+
+// A mirror's readers see a message as a whole: two links that always move together.
+TEST(a_mirror_changes_at_one_instant) {
+  World w(Options{.max_log_bytes = kLogBytes}), mirror;
+  w.set("map", "base", 1, at_x(0));
+  w.set("base", "arm", 1, at_x(0));
+  ChangeLog& log = *w.tree.change_log();
+  const Seq start = log.start();
+  load_snapshot(w.tree, mirror.tree);
+  std::atomic<bool> done{false};
+  std::atomic<int> seen{0};
+  ThreadGroup threads;
+  threads.foreground([&] {
+    std::minstd_rand random(7);
+    for (Stamp stamp = 2; stamp < 3000 || seen < 100; ++stamp) {
+      const auto x = static_cast<double>(random() % 1000);
+      CHECK(!w.commit({{"map", "base", stamp, at_x(x)}, {"base", "arm", stamp, at_x(-x)}}));
+      if (stamp % 500 == 0) w.tree.clear(true);
+    }
+  });
+  for (int reader = 0; reader < 2; ++reader)
+    threads.background([&](const std::atomic<bool>& stop) {
+      while (!stop) {
+        const Answer a = mirror.ask(Op::latest_xact, "map", "arm");
+        if (a.failure.code != Code::ok) continue;
+        CHECK_EQ(a.pose.x, 0.0);
+        ++seen;
+      }
+    });
+  std::thread consumer([&] {
+    ChangeReplay replay(mirror.tree);
+    follow(log, start, done, [&](const std::vector<LogEntryPtr>& entries, Seq last) {
+      replay.apply(ChangeBatch(entries).columns(last));
+    });
+  });
+  threads.join();
+  done = true;
+  consumer.join();
+  for (const char* frame : {"base", "arm"}) {
+    CHECK_EQ(mirror.tree.version(mirror.id(frame)), w.tree.version(w.id(frame)));
+    CHECK_EQ(mirror.tree.info(mirror.id(frame)).samples, w.tree.info(w.id(frame)).samples);
+  }
+}
+
+// Snapshots are taken while frames come and go. Each, with the changes after it, is the tree.
+TEST(a_snapshot_among_writers_becomes_the_tree) {
+  World w(Options{.max_log_bytes = kLogBytes});
+  ChangeLog& log = *w.tree.change_log();
+  const Seq start = log.start();
+  std::vector<std::unique_ptr<World>> mirrors;
+  std::atomic<bool> done{false};
+  ThreadGroup threads;
+  for (unsigned seed = 1; seed <= 2; ++seed)
+    threads.background([&, seed](const std::atomic<bool>& stop) {
+      std::minstd_rand random(seed);
+      for (Stamp stamp = 1; !stop; ++stamp) {
+        const std::string child = kFrames[random() % 4];
+        const char* const parent = random() % 4 == 0 ? "odom" : "map";
+        (void)w.commit({{parent, child, stamp, at_x(1)}}, {.drop_old = true});
+        if (random() % 8 == 0) try {
+            w.tree.remove_frame(child, true);
+          } catch (Rejected&) {
+          }
+        if (random() % 64 == 0) w.tree.reset();
+      }
+    });
+  threads.foreground([&] {
+    for (int i = 0; i < 20; ++i) {
+      mirrors.push_back(std::make_unique<World>());
+      load_snapshot(w.tree, mirrors.back()->tree);
+    }
+  });
+  std::vector<std::pair<std::vector<LogEntryPtr>, Seq>> taken;
+  std::thread consumer([&] {
+    follow(log, start, done, [&](std::vector<LogEntryPtr>& entries, Seq last) {
+      taken.emplace_back(std::move(entries), last);
+    });
+  });
+  threads.join();
+  done = true;
+  consumer.join();
+  for (const auto& mirror : mirrors) {
+    ChangeReplay replay(mirror->tree);
+    for (const auto& [entries, last] : taken) replay.apply(ChangeBatch(entries).columns(last));
+    for (const char* frame : {"map", "odom", "a", "b", "c", "d"}) {
+      const FrameId theirs = w.id(frame), ours = mirror->id(frame);
+      CHECK_EQ(theirs == 0, ours == 0);
+      if (theirs == 0 || ours == 0) continue;
+      CHECK_EQ(mirror->tree.version(ours), w.tree.version(theirs));
+      CHECK_EQ(mirror->tree.info(ours).samples, w.tree.info(theirs).samples);
+      CHECK_EQ(mirror->tree.name(mirror->tree.parent(ours, kNoStamp)),
+               w.tree.name(w.tree.parent(theirs, kNoStamp)));
+    }
+  }
+}

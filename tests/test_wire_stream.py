@@ -1,0 +1,184 @@
+"""The messages of the stream, snapshots and missed messages: golden bytes, malformed input."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zenoh_tf import wire
+from zenoh_tf.errors import ProtocolError, ServerBusy
+
+POSE = struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1)
+STREAM: dict[str, Any] = {
+    "v": 1,
+    "instance": "00",
+    "first": 5,
+    "last": 6,
+    "clock_ns": 9,
+    "names": ["map", "base", "old"],
+    "authorities": ["wheels"],
+    "kind": b"\x00\x04",
+    "frame": struct.pack("<2I", 1, 2),
+    "version": struct.pack("<2Q", 8, 12),
+    "parent": struct.pack("<I", 0),
+    "authority": struct.pack("<I", 0),
+    "stamp": struct.pack("<q", 7),
+    "pose": POSE,
+}
+PLAN: dict[str, Any] = {
+    "v": 1,
+    "instance": "00",
+    "seq": 5,
+    "reparented": True,
+    "bounds": struct.pack("<3I", 0, 2, 3),
+    "settings": {
+        "cache_ns": 10,
+        "max_frames": 64,
+        "max_samples_per_frame": 16,
+        "max_name_bytes": 255,
+        "max_depth": 1000,
+    },
+    "clock_ns": 9,
+}
+PIECE: dict[str, Any] = {
+    "v": 1,
+    "instance": "00",
+    "piece": 1,
+    "reached": 3,
+    "last": 6,
+    "names": ["base", "map"],
+    "authorities": ["wheels"],
+    "frame": struct.pack("<I", 0),
+    "version": struct.pack("<Q", 8),
+    "static": b"\x00",
+    "authority": struct.pack("<I", 0),
+    "count": struct.pack("<I", 1),
+    "stamp": struct.pack("<q", 7),
+    "parent": struct.pack("<I", 1),
+    "pose": POSE,
+}
+
+
+def reply(fields: wire.Message) -> bytes:
+    return wire.pack({"v": 1, "instance": "00", **fields})
+
+
+def test_golden_stream_message() -> None:
+    golden = (
+        "8ea17601a8696e7374616e6365a23030a5666972737405a46c61737406a8636c6f636b5f6e7309a56e616d65"
+        "7393a36d6170a462617365a36f6c64ab617574686f72697469657391a6776865656c73a46b696e64c4020004"
+        "a56672616d65c4080100000002000000a776657273696f6ec41008000000000000000c00000000000000a670"
+        "6172656e74c40400000000a9617574686f72697479c40400000000a57374616d70c4080700000000000000a4"
+        "706f7365c438" + POSE.hex()
+    )
+    assert wire.pack(STREAM).hex() == golden
+    message = wire.parse_stream(wire.unpack(bytes.fromhex(golden)))
+    assert wire.pack(wire.stream_body(message)).hex() == golden
+    assert (message.first, message.last, message.clock_ns) == (5, 6, 9)
+    assert message.changes is not None
+    assert message.changes[0] == ["map", "base", "old"]
+    assert message.changes[4].tolist() == [8, 12]
+
+
+def test_golden_heartbeat() -> None:
+    golden = "85a17601a8696e7374616e6365a23030a5666972737407a46c61737406a8636c6f636b5f6e7309"
+    message = wire.StreamMessage("00", 7, 6, 9)
+    assert wire.pack(wire.stream_body(message)).hex() == golden
+    assert wire.parse_stream(wire.unpack(bytes.fromhex(golden))) == message
+
+
+def test_golden_requests() -> None:
+    asked = wire.SnapshotRequest("00", 1, 2, 3)
+    for body, golden in (
+        (wire.snapshot_request(None), "81a17601"),
+        (
+            wire.snapshot_request(asked),
+            "85a17601a8696e7374616e6365a23030a5706965636501a5616674657202a5756e74696c03",
+        ),
+        (wire.missed_request("00", 7), "83a17601a8696e7374616e6365a23030a5666972737407"),
+    ):
+        assert wire.pack(body).hex() == golden
+    assert wire.parse_snapshot_request(wire.snapshot_request(None)) is None
+    assert wire.parse_snapshot_request(wire.snapshot_request(asked)) == asked
+    assert wire.parse_missed_request(wire.missed_request("00", 7)) == ("00", 7)
+
+
+def test_replies_survive_the_wire() -> None:
+    plan = wire.parse_snapshot_plan(wire.unpack(wire.pack(PLAN)))
+    assert plan.bounds.tolist() == [0, 2, 3]
+    assert plan.settings == wire.TreeSettings(10, 64, 16, 255, 1000)
+    assert reply(wire.snapshot_plan_reply(plan)) == wire.pack(PLAN)
+    piece = wire.parse_snapshot_piece(wire.unpack(wire.pack(PIECE)))
+    assert reply(wire.snapshot_piece_reply(piece)) == wire.pack(PIECE)
+    data = reply(wire.missed_reply([b"one", b"two"], 9))
+    assert wire.parse_missed_reply(wire.unpack(data)) == ([b"one", b"two"], 9)
+
+
+def test_an_error_in_a_reply_is_raised() -> None:
+    body = wire.unpack(wire.pack(wire.error_reply("00", ServerBusy("busy"))))
+    for parse in (
+        wire.parse_snapshot_plan,
+        wire.parse_snapshot_piece,
+        wire.parse_missed_reply,
+    ):
+        with pytest.raises(ServerBusy):
+            parse(body)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"instance": 1}, "instance"),
+        ({"first": 0}, "first"),
+        ({"last": 3}, "last"),
+        ({"clock_ns": None}, "clock_ns"),
+        ({"kind": b"\x00\x07"}, "kind"),
+        ({"kind": b"\x00\x00"}, "parent"),
+        ({"frame": struct.pack("<2I", 1, 3)}, "frame"),
+        ({"frame": struct.pack("<I", 1)}, "frame"),
+        ({"version": b"12345678"}, "version"),
+        ({"parent": struct.pack("<I", 3)}, "parent"),
+        ({"authority": struct.pack("<I", 1)}, "authority"),
+        ({"stamp": b""}, "stamp"),
+        ({"pose": POSE[8:]}, "pose"),
+        ({"names": [b"map"]}, "names"),
+        ({"authorities": "wheels"}, "authorities"),
+    ],
+)
+def test_malformed_stream_messages(change: dict[str, Any], field: str) -> None:
+    with pytest.raises(ProtocolError) as error:
+        wire.parse_stream({**STREAM, **change})
+    assert error.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("body", "change", "field"),
+    [
+        (PLAN, {"seq": -1}, "seq"),
+        (PLAN, {"bounds": struct.pack("<I", 0)}, "bounds"),
+        (PLAN, {"bounds": struct.pack("<2I", 1, 0)}, "bounds"),
+        (PLAN, {"settings": {}}, "cache_ns"),
+        (PLAN, {"reparented": 1}, "reparented"),
+        (PIECE, {"piece": None}, "piece"),
+        (PIECE, {"count": struct.pack("<I", 2)}, "stamp"),
+        (PIECE, {"count": struct.pack("<I", (1 << 32) - 1)}, "stamp"),
+        (PIECE, {"frame": struct.pack("<I", 2)}, "frame"),
+        (PIECE, {"authority": struct.pack("<I", 1)}, "authority"),
+        (PIECE, {"parent": b""}, "parent"),
+    ],
+)
+def test_malformed_snapshots(body: dict[str, Any], change: dict[str, Any], field: str) -> None:
+    parse = wire.parse_snapshot_plan if body is PLAN else wire.parse_snapshot_piece
+    with pytest.raises(ProtocolError) as error:
+        parse({**body, **change})
+    assert error.value.field == field
+
+
+def test_columns_are_views_of_the_message() -> None:
+    message = wire.parse_stream(wire.unpack(wire.pack(STREAM)))
+    assert message.changes is not None
+    assert not message.changes[8].flags.writeable
+    assert message.changes[8].dtype == np.float64

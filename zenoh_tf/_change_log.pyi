@@ -1,0 +1,99 @@
+"""The native module's change log and its replay: a stub that `_core.pyi` imports, not a module at
+run time.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import _core
+
+#: (names, authorities, kind, frame, version, parent, authority, stamp, pose), see wire.Changes
+_Changes = tuple[
+    list[str],
+    list[str],
+    NDArray[np.uint8],
+    NDArray[np.uint32],
+    NDArray[np.uint64],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.float64],
+]
+#: (names, authorities, frame, version, static, authority, count, stamp, parent, pose), see
+#: wire.Frames
+_Frames = tuple[
+    list[str],
+    list[str],
+    NDArray[np.uint32],
+    NDArray[np.uint64],
+    NDArray[np.uint8],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.uint32],
+    NDArray[np.float64],
+]
+
+class ChangeLog:
+    """Reads a tree's change log and its snapshots.
+
+    `start`, `stop`, `wait` and `take` belong to one thread; the rest to any.
+    """
+
+    def __init__(self, tree: _core.Tree) -> None: ...  # InvalidArgumentException: it has no log
+    # From now on, the entries are kept. Returns the number of the commit before the first.
+    def start(self) -> int: ...
+    def stop(self) -> None: ...
+    # Until the next entry is there, the time is up, or wake().
+    def wait(self, timeout_s: float) -> None: ...
+    def wake(self) -> None: ...
+    # (first, last, lost, changes): the entries that are there, about `most_bytes` of them. Empty
+    # entries are counted only, and None says that all were. `lost`: the next one is; start anew.
+    def take(self, most_bytes: int) -> tuple[int, int, bool, _Changes | None]: ...
+    @property
+    def last(self) -> int: ...  # number of the last commit, which may be in progress
+    @property
+    def bytes(self) -> int: ...  # of the entries that wait
+    # (number, whether frames may have samples of several parents, bounds of the pieces)
+    def plan_snapshot(self, piece_bytes: int) -> tuple[int, bool, NDArray[np.uint32]]: ...
+    # (last id that was read, frames) of those with ids above one bound, up to the next, or until
+    # they have `most_bytes` or more.
+    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, _Frames]: ...
+
+class ChangeReplay:
+    """Makes a tree the mirror of another. One thread at a time."""
+
+    def __init__(self, tree: _core.Tree) -> None: ...
+    # Apply the changes at one instant; those that the snapshot has already are left out.
+    def apply(
+        self,
+        last: int,  # the number after which the other tree was so
+        names: Sequence[str],
+        authorities: Sequence[str],
+        kind: NDArray[np.uint8],
+        frame: NDArray[np.uint32],
+        version: NDArray[np.uint64],
+        parent: NDArray[np.uint32],
+        authority: NDArray[np.uint32],
+        stamp: NDArray[np.int64],
+        pose: NDArray[np.float64],  # (n, 7)
+    ) -> None: ...
+    def load(
+        self,
+        names: Sequence[str],
+        authorities: Sequence[str],
+        frame: NDArray[np.uint32],
+        version: NDArray[np.uint64],
+        static: NDArray[np.uint8],
+        authority: NDArray[np.uint32],
+        count: NDArray[np.uint32],
+        stamp: NDArray[np.int64],
+        parent: NDArray[np.uint32],
+        pose: NDArray[np.float64],  # (n, 7)
+    ) -> None: ...
+    # Before the first lookup, if the snapshot's plan says so.
+    def set_ever_reparented(self) -> None: ...
+    @property
+    def last(self) -> int: ...  # of the last apply()

@@ -1,0 +1,94 @@
+// Replaying another tree's snapshot and change log into this one, which is then its mirror.
+//
+// First the pieces of a snapshot with the number S are loaded, into an empty tree with the same
+// options. Then the changes after S are applied. The mirror's state is the original's once all
+// numbers are applied that were drawn until the last piece was read; only then may it be read. From
+// then on, each apply() takes it from one state of the original to a later one, at one instant.
+//
+// Why a change is applied once, though the snapshot is no instant: frames keep the original's
+// versions. A change is applied only if its version is later than the frame's. The frame is then as
+// it was before the change, since the version counts all changes of the frame.
+//
+// Thread safety: one thread at a time replays. Lookups go on meanwhile, as in any tree.
+// Invariant: nobody else writes the tree. Links are not checked for cycles, since the original has
+// done that, and the index of children is not kept.
+#pragma once
+
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "history_insert.hpp"
+#include "tree.hpp"
+
+namespace ztf {
+
+// Changes as columns. Frames and parents are indices into `names`.
+struct ChangeColumns {
+  std::span<const std::string_view> names, authorities;
+  // By change.
+  std::span<const ChangeKind> kind;
+  std::span<const std::uint32_t> frame;
+  std::span<const Version> version;
+  // By sample or static link, in the order of the changes.
+  std::span<const std::uint32_t> parent, authority;
+  std::span<const Stamp> stamp;
+  std::span<const Pose> pose;
+  Seq last;  // the number after which the original was so
+};
+
+// A piece of a snapshot as columns (snapshot.hpp).
+struct FrameColumns {
+  std::span<const std::string_view> names, authorities;
+  std::span<const std::uint32_t> frame, authority, count;
+  std::span<const Version> version;
+  std::span<const std::uint8_t> is_static;
+  std::span<const Stamp> stamp;
+  std::span<const std::uint32_t> parent;
+  std::span<const Pose> pose;
+};
+
+class ChangeReplay {
+ public:
+  explicit ChangeReplay(Tree& tree) noexcept : tree_(tree) {}
+
+  // Applies the changes at one instant. Requires valid columns of fitting lengths. Throws Rejected
+  // and bad_alloc; then nothing is changed.
+  void apply(const ChangeColumns& changes);
+  // Adds the frames. Throws Rejected and bad_alloc; then some may be missing.
+  void load(const FrameColumns& frames);
+  // Says that frames may have samples of several parents (SnapshotPlan::ever_reparented). Requires
+  // that nobody reads the tree yet.
+  void set_ever_reparented() noexcept { tree_.ever_reparented_.store(true); }
+
+ private:
+  // One frame during apply().
+  struct Target {
+    FrameId id;
+    Version before;  // the original's; 0: the frame does not exist
+    Version after;
+    std::uint32_t samples;  // that the changes may add
+    std::uint32_t ring;     // index of its prepared ring, plus 1; 0: none
+    bool is_live;
+  };
+
+  void find_names(std::span<const std::string_view> names);
+  void find_authorities(std::span<const std::string_view> authorities);
+  void list_targets(const ChangeColumns& changes);
+  void prepare_rings();
+  void apply_locked(const ChangeColumns& changes) noexcept;
+  void store_sample(Target& target, const ChangeColumns& changes, std::size_t row,
+                    bool is_static) noexcept;
+  void load_frame(const FrameColumns& frames, std::size_t i, std::size_t first);
+  void give_back_rings() noexcept;
+
+  Tree& tree_;
+  std::vector<FrameId> ids_;                // of the names
+  std::vector<AuthorityId> authority_ids_;  // of the authorities
+  std::vector<Target> targets_;             // ascending
+  std::vector<std::uint32_t> target_of_;    // by name: index in targets_
+  FrameList frames_;                        // of targets_
+  std::vector<PreparedRing> rings_;
+};
+
+}  // namespace ztf

@@ -1,0 +1,295 @@
+"""Keeps a copy of a server's tree up to date, without I/O: messages in, requests out.
+
+The owner feeds in every stream message (`received`) and every reply (`answered`, `failed`), and
+sends the requests that it is given. It must listen to the stream before it sends the first one.
+docs/protocol.md, "stream", describes the messages.
+
+    plan ──> pieces ──> catching up ──> complete ──(gap)──> missed ──> complete
+      ^___________________________________________________________|  forgotten, or a new server
+
+A copy is complete, and may be read, once it has all that the server had done when the last piece
+was read. Until then, and while a new copy is made, the last complete one stays as it is.
+
+Thread safety: none; the owner locks. Lookups in `tree` need no lock.
+Invariant: `tree` is always as the server's tree was after the commit with the number `seq`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+from . import wire
+from ._core import ChangeReplay
+from .errors import (
+    ServerBusy,
+    ServerRestarted,
+    ServerUnavailable,
+    TimeoutException,
+    TransformException,
+)
+from .tree import TransformTree
+
+#: Requests for pieces that are under way at once.
+_IN_FLIGHT: Final = 2
+#: Errors after which the same request is sent again.
+_TRANSIENT: Final = (ServerBusy, ServerUnavailable, TimeoutException)
+#: Most bytes of messages that wait for a snapshot or for missed ones.
+MAX_WAITING_BYTES: Final = 256 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A query to send: its family, its body, and the number under which to give the reply back."""
+
+    operation: str  # "snapshot" or "missed"
+    body: wire.Message
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    number: int
+    after: int
+    until: int
+
+
+def make_tree(settings: wire.TreeSettings) -> TransformTree:
+    """An empty tree with the settings of a server's."""
+    return TransformTree(
+        settings.cache_ns / 1e9,
+        max_frames=settings.max_frames,
+        max_samples_per_frame=settings.max_samples_per_frame,
+        max_name_bytes=settings.max_name_bytes,
+        max_depth=settings.max_depth,
+    )
+
+
+class _Copy:
+    """One copy of the tree, from its snapshot on."""
+
+    def __init__(self, instance: str, plan: wire.SnapshotPlan, tree: TransformTree) -> None:
+        self.instance = instance
+        self.tree = tree
+        self.replay = ChangeReplay(tree)
+        if plan.ever_reparented:
+            self.replay.set_ever_reparented()
+        self.position = plan.seq
+        self.complete_at = plan.seq
+        self.clock_ns = plan.clock_ns
+        bounds = [int(bound) for bound in plan.bounds]
+        self.pieces = deque(
+            _Piece(number, after, until) for number, (after, until) in enumerate(pairwise(bounds))
+        )
+        self.loading = len(self.pieces)  # pieces that are not loaded yet
+
+    @property
+    def is_complete(self) -> bool:
+        return not self.loading and self.position >= self.complete_at
+
+    def load(self, piece: _Piece, loaded: wire.SnapshotPiece) -> None:
+        """Add a piece's frames; ask for its rest if it was cut short."""
+        self.replay.load(*loaded.frames)
+        self.complete_at = max(self.complete_at, loaded.last)
+        if loaded.reached < piece.until:
+            self.pieces.append(_Piece(piece.number, max(loaded.reached, piece.after), piece.until))
+        else:
+            self.loading -= 1
+
+    def apply(self, message: wire.StreamMessage) -> None:
+        """Apply a message that begins at most one after the last one."""
+        if message.changes is not None and message.last > self.position:
+            self.replay.apply(message.last, *message.changes)
+        self.position = max(self.position, message.last)
+        self.clock_ns = max(self.clock_ns, message.clock_ns)
+
+
+class Mirroring:
+    """A copy of a server's tree, and how it is made and kept."""
+
+    def __init__(
+        self,
+        make_tree: Callable[[wire.TreeSettings], TransformTree] = make_tree,
+        max_waiting_bytes: int = MAX_WAITING_BYTES,
+    ) -> None:
+        self._make_tree = make_tree
+        self._max_waiting_bytes = max_waiting_bytes
+        self._live: _Copy | None = None  # the last complete copy
+        self._next: _Copy | None = None  # that replaces it
+        self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
+        self._waiting_bytes = 0
+        self._requests: dict[int, _Piece | None] = {}  # under way; None: the plan, or missed ones
+        self._number = 0
+        self._wants_plan = True
+        self._wants_missed = False
+        self._snapshots = 0
+
+    # --- what the owner reads
+
+    @property
+    def tree(self) -> TransformTree | None:
+        """The last complete copy; None until there is one. Another tree after a new snapshot."""
+        return self._live.tree if self._live else None
+
+    @property
+    def seq(self) -> int:
+        """The number of the last commit in `tree`."""
+        return self._live.position if self._live else 0
+
+    @property
+    def instance(self) -> str:
+        """The server instance whose tree it is; empty until there is one."""
+        return self._live.instance if self._live else ""
+
+    @property
+    def clock_ns(self) -> int:
+        """The server's clock when `tree` was as it is: what the age is counted from."""
+        return self._live.clock_ns if self._live else 0
+
+    @property
+    def synced(self) -> bool:
+        """True if nothing is known to be missing in `tree`."""
+        return (
+            self._live is not None
+            and self._next is None
+            and not self._wants_plan
+            and not (self._waiting)
+        )
+
+    @property
+    def snapshots(self) -> int:
+        """How many snapshots were begun."""
+        return self._snapshots
+
+    # --- what the owner feeds in
+
+    def received(self, data: bytes) -> None:
+        """Take a message of the stream. Raises ProtocolError, and then nothing has changed."""
+        message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
+        copy = self._copy
+        if copy is not None and message.instance != copy.instance:
+            self.restart()  # of a server that has gone, or that has come
+        elif (
+            copy is not None
+            and copy is self._live
+            and not self._waiting
+            and message.first <= copy.position + 1
+        ):
+            self._apply(copy, message)
+            return
+        self._waiting.append((message, len(data)))
+        self._waiting_bytes += len(data)
+        if self._waiting_bytes > self._max_waiting_bytes:
+            self.restart()
+        else:
+            self._advance()
+
+    def requests(self) -> list[Request]:
+        """The requests to send now. Each is given once, until it is answered or has failed."""
+        if self._wants_plan:
+            # Until it is answered, nothing else is worth asking.
+            return [] if self._requests else [self._request("snapshot", None, {"v": wire.VERSION})]
+        copy = self._copy
+        found: list[Request] = []
+        if copy is None:
+            return found
+        while copy.pieces and len(self._requests) < _IN_FLIGHT:
+            piece = copy.pieces.popleft()
+            asked = wire.SnapshotRequest(copy.instance, piece.number, piece.after, piece.until)
+            found.append(self._request("snapshot", piece, wire.snapshot_request(asked)))
+        if self._wants_missed and not self._requests:
+            body = wire.missed_request(copy.instance, copy.position + 1)
+            found.append(self._request("missed", None, body))
+        return found
+
+    def answered(self, number: int, reply: wire.Message) -> None:
+        """Take the reply to a request. An error in it, or a malformed one, is a failure."""
+        if number not in self._requests:
+            return  # of a copy that was given up
+        try:
+            if self._wants_plan:
+                self._begin(wire.text(reply, "instance"), wire.parse_snapshot_plan(reply))
+            elif (piece := self._requests[number]) is not None:
+                loaded = wire.parse_snapshot_piece(reply)
+                assert self._copy is not None
+                self._copy.load(piece, loaded)
+            else:
+                self._take_missed(wire.parse_missed_reply(reply)[0])
+        except TransformException as error:
+            self.failed(number, error)
+            return
+        self._requests.pop(number, None)
+        self._advance()
+
+    def failed(self, number: int, error: Exception | None = None) -> None:
+        """Take it that a request has no reply; `requests` has it again, or begins anew."""
+        if number not in self._requests:
+            return
+        piece = self._requests.pop(number)
+        if isinstance(error, TransformException) and not isinstance(error, _TRANSIENT):
+            self.restart()
+        elif piece is not None and self._copy is not None:
+            self._copy.pieces.appendleft(piece)
+
+    def restart(self) -> None:
+        """Begin anew with a snapshot; the last complete copy stays until the new one is."""
+        self._next = None
+        self._wants_plan, self._wants_missed = True, False
+        self._requests.clear()
+        self._waiting.clear()
+        self._waiting_bytes = 0
+
+    # --- how a copy proceeds
+
+    @property
+    def _copy(self) -> _Copy | None:
+        """The copy that messages belong to."""
+        return None if self._wants_plan else self._next or self._live
+
+    def _request(self, operation: str, piece: _Piece | None, body: wire.Message) -> Request:
+        self._number += 1
+        self._requests[self._number] = piece
+        return Request(operation, body, self._number)
+
+    def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
+        self._next = _Copy(instance, plan, self._make_tree(plan.settings))
+        self._snapshots += 1
+        self._wants_plan = False
+        kept = [(m, size) for m, size in self._waiting if m.instance == instance]
+        self._waiting = deque(kept)
+        self._waiting_bytes = sum(size for _, size in kept)
+
+    def _take_missed(self, messages: list[bytes]) -> None:
+        copy = self._copy
+        assert copy is not None
+        if not messages:
+            raise ServerRestarted("the missed messages are forgotten")
+        for data in messages:
+            message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
+            if message.first <= copy.position + 1:
+                copy.apply(message)
+        self._wants_missed = False
+
+    def _apply(self, copy: _Copy, message: wire.StreamMessage) -> None:
+        try:
+            copy.apply(message)
+        except TransformException:  # the copy cannot hold it: a new one may
+            self.restart()
+
+    def _advance(self) -> None:
+        """Apply the messages that wait, as far as they follow each other."""
+        copy = self._copy
+        if copy is None or copy.loading:
+            return
+        while self._waiting and self._waiting[0][0].first <= copy.position + 1:
+            message, size = self._waiting.popleft()
+            self._waiting_bytes -= size
+            self._apply(copy, message)
+            if self._copy is not copy:
+                return
+        self._wants_missed = bool(self._waiting)
+        if copy is self._next and copy.is_complete:
+            self._live, self._next = copy, None

@@ -1,0 +1,124 @@
+"""A tree of another process on this host, read through shared memory.
+
+The owner is a `TransformTree` made with `_shared=True`, which raises OSError where the host cannot.
+It hands out the file descriptor `_region_fd()`, which stays the tree's. Others believe what they
+read until its lease ends, so it begins one with `_begin_lease(seconds)` once no other server can
+have taken over, and moves the end with `_extend_lease(seconds)` as long as it lives. Where the
+lease has lapsed, that does nothing and returns False, as another server may have taken over.
+`_begin_lease(0)` ends it. Both are for one thread at a time.
+
+Internal: for `zenoh_tf_server`, which shares its tree, and `zenoh_tf_client`, which reads it.
+
+Reads write nothing, wait for nobody for long, and never return what the owner's successor may have
+changed. Where that leaves no answer they return an `AskServer`, which says why.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from zenoh_tf import _core
+from zenoh_tf._core import AskServer, RegionRefused
+from zenoh_tf.array import TransformArray
+from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.velocity import Velocity, interval_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+__all__ = ["AskServer", "RegionRefused", "SharedTree"]
+
+
+class SharedTree(_core.SharedTree):
+    """A tree of another process, mapped read-only. Any thread may call any method.
+
+    Every method is `TransformTree`'s, raises the same errors, and returns an `AskServer` if it
+    cannot answer: `BUSY` (writers changed what was read again and again, or one stopped while it
+    wrote), `LAPSED` (the owner has ended or stopped), `WAITING` (with a time-out: the answer is not
+    there yet, and only the server can wait for it) or `UNREADABLE` (the memory makes no sense).
+
+    Args:
+        fd: File descriptor of the owner's region. The caller may close it afterwards.
+
+    Raises:
+        RegionRefused: This process cannot read the region; the message says why.
+    """
+
+    def lookup_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+    ) -> TransformArray | AskServer:
+        """Look up many transforms in one call; see `TransformTree.lookup_transforms`.
+
+        Args:
+            targets: Frames to express coordinates in; one name stands for every row.
+            sources: Frames whose coordinates are given; one name stands for every row.
+            stamps_ns: Times in nanoseconds, or None for the latest common time of every row.
+
+        Returns:
+            `X_target_source` of every row, in metres.
+
+        Raises:
+            InvalidArgumentException: A name or a stamp is invalid, or the numbers of rows differ.
+        """
+        columns = self._lookup_columns(targets, sources, stamps_ns)
+        return columns if isinstance(columns, AskServer) else TransformArray(*columns)
+
+    def lookup_velocity(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        stamp_ns: int | None = None,
+        averaging_interval_s: float = 0.1,
+        *,
+        reference_frame: str | None = None,
+        reference_point: ArrayLike = (0.0, 0.0, 0.0),
+        reference_point_frame: str | None = None,
+    ) -> Velocity | AskServer:
+        """Return how a frame moves in another; see `TransformTree.lookup_velocity`.
+
+        Args:
+            tracking_frame: Frame whose motion is measured.
+            observation_frame: Frame that counts as standing still.
+            stamp_ns: Middle of the averaging window in nanoseconds; None: the latest common time.
+            averaging_interval_s: Length of the window, from 1e-9 to 1e9 seconds.
+            reference_frame: Frame in whose axes the answer is; None means the observation frame.
+            reference_point: (3,) metres; the linear velocity is of the body's point there.
+            reference_point_frame: Frame of the reference point; None means the tracking frame.
+
+        Returns:
+            The mean twist over the window, in m/s and rad/s.
+
+        Raises:
+            LookupException: A frame does not exist, or a path is longer than `max_depth`.
+            ConnectivityException: No path connects two of the frames.
+            ExtrapolationException: A link has no data for a time of the window.
+            InvalidArgumentException: A name, the stamp, the interval or the point is invalid.
+        """
+        record = self._velocity_record(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            interval_ns(averaging_interval_s),
+            reference_frame,
+            reference_point,
+            reference_point_frame,
+        )
+        return record if isinstance(record, AskServer) else Velocity.from_record(record)
+
+    def frame(self, name: str) -> FrameInfo | AskServer:
+        """Return what is known about a frame and the link to its parent.
+
+        Args:
+            name: The frame.
+
+        Raises:
+            LookupException: The frame does not exist.
+            InvalidArgumentException: The name is invalid.
+        """
+        record = self._frame_record(name)
+        return record if isinstance(record, AskServer) else FrameInfo.from_record(record)

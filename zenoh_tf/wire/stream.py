@@ -1,0 +1,312 @@
+"""Messages of the commit stream, snapshots and missed messages (docs/protocol.md, "stream").
+
+The columns are those of `zenoh_tf._core.ChangeLog` and `ChangeReplay`, as tuples in their order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .error_codec import raise_error
+from .fields import (
+    F64,
+    I64,
+    U8,
+    U32,
+    U64,
+    VERSION,
+    Message,
+    column,
+    flag,
+    indexes,
+    integer,
+    items,
+    malformed,
+    mapping,
+    raw,
+    text,
+    texts,
+)
+
+#: Kinds of changes, as in change_log.hpp. The first two have a sample.
+SAMPLE: Final = 0
+STATIC: Final = 1
+CREATED: Final = 2
+CLEARED: Final = 3
+REMOVED: Final = 4
+NEW_VERSION: Final = 5
+ORPHANED: Final = 6
+
+#: The parent of a sample whose parent was removed.
+NO_PARENT: Final = (1 << 32) - 1
+
+#: names, authorities, kind, frame, version; and of samples: parent, authority, stamp, pose
+Changes = tuple[
+    list[str],
+    list[str],
+    NDArray[np.uint8],
+    NDArray[np.uint32],
+    NDArray[np.uint64],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.float64],
+]
+#: names, authorities, frame, version, static, authority, count; and of samples: stamp, parent, pose
+Frames = tuple[
+    list[str],
+    list[str],
+    NDArray[np.uint32],
+    NDArray[np.uint64],
+    NDArray[np.uint8],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.uint32],
+    NDArray[np.float64],
+]
+
+
+@dataclass(slots=True)
+class StreamMessage:
+    """All that the commits from `first` to `last` have changed. A heartbeat has no changes."""
+
+    instance: str
+    first: int  # one more than the `last` of the message before
+    last: int
+    clock_ns: int  # the server's clock when the message was made
+    changes: Changes | None = None
+
+
+def stream_body(message: StreamMessage) -> Message:
+    """The map of a stream message."""
+    body: Message = {
+        "v": VERSION,
+        "instance": message.instance,
+        "first": message.first,
+        "last": message.last,
+        "clock_ns": message.clock_ns,
+    }
+    if message.changes is not None:
+        names, authorities, kind, frame, version, parent, authority, stamp, pose = message.changes
+        body |= {
+            "names": names,
+            "authorities": authorities,
+            "kind": raw(kind, U8),
+            "frame": raw(frame, U32),
+            "version": raw(version, U64),
+            "parent": raw(parent, U32),
+            "authority": raw(authority, U32),
+            "stamp": raw(stamp, I64),
+            "pose": raw(pose, F64),
+        }
+    return body
+
+
+def parse_stream(body: Message) -> StreamMessage:
+    """A stream message. Raises ProtocolError."""
+    message = StreamMessage(
+        text(body, "instance"),
+        integer(body, "first", low=1),
+        integer(body, "last", low=0),
+        integer(body, "clock_ns"),
+    )
+    if message.last < message.first - 1:
+        raise malformed("last", "at least first - 1")
+    if "kind" in body:
+        names, authorities = texts(body, "names"), texts(body, "authorities")
+        kind = column(body, "kind", U8)
+        if kind.size and int(kind.max()) > ORPHANED:
+            raise malformed("kind", f"at most {ORPHANED}")
+        samples = int(np.count_nonzero(kind <= STATIC))
+        message.changes = (
+            names,
+            authorities,
+            kind,
+            indexes(body, "frame", kind.size, len(names)),
+            column(body, "version", U64, kind.size),
+            indexes(body, "parent", samples, len(names)),
+            indexes(body, "authority", samples, len(authorities)),
+            column(body, "stamp", I64, samples),
+            column(body, "pose", F64, samples, 7).reshape(samples, 7),
+        )
+    return message
+
+
+# --- snapshot
+
+
+@dataclass(slots=True)
+class TreeSettings:
+    """The settings that a mirror's tree must share with the server's."""
+
+    cache_ns: int
+    max_frames: int
+    max_samples_per_frame: int
+    max_name_bytes: int
+    max_depth: int
+
+    def fields(self) -> Message:
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(slots=True)
+class SnapshotPlan:
+    """How a snapshot is pulled: piece i has the ids above bounds[i], up to bounds[i + 1]."""
+
+    seq: int  # the stream's changes after this one belong on top of the snapshot
+    ever_reparented: bool
+    bounds: NDArray[np.uint32]
+    settings: TreeSettings
+    clock_ns: int
+
+
+def snapshot_plan_reply(plan: SnapshotPlan) -> Message:
+    """The reply to a `snapshot` request without a piece, without the envelope."""
+    return {
+        "seq": plan.seq,
+        "reparented": plan.ever_reparented,
+        "bounds": raw(plan.bounds, U32),
+        "settings": plan.settings.fields(),
+        "clock_ns": plan.clock_ns,
+    }
+
+
+def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
+    """The plan in a reply. Raises the error that it carries, or ProtocolError."""
+    raise_error(reply)
+    settings = mapping(reply, "settings")
+    bounds = column(reply, "bounds", U32)
+    if bounds.size < 2 or bool(np.any(bounds[:-1] > bounds[1:])):
+        raise malformed("bounds", "two or more ascending ids")
+    return SnapshotPlan(
+        integer(reply, "seq", low=0),
+        flag(reply, "reparented"),
+        bounds,
+        TreeSettings(*(integer(settings, name, low=1) for name in TreeSettings.__slots__)),
+        integer(reply, "clock_ns"),
+    )
+
+
+@dataclass(slots=True)
+class SnapshotRequest:
+    """A request for the frames with ids above `after`, up to `until`."""
+
+    instance: str
+    piece: int  # the number of the piece, which the reply repeats
+    after: int
+    until: int
+
+
+def snapshot_request(request: SnapshotRequest | None) -> Message:
+    """The body of a request for a piece, or with None for the plan."""
+    if request is None:
+        return {"v": VERSION}
+    return {
+        "v": VERSION,
+        "instance": request.instance,
+        "piece": request.piece,
+        "after": request.after,
+        "until": request.until,
+    }
+
+
+def parse_snapshot_request(body: Message) -> SnapshotRequest | None:
+    """The piece that is requested; None: the plan. Raises ProtocolError."""
+    if "piece" not in body:
+        return None
+    ids = [integer(body, name, low=0) for name in ("after", "until")]
+    for name, value in zip(("after", "until"), ids, strict=True):
+        if value > NO_PARENT:
+            raise malformed(name, "an id of 32 bits")
+    return SnapshotRequest(text(body, "instance"), integer(body, "piece", low=0), *ids)
+
+
+@dataclass(slots=True)
+class SnapshotPiece:
+    """Some frames, with all that is known of them."""
+
+    piece: int
+    reached: int  # the last id that was read; below `until` if the piece was cut short
+    last: int  # a number that the mirror must reach before it may be read
+    frames: Frames
+
+
+def snapshot_piece_reply(piece: SnapshotPiece) -> Message:
+    """The reply with a piece, without the envelope."""
+    names, authorities, frame, version, static, authority, count, stamp, parent, pose = piece.frames
+    return {
+        "piece": piece.piece,
+        "reached": piece.reached,
+        "last": piece.last,
+        "names": names,
+        "authorities": authorities,
+        "frame": raw(frame, U32),
+        "version": raw(version, U64),
+        "static": raw(static, U8),
+        "authority": raw(authority, U32),
+        "count": raw(count, U32),
+        "stamp": raw(stamp, I64),
+        "parent": raw(parent, U32),
+        "pose": raw(pose, F64),
+    }
+
+
+def parse_snapshot_piece(reply: Message) -> SnapshotPiece:
+    """The piece in a reply. Raises the error that it carries, or ProtocolError."""
+    raise_error(reply)
+    names, authorities = texts(reply, "names"), texts(reply, "authorities")
+    frame = indexes(reply, "frame", None, len(names))
+    count = column(reply, "count", U32, frame.size)
+    samples = int(count.sum(dtype=np.uint64))
+    return SnapshotPiece(
+        integer(reply, "piece", low=0),
+        integer(reply, "reached", low=0),
+        integer(reply, "last", low=0),
+        (
+            names,
+            authorities,
+            frame,
+            column(reply, "version", U64, frame.size),
+            column(reply, "static", U8, frame.size),
+            indexes(reply, "authority", frame.size, len(authorities)),
+            count,
+            column(reply, "stamp", I64, samples),
+            column(reply, "parent", U32, samples),
+            column(reply, "pose", F64, samples, 7).reshape(samples, 7),
+        ),
+    )
+
+
+# --- missed
+
+
+def missed_request(instance: str, first: int) -> Message:
+    """The body of a request for the stream's messages from the number `first` on."""
+    return {"v": VERSION, "instance": instance, "first": first}
+
+
+def parse_missed_request(body: Message) -> tuple[str, int]:
+    """The instance and the first number. Raises ProtocolError."""
+    return text(body, "instance"), integer(body, "first", low=1)
+
+
+def missed_reply(messages: list[bytes], last: int) -> Message:
+    """The reply to it: as many messages as there is room for, or none if they are forgotten."""
+    return {"messages": messages, "last": last}
+
+
+def parse_missed_reply(reply: Message) -> tuple[list[bytes], int]:
+    """The messages, to be unpacked as those of the stream, and the last number of the stream.
+
+    Raises the error that the reply carries, or ProtocolError.
+    """
+    raise_error(reply)
+    messages: list[Any] = items(reply, "messages")
+    if not all(type(message) is bytes for message in messages):
+        raise malformed("messages", "a list of binaries")
+    return messages, integer(reply, "last", low=0)
