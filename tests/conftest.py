@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import queue
@@ -13,14 +14,17 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.shared_reads import Mode
+
+from .both_clients import Blocking, LoopThread
 
 #: Only a server that hangs takes so long: pytest gives up on the test soon after.
 START_TIMEOUT_S = 50.0
@@ -47,6 +51,10 @@ def free_port() -> int:
 
 def free_endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
+
+
+#: What runs on an event loop.
+Main = Callable[[], Coroutine[Any, Any, None]]
 
 
 class ServerProcess:
@@ -189,3 +197,40 @@ def client(server: ServerProcess) -> Iterator[TransformClient]:
     """A client of `server`."""
     with server.connect() as tf:
         yield tf
+
+
+@pytest.fixture(params=["synchronous", "asynchronous"])
+def either_client(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """Servers connect clients of both kinds in turn."""
+    if request.param == "synchronous":
+        yield
+        return
+    thread = LoopThread()
+
+    def connect(server: ServerProcess, timeout_s: float = 5.0, reads: Mode = "query") -> Blocking:
+        return Blocking.connect(thread, server.endpoint, server.tree, timeout_s, reads=reads)
+
+    monkeypatch.setattr(ServerProcess, "connect", connect)
+    yield
+    thread.stop()
+
+
+@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+def run(request: pytest.FixtureRequest) -> Iterator[Callable[[Main], None]]:
+    """``run(main)`` on either loop; nothing may be logged or left behind by it."""
+
+    def run_on_loop(main: Main) -> None:
+        reports: list[dict[str, Any]] = []
+
+        async def reported() -> None:
+            loop = asyncio.get_running_loop()
+            loop.set_exception_handler(lambda _, report: reports.append(report))
+            await main()
+
+        with asyncio.Runner(loop_factory=request.param) as runner:
+            runner.run(reported())
+        assert reports == []
+
+    yield run_on_loop

@@ -16,7 +16,6 @@ import logging
 import os
 import threading
 import weakref
-from collections.abc import Callable, Iterable
 from typing import Any, Final, Literal, TypeVar, cast
 
 from zenoh_tf import TransformTree, handover, wire
@@ -25,16 +24,14 @@ from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
 from . import lookup_requests
-from .connection import Connection, ServerInfo
-from .request import Read, Request, Rows
+from .connection import Connection
+from .exchange import ServerInfo
+from .request import Read, Request, Rows, VersionedRead
 from .session_calls import is_forked
 
 T = TypeVar("T")
 Mode = Literal["auto", "query"]
 MODES: Final = ("auto", "query")
-#: The server instance, the read set, and a function that returns the result or raises the lookup's
-#: error.
-VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
 #: How long a server may take to hand its tree over. It has just answered, so it mostly is quick.
 _HANDOVER_S: Final = 2.0
@@ -132,11 +129,15 @@ class SharedReads:
 
     def ask(self, why: AskServer, request: Request[T]) -> T:
         """Ask the server, because the tree in memory does not answer."""
-        self._asked[why] += 1
+        self.count(why)
         try:
             return self._connection.call(request)
         finally:
             self.note(why)
+
+    def count(self, why: AskServer) -> None:
+        """Count a lookup that asks the server."""
+        self._asked[why] += 1
 
     def _ask_by_name(self, name: str, why: AskServer, *arguments: Any) -> object:
         """Ask the server for a lookup of `LOOKUPS`."""
@@ -144,17 +145,15 @@ class SharedReads:
 
     def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""
-        tree = self.tree
-        found = read_tree(tree, tree.instance, request)
+        found = self.read_mapped_versions(request)
         if not isinstance(found, AskServer):
             return found
-        self._asked[found] += 1
-        try:
-            reply = self._connection.read("lookup", request.body() | {"versions": True})
-        finally:
-            self.note(found)
-        instance = wire.text(reply, "instance")
-        return instance, wire.parse_read_set(reply), lambda: request.parse(reply)
+        return self.ask(found, lookup_requests.with_versions(request))
+
+    def read_mapped_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T] | AskServer:
+        """The same from the mapped tree only."""
+        tree = self.tree
+        return read_tree(tree, tree.instance, request)
 
     def note(self, why: AskServer) -> None:
         """Let the thread look for the tree of a new server, if there is one."""

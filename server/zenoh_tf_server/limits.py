@@ -327,6 +327,8 @@ def page() -> Iterator[str]:
     yield "(`--share-dir`) read without limits: they spend their own time. The embedded"
     yield "`TransformTree` takes the first five limits as `max_frames`,"
     yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`."
+    yield "What an `AsyncTransformClient` has under way is limited in the client: see"
+    yield "[asyncio](asyncio.md#bounds)."
 
 
 if __name__ == "__main__":
