@@ -48,8 +48,8 @@ REPLACEMENTS = [
     (r"\n\n    A method whose body only asks[^\"]*", r"\n    "),
     # Calls that wait.
     (
-        r"(?<!def )\bself\.(_connection\.call|_reads\.ask|_shared\.read_versions|_read_versions|_read|commit"
-        r"|send|lookup_transforms)\(",
+        r"(?<!def )\bself\.(_connection\.call|_reads\.ask|_shared\.read_versions"
+        r"|_read_versions|_read|commit|send|lookup_transforms)\(",
         r"await self.\1(",
     ),
     (r"\bwith (?=begin\()", "async with "),
