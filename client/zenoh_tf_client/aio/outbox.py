@@ -31,6 +31,7 @@ class Outbox:
     def __init__(self, transport: Transport, exchange: Exchange) -> None:
         self._transport = transport
         self._exchange = exchange
+        self._new: list[AnyOperation] = []  # of this turn
         # By group, in the order of their first operations; one that travels alone is a group.
         self._collected: dict[Hashable, dict[AnyOperation, None]] = {}
         self._is_scheduled = False
@@ -39,16 +40,17 @@ class Outbox:
 
     def __len__(self) -> int:
         """How many messages are under way or collected."""
-        return len(self._under_way) + len(self._collected)
+        return len(self._under_way) + len(self._collected) + len(self._new)
 
     def add(self, operation: AnyOperation) -> None:
         """Send an operation at the end of this turn, or when others are answered."""
         if operation.request.wait_s:
             self.send([operation])
             return
-        key = operation.request.group or operation
-        self._collected.setdefault(key, {})[operation] = None
-        self._schedule()
+        self._new.append(operation)
+        if not self._is_scheduled:
+            self._is_scheduled = True
+            self._transport.loop.call_soon(self._flush)
 
     def cancel(self, operation: AnyOperation) -> bool:
         """Forget an operation. Returns whether it was sent."""
@@ -58,33 +60,45 @@ class Outbox:
                 message.cancel_one()
             return True
         key = operation.request.group or operation
-        group = self._collected.get(key, {})
-        group.pop(operation, None)
-        if not group:
-            self._collected.pop(key, None)
+        group = self._collected.get(key)
+        if group is not None:
+            group.pop(operation, None)
+            if not group:
+                del self._collected[key]
         return False
 
     def end(self, reason: str) -> None:
         """Let every operation fail that is not done."""
         collected, self._collected = self._collected, {}
-        for operation in itertools.chain.from_iterable(collected.values()):
+        new, self._new = self._new, []
+        for operation in itertools.chain(new, *collected.values()):
             operation.fail(ServerUnavailable(reason))
         for message in list(self._under_way):
             message.end(reason)
 
-    def _schedule(self) -> None:
-        if not self._is_scheduled and len(self._under_way) - self._waiting < _MESSAGES:
-            self._is_scheduled = True
-            self._transport.loop.call_soon(self._flush)
-
     def _flush(self) -> None:
         self._is_scheduled = False
+        new, self._new = self._new, []
+        operations = [operation for operation in new if not operation.future.done()]
+        if len(operations) == 1 and not self._collected and self._has_room:  # the common case
+            self.send(operations)
+            return
+        for operation in operations:
+            key = operation.request.group or operation
+            self._collected.setdefault(key, {})[operation] = None
+        self._send_collected()
+
+    @property
+    def _has_room(self) -> bool:
+        return len(self._under_way) - self._waiting < _MESSAGES
+
+    def _send_collected(self) -> None:
         server = self._exchange.server
         most = _OPERATIONS if server is None else max(1, min(_OPERATIONS, server.rows))
-        while self._collected and len(self._under_way) - self._waiting < _MESSAGES:
+        while self._collected and self._has_room:
             key = next(iter(self._collected))
             group = self._collected.pop(key)
-            operations = [each for each in group if not each.future.done()]  # or is cancelled
+            operations = list(group)
             if len(operations) > most:
                 operations = operations[:most]
                 for operation in operations:
@@ -105,4 +119,4 @@ class Outbox:
         self._under_way.remove(message)
         self._waiting -= message.waits
         if self._collected:
-            self._schedule()
+            self._transport.loop.call_soon(self._send_collected)
