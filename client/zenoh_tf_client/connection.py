@@ -29,6 +29,7 @@ from zenoh_tf.errors import (
 
 from . import info_requests
 from .access import Access
+from .local_requests import LocalRequests
 from .opening import open_session
 from .queries import NoReply, Queries
 from .request import Request
@@ -111,6 +112,7 @@ class Connection:
         self._queries = Queries(
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
+        self.local = LocalRequests(self._queries, tree, client_id)
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -122,8 +124,8 @@ class Connection:
 
     def __del__(self) -> None:
         # Zenoh would close the session when it is freed, outside of `calls`.
-        if hasattr(self, "calls"):
-            self.calls.close()
+        if hasattr(self, "local"):
+            self.close()
 
     @property
     def instance(self) -> str:
@@ -149,6 +151,7 @@ class Connection:
     def close(self) -> None:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
+        self.local.close()
 
     def check_publish(self, authority: str) -> None:
         """Raise AccessDenied if this client may not publish as `authority`."""
@@ -297,8 +300,11 @@ class Connection:
     def _query(
         self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
     ) -> wire.Message | NoReply:
-        """As `Queries.ask`; forgets the server if another one replied, or none."""
-        reply = self._queries.ask(key, payload, timeout_s)
+        """Send a request once; forgets the server if another one replied, or none."""
+        if timeout_s > self.timeout_s:  # the server may wait before it replies
+            reply = self._queries.ask(key, payload, timeout_s)
+        else:
+            reply = self.local.ask(self._server, key, payload, timeout_s)
         server = self._server
         if server is not None and (
             isinstance(reply, NoReply) or reply.get("instance") != server.instance

@@ -20,6 +20,7 @@ from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
 from .link_sockets import LinkSockets
+from .local_requests import LocalRequests
 from .outbox_links import OutboxLinks
 from .replies import Replies
 from .request_guard import RequestGuard
@@ -133,15 +134,21 @@ class Server:
             )
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(listens_since_s)
-            service.offer = shared.start(tree, limits.as_dict())
+            workers = Workers(service, clients, replies, settings.workers)
+            local = LocalRequests(service, clients, workers.budget, settings.workers)
+            # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
+            take = None if settings.security.authenticates else local.take
+            service.offer = shared.start(tree, limits.as_dict(), take)
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             reports = EventReports(tree, service.clocks)
             stack.callback(reports.close)
             reports.start()
             clients.start(session, settings.tree)
-            workers = Workers(service, clients, replies, settings.workers)
+            clients.when_gone(local.client_gone)
             stack.callback(workers.close)
+            stack.callback(local.close)
+            service.add_counters(local.counters)
             workers.start(session, settings.tree)
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
