@@ -10,14 +10,17 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.shared_reads import Mode
 
 #: Only a server that hangs takes so long: pytest gives up on the test soon after.
 START_TIMEOUT_S = 50.0
@@ -98,8 +101,9 @@ class ServerProcess:
             assert time.monotonic() < deadline_s, f"no {text!r} in the log:\n{self.log}"
             time.sleep(0.01)
 
-    def connect(self, timeout_s: float = 5.0) -> TransformClient:
-        return TransformClient.connect(self.endpoint, self.tree, timeout_s)
+    def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
+        """A client; most tests are about queries, so these are the default."""
+        return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
 
     def send_signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
@@ -149,6 +153,23 @@ def start_server(tmp_path: Path) -> Iterator[StartServer]:
     yield start
     for server in running:
         server.stop()
+
+
+@pytest.fixture
+def socket_folder() -> Iterator[Path]:
+    """A folder whose path is short enough for sockets."""
+    with tempfile.TemporaryDirectory() as path:
+        yield Path(path)
+
+
+@pytest.fixture
+def start_sharing(start_server: StartServer, socket_folder: Path) -> StartServer:
+    """``start_server``, of servers that share their trees through sockets in `socket_folder`."""
+
+    def start(*flags: str, **options: Any) -> ServerProcess:
+        return start_server("--share-dir", str(socket_folder), *flags, **options)
+
+    return start
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@
 
 import enum
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf._core import Budget, Tree
 from zenoh_tf._transform import LatestTransform, Rows, StampedTransform
@@ -20,6 +20,7 @@ class LeaseKeeper:
     def __init__(self, tree: Tree) -> None: ...
     def end(self) -> None: ...
 
+@final
 class AskServer(enum.Enum):
     BUSY = ...
     LAPSED = ...
@@ -75,7 +76,7 @@ class SharedTree:
         stamp_ns: int | None,
         averaging_interval_ns: int,
         reference_frame: str | None,
-        reference_point: Sequence[float] | NDArray[np.float64],
+        reference_point: ArrayLike,
         reference_point_frame: str | None,
     ) -> dict[str, Any] | AskServer: ...
     def _read_rows(
@@ -97,6 +98,6 @@ class SharedTree:
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
+        stamps_ns: ArrayLike | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
     def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...

@@ -29,6 +29,7 @@ _LENGTH: Final = struct.Struct("<I")
 _MAX_BYTES: Final = 1 << 16
 #: Longest path of a Unix socket, with the zero byte at its end.
 MAX_PATH_BYTES: Final = 108
+_RETRY_S: Final = 0.005
 _CLOSE_ON_EXEC: Final = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 
 
@@ -159,6 +160,18 @@ def _is_socket(path: str) -> bool:
         return False
 
 
+def _connect(peer: socket.socket, path: str, deadline_s: float) -> None:
+    """Connect, also while many others do: then the kernel refuses at first."""
+    peer.setblocking(False)
+    while True:
+        try:
+            return peer.connect(path)
+        except BlockingIOError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(_RETRY_S)
+
+
 def _receive(peer: socket.socket, path: str, timeout_s: float) -> tuple[bytes, int]:
     """Connect, and return the payload and the file descriptor that the socket's owner sends."""
     deadline_s = time.monotonic() + timeout_s
@@ -166,8 +179,7 @@ def _receive(peer: socket.socket, path: str, timeout_s: float) -> tuple[bytes, i
     try:
         data = b""
         wanted = _LENGTH.size
-        peer.settimeout(timeout_s)
-        peer.connect(path)
+        _connect(peer, path, deadline_s)
         while len(data) < wanted:
             peer.settimeout(max(deadline_s - time.monotonic(), 0.001))
             more, received, _, _ = socket.recv_fds(peer, wanted - len(data), 4, _CLOSE_ON_EXEC)

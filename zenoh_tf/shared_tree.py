@@ -15,7 +15,7 @@ changed. Where that leaves no answer they return an `AskServer`, which says why.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from zenoh_tf import _core
 from zenoh_tf._core import AskServer, RegionRefused
@@ -26,8 +26,7 @@ from zenoh_tf.velocity import Velocity, interval_ns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike
 
 __all__ = ["AskServer", "RegionRefused", "SharedTree"]
 
@@ -51,7 +50,7 @@ class SharedTree(_core.SharedTree):
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
+        stamps_ns: ArrayLike | None,
     ) -> TransformArray | AskServer:
         """Look up many transforms in one call; see `TransformTree.lookup_transforms`.
 
@@ -77,7 +76,7 @@ class SharedTree(_core.SharedTree):
         averaging_interval_s: float = 0.1,
         *,
         reference_frame: str | None = None,
-        reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
+        reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Velocity | AskServer:
         """Return how a frame moves in another; see `TransformTree.lookup_velocity`.

@@ -74,8 +74,12 @@ class Connection:
         tree: str,
         timeout_s: float,
         credentials: Credentials = NO_CREDENTIALS,
+        *,
+        local: bool = True,
     ) -> None:
         """Connect to the server of `tree` at `endpoint`.
+
+        `local`: send requests through the server's socket as well, if it is on this host.
 
         Raises:
             ServerUnavailable: No server answered within `timeout_s`.
@@ -112,7 +116,7 @@ class Connection:
         self._queries = Queries(
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
-        self.local = LocalRequests(self._queries, tree, client_id)
+        self.local = LocalRequests(self._queries, tree, client_id, on=local)
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)

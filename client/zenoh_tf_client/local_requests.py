@@ -129,13 +129,16 @@ class _Peer:
 class LocalRequests:
     """The connections of one client to the server on its host; see the module."""
 
-    def __init__(self, queries: Queries, tree: str, client_id: str) -> None:
+    def __init__(self, queries: Queries, tree: str, client_id: str, *, on: bool = True) -> None:
+        """`on`: False if all requests go over Zenoh."""
         self._queries = queries
         self._tree = tree
         self._client_id = client_id
         #: The key of each family that may go through the socket, and what its header says.
         self._families = {
-            zenoh.KeyExpr(keys.operation(tree, name)): header for header, name in FAMILIES.items()
+            zenoh.KeyExpr(keys.operation(tree, name)): header
+            for header, name in FAMILIES.items()
+            if on
         }
         #: Connections that no call uses. Taken and put back without a lock.
         self._idle: list[_Peer] = []

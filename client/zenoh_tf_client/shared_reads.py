@@ -134,15 +134,15 @@ class SharedReads:
             assert read_set is not None
             names, versions = read_set
             answer = wire.LookupReply(status, stamp, newest, pose, dict(errors))
-            read = zip(names, versions.tolist(), strict=True)
-            return tree.instance, read, lambda: request.answer(answer)
+            versions_read = zip(names, versions.tolist(), strict=True)
+            return tree.instance, versions_read, lambda: request.answer(answer)
         self._asked[rows] += 1
         try:
             reply = self._connection.read("lookup", request.body() | {"versions": True})
         finally:
             self.note(rows)
-        read = wire.parse_read_set(reply)
-        return wire.text(reply, "instance"), read, lambda: request.parse(reply)
+        instance = wire.text(reply, "instance")
+        return instance, wire.parse_read_set(reply), lambda: request.parse(reply)
 
     def note(self, why: AskServer) -> None:
         """Let the thread look for the tree of a new server, if there is one."""

@@ -16,6 +16,7 @@ from zenoh_tf import TransformTree
 from . import network, operations, sharing, tree_claim
 from .clients import Clients
 from .event_reports import EventReports
+from .free_memory import FreeMemory
 from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
@@ -111,13 +112,7 @@ class Server:
                 settings.future,
             )
             service.info_requests.addresses = network.addresses(session)
-            stream = Stream(tree, self.instance, limits)
-            stack.callback(stream.close)
-            stream.start(session, settings.tree)
-            service.add_counters(stream.counters)
-            cache_ns = round(settings.cache_time_s * 1e9)
-            snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
-            service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+            self._start_stream(settings, stack)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
@@ -133,7 +128,7 @@ class Server:
                 settings.future,
             )
             stack.callback(ingest.close)
-            sharing.wait_for_predecessor(listens_since_s)
+            sharing.wait_for_predecessor(settings.sharing, listens_since_s)
             workers = Workers(service, clients, replies, settings.workers)
             local = LocalRequests(service, clients, workers.budget, settings.workers)
             # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
@@ -144,6 +139,9 @@ class Server:
             reports = EventReports(tree, service.clocks)
             stack.callback(reports.close)
             reports.start()
+            memory = FreeMemory()
+            stack.callback(memory.close)
+            memory.start()
             clients.start(session, settings.tree)
             clients.when_gone(local.client_gone)
             stack.callback(workers.close)
@@ -153,6 +151,17 @@ class Server:
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()
+
+    def _start_stream(self, settings: Settings, stack: ExitStack) -> None:
+        """Publish what commits change, and answer what mirrors ask."""
+        tree, limits = self.service.tree, settings.limits
+        stream = Stream(tree, self.instance, limits)
+        stack.callback(stream.close)
+        stream.start(self.session, settings.tree)
+        self.service.add_counters(stream.counters)
+        cache_ns = round(settings.cache_time_s * 1e9)
+        snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
+        self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
     def close(self) -> None:
         self._stack.close()

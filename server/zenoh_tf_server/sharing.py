@@ -58,6 +58,8 @@ class Settings:
     on: bool = True
     folder: Path | None = None  # None: the default
     group: str | None = None
+    #: How long a predecessor may have a lease after it has lost the endpoints.
+    predecessor_s: float = LEASE_S
 
     @property
     def required(self) -> bool:
@@ -259,10 +261,10 @@ class Sharing:
                     take(peer.dup())
 
 
-def wait_for_predecessor(listens_since_s: float) -> None:
+def wait_for_predecessor(settings: Settings, listens_since_s: float) -> None:
     """Wait until the lease of a predecessor must have lapsed, which had the server's endpoints
     until `listens_since_s` (of the monotonic clock) at most."""
-    time.sleep(max(0.0, listens_since_s + LEASE_S - time.monotonic()))
+    time.sleep(max(0.0, listens_since_s + settings.predecessor_s - time.monotonic()))
 
 
 def _remove_stale(folder: Path) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import pytest
@@ -14,6 +16,7 @@ from zenoh_tf import TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.server import Server, Settings
+from zenoh_tf_server.sharing import Settings as Sharing
 
 from ..conftest import free_endpoint
 from .shorthand import MODES, Tree
@@ -29,7 +32,11 @@ class LiveServer:
     """
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, concurrency: Concurrency, **settings: Any
+        self,
+        loop: asyncio.AbstractEventLoop,
+        concurrency: Concurrency,
+        sharing: Sharing,
+        **settings: Any,
     ) -> None:
         self.endpoint = free_endpoint()
         defaults: dict[str, Any] = {
@@ -42,6 +49,7 @@ class LiveServer:
             "time_jump": "reject",
             "workers": 2,
             "limits": Limits(),
+            "sharing": sharing,
         }
         self.settings = Settings(**defaults | settings)
         self._loop = loop
@@ -60,7 +68,9 @@ class LiveServer:
 
     def connect(self) -> TransformClient:
         """Return another client. The caller closes it."""
-        return TransformClient.connect(self.endpoint)
+        tf = TransformClient.connect(self.endpoint)
+        assert tf.reads == ("shared" if self.settings.sharing.on else "query")
+        return tf
 
 
 @pytest.fixture(params=MODES)
@@ -88,10 +98,14 @@ MakeTree = Callable[..., Tree]
 @pytest.fixture
 def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
     """``start_live(**settings)``: an empty server with the mode's concurrency control."""
+    reach, _, concurrency = mode.partition("-")
     with ExitStack() as servers:
+        folder = Path(servers.enter_context(tempfile.TemporaryDirectory()))
+        # No predecessor can have had the endpoint.
+        sharing = Sharing(reach == "shared", folder, predecessor_s=0.0)
 
         def start(**settings: Any) -> LiveServer:
-            server = LiveServer(loop, cast(Concurrency, mode.partition("-")[2]), **settings)
+            server = LiveServer(loop, cast(Concurrency, concurrency), sharing, **settings)
             servers.callback(server.stop)
             return server
 

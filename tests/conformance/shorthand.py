@@ -18,7 +18,11 @@ Tree = TransformTree | TransformClient
 Numbers = Sequence[float] | NDArray[np.float64]
 
 #: How the tree is reached, and its concurrency control.
-MODES = ("embedded-optimistic", "embedded-2pl", "remote-optimistic", "remote-2pl")
+MODES = (
+    *("embedded-optimistic", "embedded-2pl"),
+    *("remote-optimistic", "remote-2pl"),  # by queries
+    *("shared-optimistic", "shared-2pl"),  # from the server's memory
+)
 #: For tests about the network: ``@pytest.mark.parametrize("mode", REMOTE, indirect=True)``.
 REMOTE = tuple(mode for mode in MODES if mode.startswith("remote"))
 

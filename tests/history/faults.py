@@ -53,11 +53,11 @@ FAULTS = [
         "write locks are released before the writes",
         ("optimistic", "2pl"),
         "tree_write.cpp",
-        """  execution.apply();
-  locks.release(execution.frames_with_new_version(locks));
+        """    execution.apply();
+    locks.release(execution.frames_with_new_version(locks));
 """,
-        """  locks.release(locks.frames());
-  execution.apply();
+        """    locks.release(locks.frames());
+    execution.apply();
 """,
     ),
     Fault(
@@ -86,15 +86,15 @@ FAULTS = [
         "readers are not held off",
         ("optimistic",),
         "tree_write.cpp",
-        "  locks.begin_write();\n  execution.apply();\n",
-        "  execution.apply();\n",
+        "    locks.begin_write();\n    ticket.draw();\n    execution.apply();\n",
+        "    ticket.draw();\n    execution.apply();\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",
         ("optimistic",),
         "tree_write.cpp",
-        "    locks.begin_write();\n    plan.validate_read_set(locks);\n",
-        "    plan.validate_read_set(locks);\n",
+        "      locks.begin_write();\n      ticket.draw();\n      plan.validate_read_set(locks);\n",
+        "      ticket.draw();\n      plan.validate_read_set(locks);\n",
     ),
     Fault(
         "rows are committed one by one",
@@ -197,8 +197,8 @@ FAULTS = [
     Fault(
         "a lookup does not see that an id has passed on",
         ("optimistic", "giant"),
-        "name_table.hpp",
-        "std::memory_order_acquire) / kIncrement == ref.generation;",
+        "name_reader.hpp",
+        "std::memory_order_acquire) / NameEntry::kIncrement ==\n           ref.generation;",
         "std::memory_order_acquire) != ref.generation + 7u;",
     ),
     Fault(

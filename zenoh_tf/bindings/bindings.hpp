@@ -52,8 +52,8 @@ nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::u
 template <class AnyTree>
 nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle target,
                       nb::handle source, const std::string& note = "") {
-  return make_error([&](FrameId id) { return tree.name(failure, id); }, tree.options().max_depth, failure,
-                    target, source, note);
+  return make_error([&](FrameId id) { return tree.name(failure, id); }, tree.options().max_depth,
+                    failure, target, source, note);
 }
 // The note of a lookup that timed out.
 std::string waited(double timeout_s);

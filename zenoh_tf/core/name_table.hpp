@@ -160,7 +160,8 @@ class NameTable : private NameReader<> {
   void fill_slot(Slots slots, std::uint64_t hash, Id id) noexcept {
     std::size_t i = hash;
     std::uint64_t known;
-    while ((known = slot(slots, i).load(std::memory_order_relaxed)) != 0 && known != kTombstone) ++i;
+    while ((known = slot(slots, i).load(std::memory_order_relaxed)) != 0 && known != kTombstone)
+      ++i;
     used_slots_ += known == 0;
     slot(slots, i).store((hash >> 32 << 32) | id, std::memory_order_release);
   }
