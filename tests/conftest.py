@@ -20,12 +20,15 @@ from typing import Any
 import pytest
 
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.connection import Connection
 from zenoh_tf_client.shared_reads import Mode
 
 #: Only a server that hangs takes so long: pytest gives up on the test soon after.
 START_TIMEOUT_S = 50.0
 #: Below all ports that systems give to outgoing connections.
 _PORTS = range(10_000, 30_000)
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
 # A shell that starts the tests in the background makes them, and their children, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -54,6 +57,8 @@ class ServerProcess:
 
     #: How Python starts it.
     START: tuple[str, ...] = ("-m", "zenoh_tf_server")
+    #: Clients send queries through the server's socket.
+    LOCAL = False
 
     def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
         self.endpoint = endpoint
@@ -103,6 +108,8 @@ class ServerProcess:
 
     def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
         """A client; most tests are about queries, so these are the default."""
+        if self.LOCAL and reads == "query":
+            return TransformClient(Connection(self.endpoint, self.tree, timeout_s), reads)
         return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
 
     def send_signal(self, number: signal.Signals) -> None:
@@ -153,6 +160,18 @@ def start_server(tmp_path: Path) -> Iterator[StartServer]:
     yield start
     for server in running:
         server.stop()
+
+
+@pytest.fixture(params=["zenoh", pytest.param("socket", marks=linux)])
+def either_way(
+    request: pytest.FixtureRequest, socket_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> str:
+    """Clients send queries over Zenoh, or through the server's socket."""
+    if request.param == "socket":
+        monkeypatch.setattr(ServerProcess, "LOCAL", True)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(socket_folder))
+    way: str = request.param
+    return way
 
 
 @pytest.fixture

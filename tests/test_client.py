@@ -25,6 +25,8 @@ from zenoh_tf_client import Broadcaster, TransformClient
 
 from .conftest import ServerProcess, StartServer
 
+pytestmark = pytest.mark.usefixtures("either_way")
+
 S = 1_000_000_000
 
 

@@ -145,6 +145,7 @@ class LocalRequests:
         self._lock = threading.Lock()
         # Guarded by the lock.
         self._peers: set[_Peer] = set()
+        self._count = 0  # of connections, also while they are opened
         self._closed = False
         self._next_try_s = 0.0
         #: Replies that came through the socket. A lost count does no harm.
@@ -214,8 +215,13 @@ class LocalRequests:
             self._drop(peer)
 
     def _open(self, server: ServerInfo, offer: handover.Offer) -> _Peer | None:
-        if time.monotonic() < self._next_try_s or len(self._peers) >= _MAX_CONNECTIONS:
-            return None
+        with self._lock:
+            if self._closed or self._count >= _MAX_CONNECTIONS:
+                return None
+            if time.monotonic() < self._next_try_s:
+                return None
+            self._count += 1
+        peer = None
         try:
             if offer.host != handover.boot_id():
                 raise RegionRefused("the server is on another host")
@@ -223,9 +229,13 @@ class LocalRequests:
             peer = _Peer(connection, server.instance)
             peer.send_client(self._client_id)
         except (OSError, RegionRefused, TransformException) as error:
-            self._next_try_s = time.monotonic() + _RETRY_S
             log.debug("requests go over Zenoh: %s (tree %r)", error, self._tree)
+            self._drop(peer)
+            self._next_try_s = time.monotonic() + _RETRY_S
             return None
+        except BaseException:
+            self._drop(peer)
+            raise
         with self._lock:
             self._peers.add(peer)
             if not self._closed:
@@ -238,7 +248,11 @@ class LocalRequests:
             while True:
                 self._drop(self._idle.pop())
 
-    def _drop(self, peer: _Peer) -> None:
+    def _drop(self, peer: _Peer | None) -> None:
+        """Close a connection that was counted."""
         with self._lock:
-            self._peers.discard(peer)
-        peer.close()
+            self._count -= 1
+            if peer is not None:
+                self._peers.discard(peer)
+        if peer is not None:
+            peer.close()

@@ -180,7 +180,9 @@ class _LaneThreads:
 class _Family:
     """The channel and the threads of one family of queries."""
 
-    def __init__(self, shared: _Shared, operation: str, count: int, long_lane: Lane[zenoh.Query]) -> None:
+    def __init__(
+        self, shared: _Shared, operation: str, count: int, long_lane: Lane[zenoh.Query]
+    ) -> None:
         self._shared = shared
         self._operation = operation
         self._count = count
