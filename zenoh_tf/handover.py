@@ -95,15 +95,9 @@ def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedT
         RegionRefused: What the socket's owner sent is not the tree, or cannot be read here.
         ProtocolError: What it sent is malformed.
     """
-    peer, told, fd = _greeting(offer, tree, instance, timeout_s)
+    peer, fd = _greeting(offer, tree, instance, timeout_s, to_read=True)
     peer.close()
     try:
-        layout = told.get("layout")
-        if layout != list(LAYOUT):
-            raise RegionRefused(
-                f"the server's tree has the memory layout {_layout(layout)}, and this client reads "
-                f"{_layout(LAYOUT)}: install the same version of zenoh-tf in both"
-            )
         return SharedTree(fd)
     finally:
         os.close(fd)
@@ -114,15 +108,15 @@ def connect(offer: Offer, tree: str, instance: str, timeout_s: float) -> socket.
 
     Raises as `receive` does.
     """
-    peer, _, fd = _greeting(offer, tree, instance, timeout_s)
+    peer, fd = _greeting(offer, tree, instance, timeout_s, to_read=False)
     os.close(fd)
     return peer
 
 
 def _greeting(
-    offer: Offer, tree: str, instance: str, timeout_s: float
-) -> tuple[socket.socket, wire.Message, int]:
-    """The connection to a server instance, and the message and file descriptor that it has sent.
+    offer: Offer, tree: str, instance: str, timeout_s: float, *, to_read: bool
+) -> tuple[socket.socket, int]:
+    """The connection to a server instance, and the file descriptor that it has sent.
 
     In a container, the socket's folder may be mounted elsewhere than at the server's path. So the
     default folders are searched for the socket as well.
@@ -130,20 +124,25 @@ def _greeting(
     paths = [offer.socket]
     paths += [str(folder / Path(offer.socket).name) for folder in default_folders()]
     path = next((path for path in paths if _is_socket(path)), offer.socket)
+    fd = -1
     peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         payload, fd = _receive(peer, path, timeout_s)
-        try:
-            told = wire.unpack(payload)
-            if (wire.text(told, "tree"), wire.text(told, "instance")) != (tree, instance):
-                raise RegionRefused(f"{path} belongs to another server")
-        except BaseException:
-            os.close(fd)
-            raise
+        told = wire.unpack(payload)
+        layout = told.get("layout")
+        if to_read and layout != list(LAYOUT):
+            raise RegionRefused(
+                f"the server's tree has the memory layout {_layout(layout)}, and this client reads "
+                f"{_layout(LAYOUT)}: install the same version of zenoh-tf in both"
+            )
+        if (wire.text(told, "tree"), wire.text(told, "instance")) != (tree, instance):
+            raise RegionRefused(f"{path} belongs to another server")
     except BaseException:
+        if fd >= 0:
+            os.close(fd)
         peer.close()
         raise
-    return peer, told, fd
+    return peer, fd
 
 
 def _layout(layout: object) -> str:

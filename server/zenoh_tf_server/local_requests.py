@@ -43,6 +43,8 @@ log = logging.getLogger("zenoh_tf.server")
 #: Connections of one client. Its threads make calls side by side.
 _MAX_OF_CLIENT: Final = 32
 _MAX_ID_BYTES: Final = 64
+#: A client that does not say who it is for this long loses the connection.
+_ID_S: Final = 5.0
 #: A client that takes nothing of a reply for this long loses the connection.
 _CUT_OFF_S: Final = 10
 _READ_BYTES: Final = 8192
@@ -167,10 +169,12 @@ class LocalRequests:
         self._connections: set[_Connection] = set()
         self._of_client: dict[str, int] = {}
         self._closed = False
+        clients.when_gone(self._client_gone)
+        service.add_counters(self._counters)
 
     def take(self, peer: socket.socket) -> None:
         """Serve a client from now on; closes the connection if there are too many."""
-        peer.settimeout(None)
+        peer.settimeout(_ID_S)
         # Not a time-out of Python's, which would ask the system before each read, too.
         cut_off = struct.pack("ll", _CUT_OFF_S, 0)
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, cut_off)
@@ -198,20 +202,21 @@ class LocalRequests:
             if connection.thread is not None:
                 connection.thread.join(max(0.0, deadline_s - time.monotonic()))
 
-    def client_gone(self, client: str) -> None:
+    def _client_gone(self, client: str) -> None:
         """Close the connections of a client. A forked child of its process may keep them open."""
         with self._lock:
             connections = [each for each in self._connections if each.claimed == client]
         for connection in connections:
             connection.end()
 
-    def counters(self) -> dict[str, int]:
+    def _counters(self) -> dict[str, int]:
         """Counters for `stats`."""
         return {"local_connections": len(self._connections)}
 
     def _serve(self, connection: _Connection) -> None:
         try:
             if self._admit(connection, connection.read_client()):
+                connection.socket.settimeout(None)
                 while (request := connection.read()) is not None:
                     self._reply(connection, *request)
         except BlockingIOError:

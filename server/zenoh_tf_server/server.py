@@ -7,7 +7,7 @@ import functools
 import secrets
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -130,10 +130,13 @@ class Server:
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
             workers = Workers(service, clients, replies, settings.workers)
-            local = LocalRequests(service, clients, workers.budget, settings.workers)
+            local = stack.enter_context(
+                closing(LocalRequests(service, clients, workers.budget, settings.workers))
+            )
             # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
-            take = None if settings.security.authenticates else local.take
-            service.offer = shared.start(tree, limits.as_dict(), take)
+            service.offer = shared.start(
+                tree, limits.as_dict(), None if settings.security.authenticates else local.take
+            )
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             reports = EventReports(tree, service.clocks)
@@ -143,10 +146,7 @@ class Server:
             stack.callback(memory.close)
             memory.start()
             clients.start(session, settings.tree)
-            clients.when_gone(local.client_gone)
             stack.callback(workers.close)
-            stack.callback(local.close)
-            service.add_counters(local.counters)
             workers.start(session, settings.tree)
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
