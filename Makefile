@@ -91,10 +91,10 @@ docs: .venv/requirements.stamp ## the documentation and the API reference, in bu
 bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps the medians as JSON
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
 
-# What `make bench ARGS=core RESULTS=$(FIGURES_FROM)` has written.
-FIGURES_FROM ?= bench/results/core-2-cores-amd-epyc.json
+# What `make bench ARGS=core RESULTS=FILE` and `make bench ARGS=reads RESULTS=FILE` have written.
+FIGURES_FROM ?= bench/results/core-2-cores-amd-epyc.json bench/results/reads-2-cores-amd-epyc.json
 figures: native ## draw docs/figures from bench/results, without measuring
-	@$(BIN)/python -m bench.plots $(FIGURES_FROM) docs/figures
+	@for results in $(FIGURES_FROM); do $(BIN)/python -m bench.plots $$results docs/figures || exit 1; done
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address

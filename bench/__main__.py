@@ -17,6 +17,7 @@ CORE = {
 }
 PARTS = CORE | {
     "embedded": "embedded:measure",
+    "reads": "reads:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
 }

@@ -1,7 +1,7 @@
 """``python -m bench.plots RESULTS FOLDER``: the figures of the documentation.
 
-From results that ``python -m bench core --results RESULTS`` has written, beside the curves that
-were published; nothing is measured here.
+From results that ``python -m bench core --results RESULTS``, or ``reads`` in the place of ``core``,
+has written, beside the curves that were published; nothing is measured here.
 """
 
 from __future__ import annotations
@@ -85,6 +85,37 @@ def staleness(cells: Cells) -> Figure:
     return figure
 
 
+def reads(cells: Cells) -> Figure:
+    figure, axes = plt.subplots(figsize=(7.5, 4.2))
+    rows = [cell for cell in cells if cell["part"] == "reads"]
+    ways = {
+        "embedded": ("embedded tree", BLUE),
+        "shared": ("server's memory, from another process on its host", "#7FB8DA"),
+        "query": ("query of the server", ORANGE),
+        "bare query": ("Zenoh query without any work", "#999999"),
+    }
+    drawn: set[str] = set()
+    for place, row in enumerate(rows):
+        label, color = ways[row["system"]]
+        low, median, high = row["us_per_call"]
+        shown = None if label in drawn else label
+        axes.barh(place, median, height=0.75, color=color, label=shown)
+        axes.hlines(place, low, high, color="#555555", linewidth=1)
+        axes.text(1.1 * high, place, f"{median:.2g} µs", va="center", fontsize=8)
+        drawn.add(label)
+    middles = {
+        row["case"]: [i for i, other in enumerate(rows) if other["case"] == row["case"]]
+        for row in rows
+    }
+    axes.set_yticks([statistics.mean(places) for places in middles.values()], list(middles))
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlim(0.05, 5 * max(row["us_per_call"][2] for row in rows))
+    axes.set_xlabel("time of a lookup over 4 links from Python, µs")
+    _finish(axes, "A lookup by way of reading", "x")
+    return figure
+
+
 def _published(axes: Axes, ours: str, tf: str, factor: float, *notes: str) -> None:
     of_ours, of_tf = notes or ("", "")
     for name, key, note, color, style in (
@@ -148,6 +179,8 @@ def _caption(machine: dict[str, str], cells: Cells, name: str) -> list[str]:
     caption += f" {machine['tf2'].split(',')[0]}; commit {machine['commit']}."
     if name == "staleness":
         return [caption]
+    if name == "reads":
+        return [caption + " Medians of the trials, which take turns, with their quartiles."]
     if name != "delay":
         caption += " Medians of the trials with their quartiles."
     load = [cell["background_cores"][1] for cell in cells if "background_cores" in cell]
@@ -161,7 +194,8 @@ def main() -> None:
     plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
     # The same picture makes the same file; text stays text, which is small and can be searched.
     plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
-    for draw in (throughput, latency, delay, staleness):
+    parts = {cell["part"] for cell in results["cells"]}
+    for draw in (reads,) if "reads" in parts else (throughput, latency, delay, staleness):
         figure = draw(results["cells"])
         figure.tight_layout(rect=(0, 0.07, 1, 1))
         lines = _caption(results["machine"], results["cells"], draw.__name__)

@@ -30,7 +30,7 @@ BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000
 
 
 @contextlib.contextmanager
-def _running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A Python module as a process that has printed its first line, and its endpoint."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -46,13 +46,13 @@ def _running(module: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[st
             process.terminate()
 
 
-def _session(endpoint: str) -> zenoh.Session:
+def connect(endpoint: str) -> zenoh.Session:
     return zenoh.open(zenoh_config.client([endpoint], 5.0))
 
 
 def measure(report: Report) -> None:
     """Microseconds a round trip; lookups a second."""
-    with _running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint) as tf:
+    with running(*SERVER) as (_, endpoint), TransformClient.connect(endpoint, reads="query") as tf:
         for parent, child, stamp_ns, *pose in history():
             tf.set_transform(StampedTransform(parent, child, stamp_ns, Transform(*pose)))
         _round_trips(report, tf, endpoint)
@@ -62,15 +62,15 @@ def measure(report: Report) -> None:
 def _round_trips(report: Report, tf: TransformClient, endpoint: str) -> None:
     """A lookup beside an empty query of as many bytes."""
     request = wire.pack(lookup_requests.lookup_transform(TARGET, SOURCE).body())
-    with _session(endpoint) as session:
-        reply_bytes = _ask(session, LOOKUP, request)
+    with connect(endpoint) as session:
+        reply_bytes = ask(session, LOOKUP, request)
     with (
-        _running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
-        _session(empty_endpoint) as empty,
+        running("bench.empty_server", str(reply_bytes)) as (_, empty_endpoint),
+        connect(empty_endpoint) as empty,
     ):
         calls: dict[str, Callable[[], object]] = {
             "lookup_transform": lambda: tf.lookup_transform(TARGET, SOURCE),
-            "empty query": lambda: _ask(empty, empty_server.KEY, bytes(len(request))),
+            "empty query": lambda: ask(empty, empty_server.KEY, bytes(len(request))),
         }
         labels = {"case": f"round trip of {len(request)} and {reply_bytes} bytes"}
         trials = {name: functools.partial(_round_trip, call) for name, call in calls.items()}
@@ -87,7 +87,7 @@ def _round_trip(call: Callable[[], object]) -> Trial:
     return {"us_per_call": 1e6 * statistics.median(timeit.repeat(call, number=1, repeat=100))}
 
 
-def _ask(session: zenoh.Session, key: str, payload: bytes) -> int:
+def ask(session: zenoh.Session, key: str, payload: bytes) -> int:
     """The bytes of the reply to a query that is sent as the client sends its own."""
     for reply in session.get(key, payload=payload, timeout=5.0, consolidation=ONCE):
         assert reply.ok is not None
@@ -116,9 +116,9 @@ def waiting(report: Report) -> None:
     frames = [f"frame{index}" for index in range(lookups)]
     came_ns = np.zeros(lookups)
     with (
-        _running(*SERVER) as (server, endpoint),
-        TransformClient.connect(endpoint, timeout_s=30.0) as tf,
-        _session(endpoint) as session,
+        running(*SERVER) as (server, endpoint),
+        TransformClient.connect(endpoint, timeout_s=30.0, reads="query") as tf,
+        connect(endpoint) as session,
     ):
         tf.set_transforms_xact([_stamped(frame, BEFORE_NS) for frame in frames])
         for index, frame in enumerate(frames):

@@ -106,7 +106,10 @@ def publish(endpoint: str, robots: range, seconds: float) -> None:
 
 
 def measure_robots(robots: int) -> None:
-    with running() as server, TransformClient.connect(server.endpoint, timeout_s=20.0) as tf:
+    with (
+        running() as server,
+        TransformClient.connect(server.endpoint, timeout_s=20.0, reads="query") as tf,
+    ):
         before = server.usage()
         count = min(robots, 2)
         spawn = multiprocessing.get_context("spawn")
@@ -140,11 +143,13 @@ def measure_robots(robots: int) -> None:
 
 def measure_clients() -> None:
     with running() as server, ExitStack() as stack:
-        stack.enter_context(TransformClient.connect(server.endpoint, timeout_s=20.0))
+        stack.enter_context(TransformClient.connect(server.endpoint, timeout_s=20.0, reads="query"))
         time.sleep(1)
         before = server.usage()
         for _ in range(CONNECTIONS):
-            stack.enter_context(TransformClient.connect(server.endpoint, timeout_s=20.0))
+            stack.enter_context(
+                TransformClient.connect(server.endpoint, timeout_s=20.0, reads="query")
+            )
         time.sleep(3)
         after = server.usage()
         each = (after.resident_bytes - before.resident_bytes) / CONNECTIONS
@@ -154,7 +159,10 @@ def measure_clients() -> None:
 
 
 def measure_lookups() -> None:
-    with running() as server, TransformClient.connect(server.endpoint, timeout_s=20.0) as tf:
+    with (
+        running() as server,
+        TransformClient.connect(server.endpoint, timeout_s=20.0, reads="query") as tf,
+    ):
         session = zenoh.open(zenoh_config.client([server.endpoint], 10.0))
         time.sleep(1)
         before = server.usage()

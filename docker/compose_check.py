@@ -69,5 +69,6 @@ def _start(
         argument.replace("tcp/server:", "tcp/127.0.0.1:")
         for argument in [*description["entrypoint"], *description["command"]]
     ]
+    options += [f"--volume={server}-{volume}" for volume in description["volumes"]]
     options += [f"--network=container:{server}", f"--entrypoint={program}"]
     engine.start(tag, name, *options, command=rest)

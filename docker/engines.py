@@ -74,6 +74,9 @@ class Engine:
     def remove(self, name: str) -> None:
         self._run("rm", "-f", name, check=False)
 
+    def remove_volume(self, name: str) -> None:
+        self._run("volume", "rm", "-f", name, check=False)
+
     def close(self, tag: str) -> None:
         """Remove everything that the test made."""
         self._run("rmi", "-f", tag, check=False)

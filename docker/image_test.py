@@ -22,6 +22,8 @@ PORT = 7447
 USER_ID = 10001
 STOP_TIME_MAX_S = 2.0
 
+#: The volume of compose.yaml, by the name that compose_check gives it.
+SOCKETS = f"--volume={NAME}-sockets:/run/zenoh-tf"
 LOCKED_DOWN = ("--read-only", "--cap-drop=ALL", "--security-opt=no-new-privileges")
 
 
@@ -32,12 +34,13 @@ def main() -> int:
     try:
         build(engine)
         check_contents(engine)
-        engine.start(TAG, NAME, *LOCKED_DOWN, *engine.publish(PORT))
+        engine.start(TAG, NAME, *LOCKED_DOWN, SOCKETS, *engine.publish(PORT))
         try:
             check_health(engine)
             check_privileges(engine)
             outside = outside_client(engine)
             check_outside_client(outside)
+            check_shared_reads(engine)
             with compose_services(engine, TAG, NAME, outside):
                 check_frozen_is_unhealthy(engine)
                 check_stop(engine)
@@ -46,6 +49,7 @@ def main() -> int:
             raise
         finally:
             engine.remove(NAME)
+            engine.remove_volume(f"{NAME}-sockets")
     finally:
         engine.close(TAG)
     print("image test passed")
@@ -100,6 +104,19 @@ def check_outside_client(outside: list[str]) -> None:
     answer = engines.run([*outside, "--json", "lookup", "map", "image_test"]).stdout
     expect(json.loads(answer)["translation"] == [1.0, 2.0, 3.0], f"the lookup answers {answer}")
     say("outside client", f"set and looked up: {' '.join(outside)}")
+
+
+def check_shared_reads(engine: engines.Engine) -> None:
+    """Check that a client in another container reads the server's memory."""
+    script = (
+        "from zenoh_tf_client import TransformClient as Client\n"
+        f"with Client.connect('tcp/127.0.0.1:{PORT}') as tf:\n"
+        "    print(tf.reads, tf.lookup_transform('map', 'image_test').transform.translation[2])\n"
+    )
+    where = (*LOCKED_DOWN, SOCKETS, f"--network=container:{NAME}", "--entrypoint=python")
+    done = engine.run_once(TAG, *where, command=["-c", script])
+    expect(done.stdout.split() == ["shared", "3.0"], f"a second container reads: {done}")
+    say("second container", "reads the server's memory")
 
 
 def check_frozen_is_unhealthy(engine: engines.Engine) -> None:

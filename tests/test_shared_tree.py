@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import mmap
 import os
@@ -230,6 +231,25 @@ def test_nothing_is_answered_without_a_lease() -> None:
     tree._begin_lease(0)
     assert not tree._extend_lease(3600)
     assert reader.lookup_transform("map", "base") is AskServer.LAPSED
+
+
+def test_a_keeper_extends_the_lease_while_python_is_busy() -> None:
+    tree = TransformTree(max_frames=1000, _shared=True)
+    tree.set_transform(LINK)
+    reader = SharedTree(tree._region_fd())
+    keeper = _core.LeaseKeeper(tree)
+    assert reader.lookup_transform("map", "base") == LINK
+
+    def end_s() -> float:
+        return time.monotonic() + reader.lease_left_s
+
+    before_s = end_s()
+    ctypes.PyDLL(None).usleep(1_500_000)  # with the interpreter lock held
+    assert end_s() > before_s + 0.3
+    keeper.end()
+    assert reader.lookup_transform("map", "base") is AskServer.LAPSED
+    assert reader.lease_left_s < -1
+    keeper.end()
 
 
 def test_the_tree_of_an_owner_that_has_ended_is_not_believed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -69,6 +70,37 @@ def test_reads_are_shared_and_see_the_clients_own_writes(start_sharing: StartSer
         assert asked(tf) == 0
     with pytest.raises(ServerUnavailable, match="closed"):
         tf.lookup_transform("map", "base")
+
+
+class Counted(TransformClient):
+    """A client with a method of its own in the place of one that reads memory."""
+
+    count = 0
+
+    def lookup_transform(self, *arguments: Any, **options: Any) -> StampedTransform:
+        self.count += 1
+        return super().lookup_transform(*arguments, **options)
+
+
+def test_a_subclass_keeps_its_methods(start_sharing: StartServer) -> None:
+    with Counted.connect(start_sharing().endpoint) as tf:
+        tf.set_transform(link(1))
+        assert tf.lookup_transform("map", source="base").transform.translation[0] == 1
+        assert tf.lookup_latest_transform("map", "base").transform.translation[0] == 1
+        assert tf.count == 1 and tf.stats()["reads_asked_absent"] == 1
+
+
+def test_a_method_that_is_kept_keeps_the_connection(start_sharing: StartServer) -> None:
+    server = start_sharing()
+    with server.connect() as other:
+        other.set_transform(link(1))
+        look = server.connect(reads="auto").lookup_transform
+        gc.collect()
+        assert look("map", "base", timeout_s=0.0).transform.translation[0] == 1
+        timer = threading.Timer(0.2, lambda: other.set_transform(link(2, "later")))
+        timer.start()
+        assert look("map", "later", timeout_s=30).transform.translation[0] == 2
+        timer.join()
 
 
 def test_reads_can_be_queries(start_sharing: StartServer) -> None:

@@ -1,7 +1,6 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-This stub and `_transform.pyi` are the one source of signatures and docstrings: help() shows them,
-too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in metres.
+help() shows it, too (bindings/stub_docs.py). `X_target_source` is the pose of source in target.
 """
 
 from collections.abc import Sequence
@@ -16,14 +15,14 @@ from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
 from zenoh_tf._shared import RegionRefused as RegionRefused
+from zenoh_tf._shared import SharedLookups as SharedLookups
 from zenoh_tf._shared import SharedTree as SharedTree
 from zenoh_tf._transform import LatestTransform as LatestTransform
 from zenoh_tf._transform import Rows as Rows
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
 
-# What a row of `Tree._read_rows` asks for.
-OP_AT: int  # source in target at stamp_ns
+OP_AT: int  # what a row of `Tree._read_rows` asks for: source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time
 OP_LATEST: int  # newest of every link, links may be of different commits
 OP_LATEST_XACT: int  # the same, atomically

@@ -1,7 +1,7 @@
 """The part of the native module `_core` that reads trees of other processes."""
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -101,3 +101,8 @@ class SharedTree:
         stamps_ns: ArrayLike | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
     def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...
+
+class SharedLookups:
+    # The lookups of a shared tree, under the names and with the arguments of TransformClient's.
+    # `ask`: called with a lookup's name, an AskServer, and the arguments, if the tree has no answer.
+    def __init__(self, tree: SharedTree, ask: Callable[..., Any]) -> None: ...

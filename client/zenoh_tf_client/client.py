@@ -58,7 +58,12 @@ class TransformClient(ClientLookups, ClientIntrospection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._reads = SharedReads(connection, reads)
+        overridden = frozenset(
+            name
+            for name in shared_reads.LOOKUPS
+            if getattr(type(self), name) is not getattr(TransformClient, name)
+        )
+        self._reads = SharedReads(connection, self, reads, overridden)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod

@@ -21,8 +21,8 @@ from .shared_reads import SharedReads
 class ClientLookups:
     """A base of `TransformClient`, which says how to read.
 
-    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
-    asks the server.
+    A method whose body only asks the server is replaced, in a client that has mapped the server's
+    memory, by one that reads there first (`shared_reads.LOOKUPS`).
     """
 
     _reads: SharedReads
@@ -56,11 +56,8 @@ class ClientLookups:
         Example:
             ``X_map_base = tf.lookup_transform("map", "base").transform``
         """
-        found = self._reads.tree.lookup_transform(target, source, stamp_ns, timeout_s)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(
-            found, lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
+        return self._reads.query(
+            lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
         )
 
     def lookup_transform_full(
@@ -98,15 +95,11 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        return self._reads.query(
+            lookup_requests.lookup_transform_full(
+                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+            )
         )
-        if type(found) is not AskServer:
-            return found
-        request = lookup_requests.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-        )
-        return self._reads.ask(found, request)
 
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -130,12 +123,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.can_transform(target, source, stamp_ns, timeout_s)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(
-            found, lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
-        )
+        return self._reads.query(lookup_requests.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest sample of each link.
@@ -159,10 +147,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_latest_transform(target, source)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookup_requests.lookup_latest_transform(target, source))
+        return self._reads.query(lookup_requests.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -186,10 +171,7 @@ class ClientLookups:
         Example:
             ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist").transform``
         """
-        found = self._reads.tree.lookup_latest_transform_xact(target, source)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookup_requests.lookup_latest_transform_xact(target, source))
+        return self._reads.query(lookup_requests.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -213,10 +195,7 @@ class ClientLookups:
         Example:
             ``arm, cup = tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        found = self._reads.tree.lookup_latest_transforms_xact(pairs)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookup_requests.lookup_latest_transforms_xact(pairs))
+        return self._reads.query(lookup_requests.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
         self,
@@ -291,10 +270,7 @@ class ClientLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.latest_common_time(a, b)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookup_requests.latest_common_time(a, b))
+        return self._reads.query(lookup_requests.latest_common_time(a, b))
 
     def lookup_velocity(
         self,

@@ -4,12 +4,13 @@ ignores it."""
 from __future__ import annotations
 
 import os
-from typing import Final
+from typing import Final, cast
 
 from zenoh_tf import credentials
 from zenoh_tf.credentials import Credentials
 
 from .client import DEFAULT_ENDPOINT, DEFAULT_TREE
+from .shared_reads import Mode
 
 #: The server's endpoint, for example "tcp/robot:7447".
 ENDPOINT_VARIABLE: Final = "ZENOH_TF_CONNECT"
@@ -24,6 +25,8 @@ KEY_VARIABLE: Final = "ZENOH_TF_KEY"
 USER_VARIABLE: Final = "ZENOH_TF_USER"
 PASSWORD_VARIABLE: Final = "ZENOH_TF_PASSWORD"
 PASSWORD_FILE_VARIABLE: Final = "ZENOH_TF_PASSWORD_FILE"
+#: How lookups are answered: "auto" or "query"; see `TransformClient.connect`.
+READS_VARIABLE: Final = "ZENOH_TF_READS"
 
 
 def endpoint() -> str:
@@ -34,6 +37,11 @@ def endpoint() -> str:
 def tree() -> str:
     """The tree to ask for if the user names none; an empty variable counts as unset."""
     return os.environ.get(TREE_VARIABLE) or DEFAULT_TREE
+
+
+def reads() -> Mode:
+    """How to read; an empty variable counts as unset. `TransformClient.connect` checks it."""
+    return cast(Mode, os.environ.get(READS_VARIABLE) or "auto")
 
 
 def client_credentials(

@@ -328,9 +328,10 @@ def page() -> Iterator[str]:
     yield "authority, those that own no frame are forgotten, the least recently used first. A"
     yield "frame that was removed, or dropped by a reset, gives its place among the `frames` to"
     yield "the next new one. Memory of samples that is not used any more counts until a frame"
-    yield "needs it again. The embedded `TransformTree` takes the first five limits as"
-    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
-    yield "`max_memory_bytes`."
+    yield "needs it again. Clients that map the tree of a server on their host"
+    yield "(`--share-dir`) read without limits: they spend their own time. The embedded"
+    yield "`TransformTree` takes the first five limits as `max_frames`,"
+    yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`."
 
 
 if __name__ == "__main__":

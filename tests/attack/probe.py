@@ -6,19 +6,27 @@ only, and nothing of the tests, so that it runs with the SDK of another checkout
 
 from __future__ import annotations
 
+import functools
+import inspect
 import json
 import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import TransformClient
 
+# A client that asks by queries, also of a version that has no other way.
+_HAS_CHOICE = "reads" in inspect.signature(TransformClient.connect).parameters
+_BY_QUERY: dict[str, Any] = {"reads": "query"} if _HAS_CHOICE else {}
+client_of: Callable[..., TransformClient] = functools.partial(TransformClient.connect, **_BY_QUERY)
+
 
 def main() -> None:
     endpoint, kind, period = sys.argv[1:]
-    tf = TransformClient.connect(endpoint, timeout_s=20.0)
+    tf = client_of(endpoint, timeout_s=20.0)
     tf.set_transform(StampedTransform("probe_map", "probe_base", 1, Transform()), static=True)
     call = action(tf, kind)
     call()

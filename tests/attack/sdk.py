@@ -6,20 +6,28 @@ another checkout.
 
 from __future__ import annotations
 
+import functools
+import inspect
 import os
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import TransformClient
 
+# A client that asks by queries, also of a version that has no other way.
+_HAS_CHOICE = "reads" in inspect.signature(TransformClient.connect).parameters
+_BY_QUERY: dict[str, Any] = {"reads": "query"} if _HAS_CHOICE else {}
+client_of: Callable[..., TransformClient] = functools.partial(TransformClient.connect, **_BY_QUERY)
+
 
 def announce_statics(endpoint: str) -> None:
     """A sensor's driver with two static links, which runs on."""
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     sensor = tf.broadcaster("driver")
     for child in ("camera", "lidar"):
         sensor.send_static(StampedTransform("root", child, 0, Transform((1, 0, 0))))
@@ -31,8 +39,8 @@ def announce_statics(endpoint: str) -> None:
 
 def set_behind_a_stall(endpoint: str) -> None:
     """Prints what the set raised, and the seconds from its expiry until it was seen to apply."""
-    hasty = TransformClient.connect(endpoint, timeout_s=0.5)
-    watching = TransformClient.connect(endpoint, timeout_s=20.0)
+    hasty = client_of(endpoint, timeout_s=0.5)
+    watching = client_of(endpoint, timeout_s=20.0)
     print("ready", flush=True)
     sys.stdin.readline()
     time.sleep(0.2)
@@ -59,7 +67,7 @@ def set_behind_a_stall(endpoint: str) -> None:
 
 def call_after_fork(endpoint: str) -> None:
     """The child's line says what its call raised."""
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     print("ready", flush=True)
     if os.fork() == 0:
         _report(tf.frames)
@@ -67,10 +75,10 @@ def call_after_fork(endpoint: str) -> None:
 
 
 def connect_after_fork(endpoint: str) -> None:
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     print("ready", flush=True)
     if os.fork() == 0:
-        _report(lambda: TransformClient.connect(endpoint, timeout_s=5.0))
+        _report(lambda: client_of(endpoint, timeout_s=5.0))
     os.wait()
     tf.close()
 
@@ -88,7 +96,7 @@ def _report(call: Callable[[], object]) -> None:
 def connect_to_nothing(endpoint: str, timeout_s: str) -> None:
     """Connect to an endpoint where nothing listens."""
     print("ready", flush=True)
-    TransformClient.connect("tcp/127.0.0.1:9", timeout_s=float(timeout_s))
+    client_of("tcp/127.0.0.1:9", timeout_s=float(timeout_s))
 
 
 # --- programs whose exit status counts
@@ -96,7 +104,7 @@ def connect_to_nothing(endpoint: str, timeout_s: str) -> None:
 
 def daemon_threads(endpoint: str) -> None:
     """Threads in calls while the program ends with a status of its own."""
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     tf.set_transform(StampedTransform("a", "b", 1, Transform()))
 
     def forever() -> None:
@@ -112,14 +120,14 @@ def daemon_threads(endpoint: str) -> None:
 
 def daemon_waiters(endpoint: str) -> None:
     """The same with lookups that wait, and one that connects."""
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
 
     def wait() -> None:
         tf.lookup_transform("a", "never", timeout_s=100)
 
     def connect() -> None:
         while True:
-            TransformClient.connect(endpoint, timeout_s=2.0)
+            client_of(endpoint, timeout_s=2.0)
 
     for target in (wait, wait, wait, connect):
         threading.Thread(target=target, daemon=True).start()
@@ -130,7 +138,7 @@ def daemon_waiters(endpoint: str) -> None:
 
 def daemon_batches(endpoint: str) -> None:
     """The same in large calls, which are in native code of several libraries."""
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     tf.set_transform(StampedTransform("a", "b", 1, Transform()))
     stamps = [1] * 20_000
 
@@ -146,7 +154,7 @@ def daemon_batches(endpoint: str) -> None:
 
 
 def unclosed_broadcasters(endpoint: str) -> None:
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     for number in range(20):
         broadcaster = tf.broadcaster(f"driver {number}")
         broadcaster.send_static(StampedTransform("a", f"b {number}", 0, Transform()))
@@ -155,7 +163,7 @@ def unclosed_broadcasters(endpoint: str) -> None:
 
 
 def publishing_thread(endpoint: str) -> None:
-    tf = TransformClient.connect(endpoint)
+    tf = client_of(endpoint)
     sensor = tf.broadcaster("driver")
 
     def forever() -> None:

@@ -42,7 +42,7 @@ class Client:
         """Run transactions until the process is killed."""
         while True:
             try:
-                tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S)
+                tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S, reads="query")
                 break
             except TransformException:  # no server now
                 time.sleep(0.1)

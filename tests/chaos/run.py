@@ -153,7 +153,9 @@ class Chaos:
             self._server = Process(command, log)
         epoch = len(self._starts) + 1
         invoked_ns = time.monotonic_ns()
-        with TransformClient.connect(self._endpoint, timeout_s=_READY_TIMEOUT_S) as tf:
+        with TransformClient.connect(
+            self._endpoint, timeout_s=_READY_TIMEOUT_S, reads="query"
+        ) as tf:
             tf.set_transforms_xact(links.first_rows(epoch))
         self._starts.append(Start(epoch, invoked_ns, time.monotonic_ns()))
 
@@ -227,7 +229,7 @@ class Chaos:
     def _wrong_clock(self) -> None:
         """A sensor beside the tree has stamps of another year."""
         with contextlib.suppress(TransformException):
-            tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S)
+            tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S, reads="query")
             with tf, tf.broadcaster("wrong clock") as sensor:
                 for offset_ns in (_YEAR_NS, -_YEAR_NS, 0):
                     stamp_ns = time.time_ns() + offset_ns

@@ -11,6 +11,7 @@ import pytest
 
 from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_client.cli import certificate_files
+from zenoh_tf_client.shared_reads import Mode
 
 from ..conftest import ServerProcess, free_endpoint
 
@@ -97,6 +98,11 @@ def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
 
 
 def connect(
-    server: ServerProcess, credentials: Credentials, timeout_s: float = 10.0
+    server: ServerProcess,
+    credentials: Credentials,
+    timeout_s: float = 10.0,
+    reads: Mode = "query",
 ) -> TransformClient:
-    return TransformClient.connect(server.endpoint, "main", timeout_s, credentials=credentials)
+    return TransformClient.connect(
+        server.endpoint, "main", timeout_s, credentials=credentials, reads=reads
+    )

@@ -31,7 +31,7 @@ def _link(parent: str, child: str) -> StampedTransform:
 
 def churn(endpoint: str) -> Callable[[], object]:
     """Frames with names that never come back are made and removed."""
-    tf = TransformClient.connect(endpoint, timeout_s=20.0)
+    tf = TransformClient.connect(endpoint, timeout_s=20.0, reads="query")
     live: deque[str] = deque()
     number = itertools.count()
 
@@ -52,7 +52,7 @@ def sensors(endpoint: str) -> Callable[[], object]:
     number = itertools.count()
 
     def connect() -> tuple[TransformClient, Broadcaster]:
-        tf = TransformClient.connect(endpoint, timeout_s=20.0)
+        tf = TransformClient.connect(endpoint, timeout_s=20.0, reads="query")
         return tf, tf.broadcaster(f"sensor {next(number)}")
 
     running = deque(connect() for _ in range(10))
@@ -70,7 +70,7 @@ def sensors(endpoint: str) -> Callable[[], object]:
 
 def statics(endpoint: str) -> Callable[[], object]:
     """A driver announces its static links again and again, with other values."""
-    tf = TransformClient.connect(endpoint, timeout_s=20.0)
+    tf = TransformClient.connect(endpoint, timeout_s=20.0, reads="query")
     driver = tf.broadcaster("driver")
 
     def step() -> None:
@@ -82,7 +82,7 @@ def statics(endpoint: str) -> Callable[[], object]:
 
 def transactions(endpoint: str) -> Callable[[], object]:
     """Two clients' worth of read-modify-write, and lookups that wait in vain."""
-    tf = TransformClient.connect(endpoint, timeout_s=20.0)
+    tf = TransformClient.connect(endpoint, timeout_s=20.0, reads="query")
     tf.set_transform(_link("world", "counter"))
 
     def add(tx: Transaction) -> None:
@@ -102,7 +102,7 @@ def transactions(endpoint: str) -> Callable[[], object]:
 _GUEST = """
 import sys, time
 from zenoh_tf_client import TransformClient
-tf = TransformClient.connect(sys.argv[1])
+tf = TransformClient.connect(sys.argv[1], reads="query")
 print(len(tf.frames()), flush=True)
 try:
     tf.lookup_transform("world", "never", timeout_s=float(sys.argv[2]))
@@ -115,7 +115,7 @@ def guests(endpoint: str) -> Callable[[], object]:
     """Clients that come and go: some close, some just end, some are killed while they wait."""
 
     def step() -> None:
-        with TransformClient.connect(endpoint, timeout_s=20.0) as tf:
+        with TransformClient.connect(endpoint, timeout_s=20.0, reads="query") as tf:
             tf.can_transform("world", "counter")
         wait_s = random.choice(("0.05", "100"))
         command = [sys.executable, "-c", _GUEST, endpoint, wait_s]

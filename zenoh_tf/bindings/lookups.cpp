@@ -234,4 +234,26 @@ void bind_lookups(nb::class_<SharedTree>& tree) {
            nb::arg("b"));
 }
 
+void bind_lookups(nb::class_<SharedLookups>& lookups) {
+  lookups
+      .def("lookup_transform", or_call_ask<&lookup<SharedTree>, "lookup_transform">,
+           nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(),
+           nb::arg("timeout_s") = 0.0)
+      .def("lookup_transform_full", or_call_ask<&lookup_full<SharedTree>, "lookup_transform_full">,
+           nb::arg("target"), nb::arg("target_stamp_ns").none(), nb::arg("source"),
+           nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
+      .def("can_transform", or_call_ask<&can<SharedTree>, "can_transform">, nb::arg("target"),
+           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
+      .def("lookup_latest_transform",
+           or_call_ask<&latest<Op::latest, SharedTree>, "lookup_latest_transform">,
+           nb::arg("target"), nb::arg("source"))
+      .def("lookup_latest_transform_xact",
+           or_call_ask<&latest<Op::latest_xact, SharedTree>, "lookup_latest_transform_xact">,
+           nb::arg("target"), nb::arg("source"))
+      .def("lookup_latest_transforms_xact",
+           or_call_ask<&latest_all<SharedTree>, "lookup_latest_transforms_xact">, nb::arg("pairs"))
+      .def("latest_common_time", or_call_ask<&latest_common_time<SharedTree>, "latest_common_time">,
+           nb::arg("a"), nb::arg("b"));
+}
+
 }  // namespace ztf

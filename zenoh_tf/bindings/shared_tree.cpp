@@ -49,6 +49,15 @@ void bind_shared_tree(nb::module_& m) {
   bind_read_rows(tree);
   bind_introspection(tree);
   bind_velocity(tree);
+
+  nb::class_<SharedLookups> lookups(m, "SharedLookups");
+  lookups.def(
+      "__init__",
+      [](SharedLookups* self, const SharedTree& shared, nb::object ask) {
+        new (self) SharedLookups{shared, std::move(ask)};
+      },
+      nb::arg("tree"), nb::arg("ask"), nb::keep_alive<1, 2>());
+  bind_lookups(lookups);
 }
 
 }  // namespace ztf

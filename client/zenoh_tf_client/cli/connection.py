@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 
 from zenoh_tf_client import TransformClient, environment
+from zenoh_tf_client.shared_reads import Mode
 
 
-def connect(args: argparse.Namespace) -> TransformClient:
+def connect(args: argparse.Namespace, reads: Mode | None = None) -> TransformClient:
     """Return a client for the tree that the options name; a context manager.
+
+    `reads`: how it reads; None for what the environment says.
 
     Raises what ``TransformClient.connect`` raises.
     """
@@ -20,7 +23,11 @@ def connect(args: argparse.Namespace) -> TransformClient:
         password_file=args.password_file,
     )
     return TransformClient.connect(
-        args.connect, tree=args.tree, timeout_s=args.timeout, credentials=credentials
+        args.connect,
+        tree=args.tree,
+        timeout_s=args.timeout,
+        credentials=credentials,
+        reads=reads or environment.reads(),
     )
 
 

@@ -44,6 +44,7 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
                 endpoint or environment.endpoint(),
                 tree or environment.tree(),
                 credentials=environment.client_credentials(),
+                reads=environment.reads(),
             )
         elif (endpoint or _client.endpoint, tree or _client.tree) != (
             _client.endpoint,
