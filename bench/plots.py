@@ -86,13 +86,13 @@ def staleness(cells: Cells) -> Figure:
 
 
 def reads(cells: Cells) -> Figure:
-    figure, axes = plt.subplots(figsize=(7.5, 4.2))
+    figure, axes = plt.subplots(figsize=(7.5, 5))
     rows = [cell for cell in cells if cell["part"] == "reads"]
     ways = {
         "embedded": ("embedded tree", BLUE),
-        "shared": ("server's memory, from another process on its host", "#7FB8DA"),
+        "shared": ("server's memory, another process", "#7FB8DA"),
         "query": ("query of the server", ORANGE),
-        "bare query": ("Zenoh query without any work", "#999999"),
+        "bare query": ("empty Zenoh query", "#999999"),
     }
     drawn: set[str] = set()
     for place, row in enumerate(rows):
@@ -101,7 +101,7 @@ def reads(cells: Cells) -> Figure:
         shown = None if label in drawn else label
         axes.barh(place, median, height=0.75, color=color, label=shown)
         axes.hlines(place, low, high, color="#555555", linewidth=1)
-        axes.text(1.1 * high, place, f"{median:.2g} µs", va="center", fontsize=8)
+        axes.text(1.1 * high, place, f"{float(f'{median:.2g}'):g} µs", va="center", fontsize=8)
         drawn.add(label)
     middles = {
         row["case"]: [i for i, other in enumerate(rows) if other["case"] == row["case"]]

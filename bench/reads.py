@@ -88,7 +88,7 @@ def _bare(report: Report, endpoint: str) -> None:
     ):
         call = functools.partial(ask, empty, empty_server.KEY, bytes(len(request)))
         run = functools.partial(_time, call, QUERIES)
-        cell = Cell({"case": "a Zenoh query without any work"}, "bare query", run=run)
+        cell = Cell({"case": "no work at all"}, "bare query", run=run)
         cell.run()  # warms up
         report.measure("reads", [cell], report.repetitions(21))
 

@@ -87,6 +87,10 @@ def connect():
 for _ in range(4):
     forever(connect)
 """,
+    "mirrors": """
+mirrors = [tf.mirror() for _ in range(4)]
+forever(lambda: tf.set_transform(link))  # so that there is something to apply
+""",
     "tf2 shim": """
 from zenoh_tf_client import tf2
 tf2.connect(sys.argv[1])
@@ -134,8 +138,9 @@ def test_what_is_never_closed(endpoint: str, left_open: str) -> None:
     run_under_load(CONNECT + NEVER_CLOSED[left_open] + "\ntime.sleep(0.35)\n", endpoint)
 
 
-def test_what_is_never_closed_in_a_script_that_ends_at_once(endpoint: str) -> None:
-    run_under_load(CONNECT + NEVER_CLOSED["broadcaster with statics"], endpoint)
+@pytest.mark.parametrize("left_open", ["broadcaster with statics", "mirrors"])
+def test_what_is_never_closed_in_a_script_that_ends_at_once(endpoint: str, left_open: str) -> None:
+    run_under_load(CONNECT + NEVER_CLOSED[left_open], endpoint)
 
 
 def test_an_exit_handler_may_wait_for_a_thread_that_uses_the_client(endpoint: str) -> None:

@@ -19,6 +19,7 @@ if {connected}:
     tf = TransformClient.connect(sys.argv[1])
     sensor = tf.broadcaster("sensor")
     sensor.send_static(link)
+    mirror = tf.mirror()
 child = os.fork()
 if child == 0:
     try:
@@ -55,7 +56,16 @@ def run_in_child(server: ServerProcess, action: str, *, connected: bool) -> str:
 
 
 @pytest.mark.parametrize(
-    "action", ["tf.frames()", "sensor.send(link)", "TransformClient.connect(sys.argv[1])"]
+    "action",
+    [
+        "tf.frames()",
+        "sensor.send(link)",
+        "TransformClient.connect(sys.argv[1])",
+        "mirror.lookup_transform('a', 'b')",
+        "mirror.lookup_latest_transform('a', 'b')",
+        "mirror.wait_for()",
+        "tf.mirror()",
+    ],
 )
 def test_calls_in_a_forked_child_say_what_to_do(server: ServerProcess, action: str) -> None:
     said = run_in_child(server, action, connected=True)
@@ -63,7 +73,7 @@ def test_calls_in_a_forked_child_say_what_to_do(server: ServerProcess, action: s
     assert "spawn" in said
 
 
-@pytest.mark.parametrize("action", ["pass", "sensor.close()", "tf.close()"])
+@pytest.mark.parametrize("action", ["pass", "sensor.close()", "mirror.close()", "tf.close()"])
 def test_a_forked_child_may_close_and_ends(server: ServerProcess, action: str) -> None:
     assert run_in_child(server, action, connected=True) == "done"
 

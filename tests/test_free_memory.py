@@ -1,8 +1,9 @@
-"""What large messages have used goes back to the system. Each test runs in a process of its own."""
+"""Freed memory is little, and goes back to the system. Each test runs in a process of its own."""
 
 from __future__ import annotations
 
 import ctypes
+import os
 import subprocess
 import sys
 
@@ -46,3 +47,41 @@ def _kept(start: bool, seconds: float) -> int:
 def test_freed_memory_goes_back() -> None:
     assert _kept(start=False, seconds=3.0) > 100e6  # otherwise this tests nothing
     assert _kept(start=True, seconds=30.0) < 20e6
+
+
+# Threads that allocate at the same time, so that each would get a heap of its own.
+HEAPS = """
+import ctypes, sys, threading
+from zenoh_tf_server.free_memory import limit_heaps
+if {limit}:
+    limit_heaps()
+libc = ctypes.CDLL(None)
+libc.malloc.restype = ctypes.c_void_p
+started = threading.Barrier(32)
+def allocate():
+    for _ in range(1000):
+        libc.malloc(2000)
+    started.wait()
+threads = [threading.Thread(target=allocate) for _ in range(32)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+libc.malloc_info(0, ctypes.c_void_p.in_dll(libc, "stdout"))
+libc.fflush(None)
+"""
+
+
+def _heaps(*, limit: bool) -> int:
+    environment = {name: value for name, value in os.environ.items() if "MALLOC" not in name}
+    command = [sys.executable, "-c", HEAPS.format(limit=limit)]
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, timeout=60, env=environment
+    )
+    return done.stdout.count("<heap nr=")
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="needs glibc")
+def test_threads_share_few_heaps() -> None:
+    assert _heaps(limit=False) > 4  # otherwise this tests nothing
+    assert _heaps(limit=True) <= 4

@@ -30,7 +30,10 @@ CLASSES: list[type] = [
     zenoh_tf_client.Broadcaster,
     zenoh_tf_client.Transaction,
     zenoh_tf_client.Batch,
+    zenoh_tf_client.Mirror,
 ]
+#: A base whose methods refer to those of the same names in another class.
+REFERS = {zenoh_tf_client.mirror_reads.MirrorReads: zenoh_tf.TransformTree}
 STUBS = [Path(zenoh_tf.__file__).with_name(name) for name in ("_core.pyi", "_transform.pyi")]
 
 #: Methods that raise nothing of their own.
@@ -40,6 +43,7 @@ RAISE_NOTHING = {
     "TransformArray": {"inverse"},
     "TransformClient": {"batch", "close", "transaction"},
     "Broadcaster": {"close"},
+    "Mirror": {"close"},
     # Only recorded: the handle raises.
     "Batch": {
         *("authorities", "chain", "frame", "frames", "latest_common_time", "parent", "stats"),
@@ -102,6 +106,8 @@ def functions(kind: type) -> dict[str, ast.FunctionDef]:
 def members(kind: type) -> Iterator[Member]:
     seen = set()
     for base in kind.__mro__[:-1]:
+        if base in REFERS or base.__module__ == "abc":
+            continue
         nodes = functions(base)
         for name, value in vars(base).items():
             is_field = inspect.isdatadescriptor(value) and not isinstance(value, property)
@@ -184,6 +190,16 @@ def test_units_are_named(member: Member) -> None:
     for kind, unit in RESULTS.items():
         if kind in re.findall(r"\w+", member.returns):
             assert unit in member.doc.lower(), f"a {kind} without {unit}"
+
+
+@pytest.mark.parametrize(("base", "other"), REFERS.items())
+def test_methods_that_refer_to_another_class(base: type, other: type) -> None:
+    own = {member.name: member for member in members(other)}
+    for name, node in functions(base).items():
+        if not name.startswith("_"):
+            doc = ast.get_docstring(node) or ""
+            assert doc.startswith(f"As `{other.__name__}.{name}`"), name
+            assert ast.unparse(node.args) == ast.unparse(own[name].node.args), name
 
 
 def test_help_shows_native_methods() -> None:

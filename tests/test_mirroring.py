@@ -197,7 +197,7 @@ def test_the_old_copy_stays_until_the_new_one_is_complete() -> None:
 
 
 def test_too_many_waiting_messages_are_given_up() -> None:
-    network = Network(4, mirroring=Mirroring(mirror_tree, 2000))
+    network = Network(4, mirroring=Mirroring(mirror_tree, 20_000))
     for _ in range(200):  # nobody answers the plan
         network.server.write()
         network.mirroring.received(network.server.publish())

@@ -21,6 +21,7 @@ from zenoh_tf.errors import (
     ServerBusy,
     ServerRestarted,
     TimeoutException,
+    TransactionConflict,
 )
 from zenoh_tf_client import TransformClient
 
@@ -63,6 +64,25 @@ def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClien
     wires.query("commit", wire.pack(commit(x=4.0)))
     wires.query("commit", wire.pack(commit(x=5.0)))
     assert client.lookup_transform("map", "base").transform.translation[0] == 5.0
+
+
+def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
+    """Each is above the one before, and conflicts tell what they were in conflict with."""
+    numbers = []
+    for stamp in (1, 2):
+        numbers.append(wires.query("commit", wire.pack(commit(stamp, 1.0)))["seq"])
+    stale: dict[str, Any] = {"read_names": ["base"], "read_versions": struct.pack("<Q", 0)}
+    conflict = wires.query("commit", wire.pack(commit(x=1.0, **stale)))
+    assert isinstance(wire.decode_error(conflict["error"]), TransactionConflict)
+    numbers.append(conflict["seq"])
+    operations = [["commit", commit(x=2.0)]]
+    batch = wires.query("batch", wire.pack({"v": 1, "operations": operations}))
+    numbers.append(batch["replies"][0]["seq"])
+    body = {"v": 1, "what": "remove_frame", "name": "base"}
+    numbers.append(wires.query("admin", wire.pack(body))["seq"])
+    assert numbers == sorted(numbers)
+    assert numbers[0] < numbers[1] <= numbers[2] < numbers[3] < numbers[4]
+    assert "seq" not in wires.query("commit", wire.pack(commit(child="map")))  # refused
 
 
 def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: TransformClient) -> None:

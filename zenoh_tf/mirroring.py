@@ -39,6 +39,8 @@ _IN_FLIGHT: Final = 2
 _TRANSIENT: Final = (ServerBusy, ServerUnavailable, TimeoutException)
 #: Most bytes of messages that wait for a snapshot or for missed ones.
 MAX_WAITING_BYTES: Final = 256 << 20
+#: What a message costs beside its bytes, roughly.
+_OVERHEAD_BYTES: Final = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,8 +182,9 @@ class Mirroring:
         ):
             self._apply(copy, message)
             return
-        self._waiting.append((message, len(data)))
-        self._waiting_bytes += len(data)
+        size = len(data) + _OVERHEAD_BYTES
+        self._waiting.append((message, size))
+        self._waiting_bytes += size
         if self._waiting_bytes > self._max_waiting_bytes:
             self.restart()
         else:
@@ -204,6 +207,10 @@ class Mirroring:
             body = wire.missed_request(copy.instance, copy.position + 1)
             found.append(self._request("missed", None, body))
         return found
+
+    def awaits(self, number: int) -> bool:
+        """Whether a request is still of use."""
+        return number in self._requests
 
     def answered(self, number: int, reply: wire.Message) -> None:
         """Take the reply to a request. An error in it, or a malformed one, is a failure."""

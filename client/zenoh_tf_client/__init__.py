@@ -7,6 +7,8 @@ from .batch import Batch
 from .broadcaster import Broadcaster
 from .client import TransformClient
 from .handle import Handle
+from .mirror import Mirror
+from .receipt import Receipt
 from .transaction import Transaction
 
 __all__ = [
@@ -14,6 +16,8 @@ __all__ = [
     "Broadcaster",
     "Credentials",
     "Handle",
+    "Mirror",
+    "Receipt",
     "Transaction",
     "TransformClient",
     "__version__",

@@ -16,6 +16,8 @@ from .broadcaster import Broadcaster
 from .client_introspection import ClientIntrospection
 from .client_lookups import ClientLookups
 from .connection import Connection
+from .mirror import Mirror
+from .receipt import Receipt
 from .shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
 
@@ -313,6 +315,40 @@ class TransformClient(ClientLookups, ClientIntrospection):
             ``tf.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
         """
         return run_transaction(self._connection, self._reads, function, attempts)
+
+    def mirror(self, timeout_s: float = 30.0) -> Mirror:
+        """Make a copy of the tree in this process, which follows the server's.
+
+        Lookups in it are as fast as in an embedded tree. It costs memory as the server's tree does,
+        and processor time for every change.
+
+        Args:
+            timeout_s: How long to wait for the first copy, in seconds.
+
+        Returns:
+            A `Mirror`, to be used in a `with` block. It is closed with the client, if not before.
+
+        Raises:
+            ServerUnavailable: No server answered in time, it is too old to have mirrors, or the
+                client is closed.
+            AccessDenied: The server's access rules do not allow to read.
+            TimeoutException: The copy was not complete in time.
+            LimitExceeded: A frame's history is larger than a reply of the server may be.
+            InvalidArgumentException: `timeout_s` is not positive.
+            ProtocolError: A reply is malformed.
+
+        Example:
+            ``with tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
+        """
+        return Mirror(self._connection, self._reads, timeout_s)
+
+    @property
+    def last_receipt(self) -> Receipt | None:
+        """Returns the `Receipt` of this client's last write that the server has replied to.
+
+        None if there is none yet, or the server is older than receipts. See `Mirror.wait_for`.
+        """
+        return self._connection.last_receipt
 
     def broadcaster(self, authority: str) -> Broadcaster:
         """Make a publisher of transforms, which sends without waiting for a reply.

@@ -9,6 +9,7 @@ import contextlib
 import itertools
 import os
 import random
+import threading
 import time
 from dataclasses import dataclass
 from typing import Final, TypeVar
@@ -32,6 +33,7 @@ from .access import Access
 from .local_requests import LocalRequests
 from .opening import open_session
 from .queries import NoReply, Queries
+from .receipt import Receipt, later
 from .request import Request
 from .served_trees import no_server_message, served_trees
 from .session_calls import SessionCalls
@@ -59,6 +61,7 @@ class ServerInfo:
     """The server that answered last."""
 
     instance: str
+    clock_ns: int  # the server's, when it replied
     clock_offset_ns: int  # the server's clock minus this one's, rounded down
     message_bytes: int
     rows: int  # transforms in one message
@@ -101,6 +104,9 @@ class Connection:
         self._server: ServerInfo | None = None
         self._round_trip_ns: int | None = None  # of the last hello
         self._next_hello_s = 0.0
+        #: Of the latest write that the server has replied to.
+        self.last_receipt: Receipt | None = None
+        self._receipt_lock = threading.Lock()
         #: What this client may do; None if the server has no access rules.
         self._access: Access | None = None
         # A request id: random per connection, then counted.
@@ -191,9 +197,11 @@ class Connection:
         # The server read its clock before this side did, so the offset is too small by the
         # reply's travel time at most. An expiry computed with it is never later than this
         # side's own time-out.
+        clock_ns = wire.integer(value, "clock_ns")
         server = ServerInfo(
             wire.text(value, "instance"),
-            wire.integer(value, "clock_ns") - now_ns,
+            clock_ns,
+            clock_ns - now_ns,
             wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
             wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
             handover.parse_offer(value.get(handover.HELLO_FIELD)),
@@ -261,6 +269,8 @@ class Connection:
         reply = self._query_until_served(key, payload, self.timeout_s)
         if isinstance(reply, NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
+        with self._receipt_lock:
+            self.last_receipt = later(self.last_receipt, reply)
         wire.raise_error(reply)
         return reply
 

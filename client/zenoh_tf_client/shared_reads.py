@@ -19,7 +19,7 @@ import weakref
 from collections.abc import Callable, Iterable
 from typing import Any, Final, Literal, TypeVar, cast
 
-from zenoh_tf import handover, wire
+from zenoh_tf import TransformTree, handover, wire
 from zenoh_tf._core import SharedLookups
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
@@ -32,9 +32,12 @@ from .session_calls import is_forked
 T = TypeVar("T")
 Mode = Literal["auto", "query"]
 MODES: Final = ("auto", "query")
+#: The server instance, the read set, and a function that returns the result or raises the lookup's
+#: error.
+VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
-#: How long a server may take to hand its tree over.
-_HANDOVER_S: Final = 0.5
+#: How long a server may take to hand its tree over. It has just answered, so it mostly is quick.
+_HANDOVER_S: Final = 2.0
 #: How often the thread looks whether the mapped tree's lease has lapsed.
 _PERIOD_S: Final = 1.0
 #: Between two attempts to map the tree of a server, the first and the longest pause.
@@ -139,36 +142,17 @@ class SharedReads:
         """Ask the server for a lookup of `LOOKUPS`."""
         return self.ask(why, getattr(lookup_requests, name)(*arguments))
 
-    def read_versions(
-        self, request: Read[T] | Rows[T]
-    ) -> tuple[str, Iterable[tuple[str, int]], Callable[[], T]]:
-        """Look up as a part of a transaction. Returns the server instance, the read set, and a
-        function that returns the result or raises the lookup's error."""
+    def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        """Look up as a part of a transaction."""
         tree = self.tree
-        lookup = request.lookup()
-        rows = tree._read_rows(
-            lookup.names,
-            lookup.op,
-            lookup.target,
-            lookup.source,
-            lookup.stamp,
-            lookup.fixed,
-            lookup.source_stamp,
-            atomic=lookup.atomic,
-            versions=True,
-        )
-        if not isinstance(rows, AskServer):
-            status, stamp, newest, pose, errors, read_set = rows
-            assert read_set is not None
-            names, versions = read_set
-            answer = wire.LookupReply(status, stamp, newest, pose, dict(errors))
-            versions_read = zip(names, versions.tolist(), strict=True)
-            return tree.instance, versions_read, lambda: request.answer(answer)
-        self._asked[rows] += 1
+        found = read_tree(tree, tree.instance, request)
+        if not isinstance(found, AskServer):
+            return found
+        self._asked[found] += 1
         try:
             reply = self._connection.read("lookup", request.body() | {"versions": True})
         finally:
-            self.note(rows)
+            self.note(found)
         instance = wire.text(reply, "instance")
         return instance, wire.parse_read_set(reply), lambda: request.parse(reply)
 
@@ -290,6 +274,31 @@ class SharedReads:
             name="shared reads",
             daemon=True,
         ).start()
+
+
+def read_tree(
+    tree: SharedTree | TransformTree, instance: str, request: Read[T] | Rows[T]
+) -> VersionedRead[T] | AskServer:
+    """Look up in a tree that has the versions of a server instance."""
+    lookup = request.lookup()
+    rows = tree._read_rows(
+        lookup.names,
+        lookup.op,
+        lookup.target,
+        lookup.source,
+        lookup.stamp,
+        lookup.fixed,
+        lookup.source_stamp,
+        atomic=lookup.atomic,
+        versions=True,
+    )
+    if isinstance(rows, AskServer):
+        return rows
+    status, stamp, newest, pose, errors, read_set = rows
+    assert read_set is not None
+    names, versions = read_set
+    answer = wire.LookupReply(status, stamp, newest, pose, dict(errors))
+    return instance, zip(names, versions.tolist(), strict=True), lambda: request.answer(answer)
 
 
 def check(mode: str) -> None:

@@ -32,7 +32,7 @@ from zenoh_tf.errors import (
 from . import columns, lookup_requests
 from .connection import Connection
 from .request import Read, Rows
-from .shared_reads import SharedReads
+from .shared_reads import SharedReads, VersionedRead
 
 T = TypeVar("T")
 
@@ -301,8 +301,7 @@ class Transaction:
             OutcomeUnknown: No reply came; the commit may or may not have been applied.
             ProtocolError: The reply is malformed.
         """
-        # A single read is one snapshot by itself; several were taken at different times.
-        if not self._sets and self._reads <= 1:
+        if self._is_done():
             return
         authority, static = self._kind or ("", False)
         commit = columns.commit(self._sets, authority, static)
@@ -311,8 +310,16 @@ class Transaction:
         reply = self._connection.write("commit", wire.commit_body(commit), self._instance)
         wire.parse_commit_reply(reply, commit.rows)
 
+    def _is_done(self) -> bool:
+        """Whether there is nothing to commit, and nothing to compare."""
+        # A single read is one snapshot by itself; several were taken at different times.
+        return not self._sets and self._reads <= 1
+
+    def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        return self._shared.read_versions(request)
+
     def _read(self, request: Read[T] | Rows[T]) -> T:
-        instance, versions, answer = self._shared.read_versions(request)
+        instance, versions, answer = self._read_versions(request)
         if self._instance not in (None, instance):
             raise ServerRestarted(
                 f"this transaction read from server instance {self._instance}, "
@@ -336,6 +343,13 @@ def run_transaction(
     attempts: int,
 ) -> T:
     """See `TransformClient.run_transaction`."""
+    return repeat(lambda: Transaction(connection, reads), function, attempts)
+
+
+def repeat(
+    begin: Callable[[], Transaction], function: Callable[[Transaction], T], attempts: int
+) -> T:
+    """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:
         raise InvalidArgumentException(
             f"attempts must be at least 1, not {attempts}", field="attempts"
@@ -344,7 +358,7 @@ def run_transaction(
     attempt = 1
     while True:
         try:
-            with Transaction(connection, reads) as transaction:
+            with begin() as transaction:
                 result = function(transaction)
             return result
         except TransactionConflict as conflict:

@@ -1,4 +1,4 @@
-"""Gives freed memory back to the system.
+"""Keeps little freed memory, and gives it back to the system.
 
 glibc keeps in its heaps what large messages have used: 80 queued queries of 16 MB left 150 to
 300 MB, all of it free. It gives that back on request. A request walks all free blocks while nobody
@@ -20,6 +20,11 @@ _INTERVAL_S: Final = 2.0
 _GROWTH_BYTES: Final = 32 << 20
 _JOIN_TIMEOUT_S: Final = 0.5
 _STATM: Final = Path("/proc/self/statm")
+#: glibc makes 8 heaps for each core, and shares them out among threads. Each keeps the
+#: most that it ever held: 480 clients, killed 20 at a time, left 84 MB with 16 heaps, 76 with 4.
+_HEAPS: Final = 4
+_M_ARENA_MAX: Final = -8  # of glibc's malloc.h
+_HEAPS_VARIABLE: Final = "MALLOC_ARENA_MAX"
 
 
 class FreeMemory:
@@ -50,6 +55,14 @@ class FreeMemory:
                 self._trim(0)
                 now = least = resident_bytes()
             least = min(least, now)
+
+
+def limit_heaps() -> None:
+    """Let all threads share a few heaps; does nothing without glibc. To be called before threads
+    start. A user's own `MALLOC_ARENA_MAX` stays."""
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None and _HEAPS_VARIABLE not in os.environ:
+        set_option(_M_ARENA_MAX, _HEAPS)
 
 
 def resident_bytes() -> int:

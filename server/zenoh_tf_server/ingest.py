@@ -126,6 +126,10 @@ class Ingest:
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
 
+    def authorities(self) -> set[str]:
+        """Those that have published, of whose keys at most `_KNOWN_KEYS` are remembered."""
+        return {source[0] for source in list(self._sources.values()) if source is not None}
+
     # --- the two threads
 
     def _receive_and_serve(self, handler: Any) -> None:

@@ -14,6 +14,7 @@ from typing import Literal
 from zenoh_tf import TransformTree
 
 from . import network, operations, sharing, tree_claim
+from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .event_reports import EventReports
 from .free_memory import FreeMemory
@@ -139,12 +140,7 @@ class Server:
             )
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
-            reports = EventReports(tree, service.clocks)
-            stack.callback(reports.close)
-            reports.start()
-            memory = FreeMemory()
-            stack.callback(memory.close)
-            memory.start()
+            self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
             workers.start(session, settings.tree)
@@ -159,9 +155,24 @@ class Server:
         stack.callback(stream.close)
         stream.start(self.session, settings.tree)
         self.service.add_counters(stream.counters)
+        self.service.last_seq = stream.last_seq
         cache_ns = round(settings.cache_time_s * 1e9)
         snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+
+    def _start_upkeep(self, settings: Settings, ingest: Ingest, stack: ExitStack) -> None:
+        """Free what is left of publishers, log what happens to frames, give freed memory back."""
+        if not settings.connect:  # another router looks after its own keys
+            abandoned = AbandonedKeys(settings.tree, ingest.authorities)
+            stack.callback(abandoned.close)
+            self.clients.when_gone(abandoned.client_gone)
+            abandoned.start(self.session)
+        reports = EventReports(self.service.tree, self.service.clocks)
+        stack.callback(reports.close)
+        reports.start()
+        memory = FreeMemory()
+        stack.callback(memory.close)
+        memory.start()
 
     def close(self) -> None:
         self._stack.close()

@@ -15,7 +15,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import TransformTree, handover, wire
-from zenoh_tf.errors import TransformException
+from zenoh_tf.errors import TransactionConflict, TransformException
 
 from .admin_requests import AdminRequests
 from .batches import Batch
@@ -70,6 +70,8 @@ class Service:
         self._reply_cache = ReplyCache(limits)
         self._writes = Writes(instance, self._reply_cache, self.error)
         self.name = name
+        #: Number of the tree's last commit, which replies to writes tell.
+        self.last_seq: Callable[[], int] | None = None
         self.requests = RequestCounters()
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
@@ -111,7 +113,10 @@ class Service:
         """The bytes of the reply to a request that failed as a whole."""
         typed = self._typed(error)
         self.requests.failed(type(typed).__name__)
-        return wire.pack(wire.error_reply(self.instance, typed))
+        reply = wire.error_reply(self.instance, typed)
+        if isinstance(typed, TransactionConflict):
+            self._add_seq(reply)
+        return wire.pack(reply)
 
     def close(self) -> None:
         self.waiters.close()
@@ -204,7 +209,13 @@ class Service:
         self._future.check(commit)
         commit.expires_ns = expires_ns
         stored, ticket = self._store(commit, by_call=True)
-        return wire.commit_reply(stored), ticket
+        return self._add_seq(wire.commit_reply(stored)), ticket
+
+    def _add_seq(self, reply: wire.Message) -> wire.Message:
+        """Add a number that is not below that of the write, or of what it was in conflict with."""
+        if self.last_seq is not None:
+            reply["seq"] = self.last_seq()
+        return reply
 
     def wait_until_durable(self, ticket: int) -> None:
         """Wait for what has a ticket. Raises NotDurable."""
@@ -292,7 +303,7 @@ class Service:
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
-            reply = self._pack(self._admin_requests.reply(message, expires_ns))
+            reply = self._pack(self._add_seq(self._admin_requests.reply(message, expires_ns)))
             return reply, reply
 
         self._writes.run(message, reply_to, "an administrative operation", run)

@@ -44,9 +44,10 @@ class Snapshots:
         if request is None:
             # The mirror listens already, so it must get all that comes after the snapshot.
             self._stream.wait_until_active(_BEGIN_S)
+            clock_ns = time.monotonic_ns()  # all that was committed before is in the snapshot
             seq, ever_reparented, bounds = self._log.plan_snapshot(PIECE_BYTES)
             return wire.snapshot_plan_reply(
-                wire.SnapshotPlan(seq, ever_reparented, bounds, self._settings, time.monotonic_ns())
+                wire.SnapshotPlan(seq, ever_reparented, bounds, self._settings, clock_ns)
             )
         self._check_instance(request.instance)
         reached, frames = self._log.read_snapshot(request.after, request.until, 2 * PIECE_BYTES)

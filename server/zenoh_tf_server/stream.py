@@ -29,8 +29,9 @@ log = logging.getLogger("zenoh_tf.server")
 HEARTBEAT_S: Final = 0.1
 #: The least time between two messages.
 _INTERVAL_S: Final = 0.001
-#: A message takes entries until they have this many bytes; one commit is never split.
-_MESSAGE_BYTES: Final = 1 << 20
+#: A message takes entries until they have this many bytes; one commit is never split. Zenoh queues
+#: 1 MB for each link, and drops a message for which there is no room.
+_MESSAGE_BYTES: Final = 1 << 18
 #: A reply to `missed` takes messages until they have this many bytes.
 _MISSED_BYTES: Final = 1 << 20
 _JOIN_TIMEOUT_S: Final = 0.5
@@ -47,8 +48,10 @@ class Stream:
         self._changed = threading.Event()  # the listeners, or `_closing`
         self._active = threading.Event()  # the log is read
         self._closing = False
-        self._last = 0  # of the last message; only the thread changes it
+        # Of the last message; only the thread changes these.
+        self._last = 0
         self._put_s = 0.0  # when that was
+        self._clock_ns = 0
         self._messages = self._bytes = self._gaps = 0
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
 
@@ -75,6 +78,10 @@ class Stream:
         """Wait until the changes are published, if someone listens."""
         if not self._active.is_set() and self._has_listeners():
             self._active.wait(timeout_s)
+
+    def last_seq(self) -> int:
+        """The number of the tree's last commit, which may be in progress."""
+        return self._log.last
 
     def missed(self, first: int) -> wire.Message:
         """The fields of the reply to `missed`: the messages from the number `first` on."""
@@ -130,13 +137,19 @@ class Stream:
     def _begin(self) -> None:
         """Go on with the next commit. Listeners see a gap if they know of an earlier one."""
         self._recent.clear()
+        self._clock_ns = time.monotonic_ns()  # not later than the number, see `_put_changes`
         self._last = self._log.start()
         self._active.set()
         self._put(self._last, None)
 
     def _put_changes(self) -> None:
         """Put what there is, or a heartbeat if its time has come."""
+        # Mirrors tell their age from the clock: what was committed before must be in this message
+        # or an earlier one, so the clock waits for commits in progress.
+        clock_ns, drawn = time.monotonic_ns(), self._log.last
         _, last, lost, changes = self._log.take(_MESSAGE_BYTES)
+        if last >= drawn:
+            self._clock_ns = clock_ns
         if last > self._last or time.monotonic() - self._put_s >= HEARTBEAT_S:
             self._put(last, changes)
         if lost:
@@ -145,7 +158,7 @@ class Stream:
 
     def _put(self, last: int, changes: wire.Changes | None) -> None:
         first, self._last = self._last + 1, last
-        message = wire.StreamMessage(self._instance, first, last, time.monotonic_ns(), changes)
+        message = wire.StreamMessage(self._instance, first, last, self._clock_ns, changes)
         data = wire.pack(wire.stream_body(message))
         if last >= first:
             self._recent.add(first, last, data)

@@ -101,8 +101,12 @@ def transactions(endpoint: str) -> Callable[[], object]:
 
 _GUEST = """
 import sys, time
+from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 tf = TransformClient.connect(sys.argv[1], reads="query")
+now_ns = time.time_ns()
+sensor = tf.broadcaster(f"guest {now_ns}")
+sensor.send(StampedTransform("world", "guest", now_ns, Transform((1, 0, 0))))
 print(len(tf.frames()), flush=True)
 try:
     tf.lookup_transform("world", "never", timeout_s=float(sys.argv[2]))
@@ -112,7 +116,8 @@ except Exception:
 
 
 def guests(endpoint: str) -> Callable[[], object]:
-    """Clients that come and go: some close, some just end, some are killed while they wait."""
+    """Clients that come and go: some close, some just end, some are killed while they wait. Those
+    that do not close publish under names that never come back."""
 
     def step() -> None:
         with TransformClient.connect(endpoint, timeout_s=20.0, reads="query") as tf:

@@ -1,0 +1,365 @@
+"""Feeds a mirror: listens to the stream of a tree's server, and asks for what is missing.
+
+One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
+ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
+Each request has a thread of its own while it is under way, so that the stream does not wait for it.
+Another thread compares the clocks, and listens anew if the stream is silent though the server is
+there: a server sends a sign of life ten times a second.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf.errors import (
+    ProtocolError,
+    ServerBusy,
+    ServerRestarted,
+    ServerUnavailable,
+    TimeoutException,
+    TransformException,
+)
+from zenoh_tf.mirroring import Mirroring, Request
+
+from .connection import Connection
+from .publisher import undeclare_unless_closed
+from .server_clock import COMPARISONS, ServerClock, now_ns
+from .session_calls import is_forked
+
+log = logging.getLogger("zenoh_tf.client")
+
+#: Messages between Zenoh and the thread. A server's message has 256 kB, or one commit.
+_RING_MESSAGES: Final = 256
+#: Messages that are taken at once: a busy program lets the thread run only now and then.
+_BATCH_MESSAGES: Final = 16
+#: A request that failed is repeated after a pause, which doubles.
+_FIRST_PAUSE_S: Final = 0.05
+_LONGEST_PAUSE_S: Final = 0.5
+#: The least time between the beginnings of two snapshots.
+_SNAPSHOT_PERIOD_S: Final = 0.5
+#: A server that says hello, but knows no snapshots this many times, is an old one.
+_MAX_UNKNOWN: Final = 3
+#: So often the mirror looks whether the stream is silent.
+_WATCH_PERIOD_S: Final = 1.0
+_MAX_SILENT_PERIODS: Final = 2
+#: The clocks are compared in each of the first periods, then now and then.
+_CLOCK_PERIODS: Final = 10
+_JOIN_TIMEOUT_S: Final = 1.0
+#: Errors of requests for which the first copy waits on.
+_MAY_PASS: Final = (ServerBusy, ServerRestarted, ServerUnavailable, TimeoutException)
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What a mirror has. The tree itself may be newer already, but never older."""
+
+    tree: TransformTree | None = None
+    instance: str = ""
+    seq: int = 0
+    clock_ns: int = 0
+    synced: bool = False
+
+    def has(self, instance: str, seq: int) -> bool:
+        """Whether it has a commit of an instance, and all before it."""
+        return self.instance == instance and self.seq >= seq
+
+
+class MirrorFeed:
+    """Keeps a `Mirroring` up to date, from construction to `close`."""
+
+    def __init__(
+        self, connection: Connection, on_copy: Callable[[TransformTree | None], None]
+    ) -> None:
+        """Begin to listen. `on_copy` is told each new copy of the tree, and None at the end.
+
+        Raises ServerUnavailable if the connection is closed.
+        """
+        self._connection = connection
+        self._on_copy = on_copy
+        #: Read without the lock, which is held while changes are applied.
+        self.state = State()
+        self._mirroring = Mirroring()
+        self._changed = threading.Condition()  # guards all but `state`
+        self._waiters = 0
+        self._closed = False
+        self._ended = threading.Event()
+        self._error: TransformException | None = None  # of the last request
+        self._failures = 0  # since the last new copy
+        self._unknown = 0  # failures of a server that knows no snapshots
+        self._next_snapshot_s = 0.0
+        self._has_warned = False
+        self._is_silent = True  # since the last look; read and written without the lock
+        self._clock = ServerClock()
+        connection.calls.add_owner(self)
+        self._subscriber = self._subscribe()
+        self._thread = threading.Thread(target=self._listen, name="mirror", daemon=True)
+        self._thread.start()
+        self._in_thread(self._watch)
+
+    # --- what the mirror reads
+
+    @property
+    def snapshots(self) -> int:
+        """How many snapshots were begun."""
+        return self._mirroring.snapshots
+
+    def age_s(self) -> float:
+        """How old the copy is, at most; infinite before there is one."""
+        state = self.state
+        return self._clock.age_s(state.instance, state.clock_ns)
+
+    def wait(self, is_reached: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until `is_reached()`, which runs after each change and under the lock, is true.
+        False after `timeout_s`, or at the end."""
+        with self._changed:
+            self._waiters += 1
+            try:
+                self._changed.wait_for(lambda: is_reached() or self._closed, timeout_s)
+                return is_reached()
+            finally:
+                self._waiters -= 1
+
+    def wait_for_copy(self, timeout_s: float) -> None:
+        """Wait for the first copy.
+
+        Raises:
+            ServerUnavailable: No server answered, or it offers no mirrors, or the client is closed.
+            AccessDenied: The server's access rules do not allow to read.
+            TimeoutException: The snapshot was not complete in time.
+            LimitExceeded: A frame's history has no room in a reply of the server.
+        """
+        is_final = self._is_final
+        if self.wait(lambda: self.state.tree is not None or is_final(), timeout_s):
+            if self.state.tree is not None:
+                return
+            assert self._error is not None
+            raise self._error
+        if self._error is not None:
+            raise self._error
+        if self._closed:
+            raise ServerUnavailable("the connection is closed")
+        raise TimeoutException(f"the snapshot was not complete within {timeout_s:g} s")
+
+    def close(self) -> None:
+        """Listen no more. May be called again."""
+        if is_forked():
+            return
+        self._closed = True
+        undeclare_unless_closed(self._subscriber.undeclare, self._connection.calls)
+        if threading.current_thread() is not self._thread:
+            self._ended.wait(_JOIN_TIMEOUT_S)
+
+    # --- the stream
+
+    def _subscribe(self) -> zenoh.Subscriber[Any]:
+        connection = self._connection
+        with connection.calls:
+            return connection.session.declare_subscriber(
+                keys.streams(connection.tree), RingChannel(_RING_MESSAGES)
+            )
+
+    def _listen(self) -> None:
+        """Apply messages until the mirror or the connection is closed."""
+        try:
+            while not self._closed:
+                subscriber = self._subscriber
+                with contextlib.suppress(zenoh.ZError):  # undeclared
+                    self._listen_to(subscriber.handler)
+                if subscriber is self._subscriber:  # no other one has taken its place
+                    break
+        except ServerUnavailable:  # the connection is closed
+            pass
+        finally:
+            self._end()
+
+    def _listen_to(self, handler: Any) -> None:
+        while not self._closed:
+            with self._connection.calls:
+                batch = [handler.recv().payload.to_bytes()]
+                while len(batch) < _BATCH_MESSAGES and (sample := handler.try_recv()):
+                    batch.append(sample.payload.to_bytes())
+            self._is_silent = False
+            for data in batch:
+                self._received(data)
+
+    def _watch(self) -> None:
+        """Compare the clocks now and then, and listen anew if the stream is silent."""
+        self._compare_clocks()
+        with self._changed:
+            self._proceed()
+        silent_periods = 0
+        for period in itertools.count():
+            if self._ended.wait(_WATCH_PERIOD_S):
+                return
+            silent_periods = silent_periods + 1 if self._is_silent else 0
+            self._is_silent = True
+            if silent_periods >= _MAX_SILENT_PERIODS:
+                if self._compare_clocks():
+                    self._listen_anew()
+                    silent_periods = 0
+            elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
+                self._compare_clocks()
+
+    def _listen_anew(self) -> None:
+        log.info("the commit stream of tree %r is silent: listening anew", self._connection.tree)
+        old = self._subscriber
+        with contextlib.suppress(ServerUnavailable, zenoh.ZError):
+            self._subscriber = self._subscribe()
+            undeclare_unless_closed(old.undeclare, self._connection.calls)
+            if self._closed:  # meanwhile
+                self.close()
+
+    def _received(self, data: bytes) -> None:
+        with self._changed:
+            try:
+                self._mirroring.received(data)
+            except ProtocolError as error:  # what follows it is a gap
+                level = logging.DEBUG if self._has_warned else logging.WARNING
+                self._has_warned = True
+                log.log(level, "a message of the commit stream is malformed: %s", error)
+            except Exception:
+                log.exception("internal error while a mirror applied a message; it begins anew")
+                self._mirroring.restart()
+            self._proceed()
+
+    def _proceed(self) -> None:
+        """Send requests, and tell what has changed. Requires the lock."""
+        if self._closed:
+            return
+        mirroring = self._mirroring
+        for request in mirroring.requests():
+            if not self._in_thread(self._ask, request):
+                mirroring.failed(request.number)  # the next message sends it again
+        is_new = mirroring.tree is not self.state.tree
+        self.state = State(
+            mirroring.tree,
+            mirroring.instance,
+            mirroring.seq,
+            mirroring.clock_ns,
+            mirroring.synced,
+        )
+        if is_new:
+            self._failures = self._unknown = 0
+            self._error = None
+            self._on_copy(mirroring.tree)
+        if self._waiters:
+            self._changed.notify_all()
+
+    def _end(self) -> None:
+        with self._changed:
+            self._closed = True
+            self.state = State()
+            self._on_copy(None)
+            self._changed.notify_all()
+        self._ended.set()
+
+    # --- requests, each on a thread of its own
+
+    @staticmethod
+    def _in_thread(work: Callable[..., None], *arguments: object) -> bool:
+        """Start a thread. False: there are too many, or the program is ending."""
+        thread = threading.Thread(target=work, args=arguments, name="mirror request", daemon=True)
+        try:
+            thread.start()
+        except RuntimeError:
+            return False
+        return True
+
+    def _ask(self, request: Request) -> None:
+        """Send a request, and take its reply."""
+        is_plan = request.operation == "snapshot" and "piece" not in request.body
+        if is_plan and not self._wait_for_turn(request):
+            return
+        begin_ns = now_ns()
+        try:
+            reply = self._connection.read(request.operation, dict(request.body))
+            if is_plan:
+                instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
+                self._clock.compared(instance, begin_ns, clock_ns)
+        except Exception as error:
+            self._fail(request, error)
+            return
+        with self._changed:
+            try:
+                self._mirroring.answered(request.number, reply)
+            except Exception:
+                log.exception("internal error while a mirror took a reply; it begins anew")
+                self._mirroring.restart()
+            self._proceed()
+
+    def _wait_for_turn(self, request: Request) -> bool:
+        """Wait until the next snapshot may begin. False: this one is of no use any more."""
+        while True:
+            with self._changed:
+                if self._closed or not self._mirroring.awaits(request.number):
+                    return False
+                pause_s = self._next_snapshot_s - time.monotonic()
+                if pause_s <= 0:
+                    self._next_snapshot_s = time.monotonic() + _SNAPSHOT_PERIOD_S
+                    return True
+            self._ended.wait(pause_s)
+
+    def _fail(self, request: Request, error: Exception) -> None:
+        """Note why a request failed. After a pause it is sent again."""
+        if not isinstance(error, TransformException):
+            log.error("internal error while a mirror sent a request", exc_info=error)
+            error = ServerUnavailable(str(error))
+        found = self._explain(error)
+        with self._changed:
+            self._error = found
+            self._failures += 1
+            if self._waiters:
+                self._changed.notify_all()
+            pause_s = min(_FIRST_PAUSE_S * 2 ** min(self._failures, 10), _LONGEST_PAUSE_S)
+        if not self._ended.wait(pause_s):
+            with self._changed:
+                self._mirroring.failed(request.number, error)
+                self._proceed()
+
+    def _explain(self, error: TransformException) -> TransformException:
+        """The error to tell: an old server answers hello, but no requests for snapshots."""
+        if self.state.tree is not None or type(error) is not ServerUnavailable:
+            return error
+        try:
+            self._connection.hello()
+        except TransformException:
+            self._unknown = 0
+            return error
+        self._unknown += 1
+        if self._unknown < _MAX_UNKNOWN:
+            return error
+        return ServerUnavailable(
+            f"the server of tree {self._connection.tree!r} offers no mirrors: it is older than "
+            "this client; look transforms up by query, or update the server"
+        )
+
+    def _is_final(self) -> bool:
+        """Whether the error of the last request will come again."""
+        return self._unknown >= _MAX_UNKNOWN or (
+            self._error is not None and not isinstance(self._error, _MAY_PASS)
+        )
+
+    # --- clocks
+
+    def _compare_clocks(self) -> bool:
+        """Compare this machine's clock with the server's. False: it does not answer."""
+        begin_ns = now_ns()
+        try:
+            server = self._connection.hello()
+        except TransformException:
+            return False
+        self._clock.compared(server.instance, begin_ns, server.clock_ns)
+        return True

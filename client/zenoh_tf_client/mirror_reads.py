@@ -1,0 +1,123 @@
+"""The lookups of `Mirror` that are those of the embedded tree.
+
+While there is a copy, the methods here are not called: the mirror has the tree's own methods as
+attributes, because a call of Python's in between would cost half as much as a lookup.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import FrameInfo, StampedTransform, TransformArray, TransformTree, Velocity
+
+#: The methods that the mirror takes from its tree.
+TAKEN: Final = (
+    "lookup_transform",
+    "lookup_transform_full",
+    "can_transform",
+    "latest_common_time",
+    "lookup_transforms",
+    "sample",
+    "lookup_velocity",
+    "frames",
+    "frame",
+    "parent",
+    "chain",
+)
+
+
+class MirrorReads(ABC):
+    """A base of `Mirror`, which has the tree."""
+
+    @property
+    @abstractmethod
+    def _tree(self) -> TransformTree:
+        """The tree. Raises ServerUnavailable if the mirror is closed."""
+
+    def lookup_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> StampedTransform:
+        """As `TransformTree.lookup_transform`."""
+        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+
+    def lookup_transform_full(
+        self,
+        target: str,
+        target_stamp_ns: int | None,
+        source: str,
+        source_stamp_ns: int | None,
+        fixed_frame: str,
+        timeout_s: float = 0.0,
+    ) -> StampedTransform:
+        """As `TransformTree.lookup_transform_full`."""
+        return self._tree.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        )
+
+    def can_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> bool:
+        """As `TransformTree.can_transform`."""
+        return self._tree.can_transform(target, source, stamp_ns, timeout_s)
+
+    def latest_common_time(self, a: str, b: str) -> int | None:
+        """As `TransformTree.latest_common_time`."""
+        return self._tree.latest_common_time(a, b)
+
+    def lookup_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
+    ) -> TransformArray:
+        """As `TransformTree.lookup_transforms`."""
+        return self._tree.lookup_transforms(targets, sources, stamps_ns)
+
+    def sample(
+        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
+    ) -> TransformArray:
+        """As `TransformTree.sample`."""
+        return self._tree.sample(target, source, stamps_ns)
+
+    def lookup_velocity(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        stamp_ns: int | None = None,
+        averaging_interval_s: float = 0.1,
+        *,
+        reference_frame: str | None = None,
+        reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
+        reference_point_frame: str | None = None,
+    ) -> Velocity:
+        """As `TransformTree.lookup_velocity`."""
+        return self._tree.lookup_velocity(
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
+        )
+
+    def frames(self) -> list[str]:
+        """As `TransformTree.frames`, in any order."""
+        return self._tree.frames()
+
+    def frame(self, name: str) -> FrameInfo:
+        """As `TransformTree.frame`, without the frame's last change."""
+        return self._tree.frame(name)
+
+    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
+        """As `TransformTree.parent`."""
+        return self._tree.parent(frame, stamp_ns)
+
+    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
+        """As `TransformTree.chain`."""
+        return self._tree.chain(target, source, stamp_ns)

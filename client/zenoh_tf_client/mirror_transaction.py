@@ -1,0 +1,99 @@
+"""`MirrorTransaction`: a transaction whose reads are in a mirror."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from typing import Final, TypeVar
+
+from zenoh_tf import TransformTree
+from zenoh_tf.shared_tree import AskServer
+
+from .connection import Connection
+from .mirror_feed import MirrorFeed
+from .receipt import Receipt
+from .request import Read, Rows
+from .shared_reads import SharedReads, VersionedRead, read_tree
+from .transaction import Transaction
+
+T = TypeVar("T")
+
+#: A transaction waits this long for the mirror.
+CATCH_UP_S: Final = 1.0
+
+
+class OwnWrites:
+    """The frames that a mirror's transactions have written, until the mirror has them: to read an
+    older state of them would only lead to a conflict. Thread safety: all methods."""
+
+    def __init__(self, feed: MirrorFeed) -> None:
+        self._feed = feed
+        self._lock = threading.Lock()
+        self._receipts: dict[str, Receipt] = {}
+
+    def add(self, frames: Iterable[str], receipt: Receipt | None) -> None:
+        """Note a write."""
+        if receipt is None:
+            return
+        state = self._feed.state
+        with self._lock:
+            for name, known in list(self._receipts.items()):
+                if state.has(known.instance, known.seq):
+                    del self._receipts[name]
+            self._receipts.update(dict.fromkeys(frames, receipt))
+
+    def wait_for(self, frames: Iterable[str]) -> bool:
+        """Wait until the mirror has all writes to these frames. False: it had them already."""
+        feed = self._feed
+        with self._lock:
+            awaited = [self._receipts[name] for name in frames if name in self._receipts]
+
+        def has_all() -> bool:
+            return all(feed.state.has(one.instance, one.seq) for one in awaited)
+
+        if has_all():
+            return False
+        feed.wait(has_all, CATCH_UP_S)
+        return True
+
+
+class MirrorTransaction(Transaction):
+    """One attempt, which reads one copy of the tree. Thread safety: one thread at a time.
+
+    A mirror's frames have the server's versions, so its reads can be the read set of a commit.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        reads: SharedReads,
+        tree: TransformTree,
+        instance: str,
+        own_writes: OwnWrites,
+    ) -> None:
+        super().__init__(connection, reads)
+        self._tree = tree
+        self._copy_of = instance
+        self._own_writes = own_writes
+
+    def commit(self) -> None:
+        super().commit()
+        if self._sets:
+            frames = [stamped.child_frame for stamped in self._sets]
+            self._own_writes.add(frames, self._connection.last_receipt)
+
+    def _is_done(self) -> bool:
+        # Unlike at the server, a single read may be old.
+        return not self._sets and not self._reads
+
+    def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        instance, versions, answer = self._look_up(request)
+        read_set = list(versions)
+        if self._own_writes.wait_for(name for name, _ in read_set):
+            return self._look_up(request)
+        return instance, read_set, answer
+
+    def _look_up(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        found = read_tree(self._tree, self._copy_of, request)
+        assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
+        return found
