@@ -22,6 +22,7 @@ import pytest
 import uvloop
 
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.connection import Connection
 from zenoh_tf_client.shared_reads import Mode
 
 from .both_clients import Blocking, LoopThread
@@ -30,6 +31,8 @@ from .both_clients import Blocking, LoopThread
 START_TIMEOUT_S = 50.0
 #: Below all ports that systems give to outgoing connections.
 _PORTS = range(10_000, 30_000)
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
 # A shell that starts the tests in the background makes them, and their children, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -62,6 +65,8 @@ class ServerProcess:
 
     #: How Python starts it.
     START: tuple[str, ...] = ("-m", "zenoh_tf_server")
+    #: Clients send queries through the server's socket.
+    LOCAL = False
 
     def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
         self.endpoint = endpoint
@@ -111,6 +116,8 @@ class ServerProcess:
 
     def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
         """A client; most tests are about queries, so these are the default."""
+        if self.LOCAL and reads == "query":
+            return TransformClient(Connection(self.endpoint, self.tree, timeout_s), reads)
         return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
 
     def send_signal(self, number: signal.Signals) -> None:
@@ -199,12 +206,16 @@ def client(server: ServerProcess) -> Iterator[TransformClient]:
         yield tf
 
 
-@pytest.fixture(params=["synchronous", "asynchronous"])
+@pytest.fixture(params=["synchronous", pytest.param("socket", marks=linux), "asynchronous"])
 def either_client(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest, socket_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[None]:
-    """Servers connect clients of both kinds in turn."""
-    if request.param == "synchronous":
+    """Servers connect clients of both kinds in turn; a synchronous one that sends its queries over
+    Zenoh, and one that sends them through the server's socket."""
+    if request.param == "socket":
+        monkeypatch.setattr(ServerProcess, "LOCAL", True)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(socket_folder))
+    if request.param != "asynchronous":
         yield
         return
     thread = LoopThread()

@@ -88,7 +88,9 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
             credentials: User, password and the files for TLS; see docs/security.md.
             reads: How lookups are answered. ``"auto"``: from the server's memory, which this
                 process maps, if the server is on this host and shares its tree; else by queries.
-                ``"query"``: by queries. Both give the same answers and errors.
+                ``"query"``: by queries. Both give the same answers and errors. With ``"query"``
+                everything goes over Zenoh; else writes, and lookups that the memory cannot
+                answer, go through a socket of the server, if it is on this host.
 
         Returns:
             An open client.
@@ -104,7 +106,8 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
         shared_reads.check(reads)
-        return cls(Connection(endpoint, tree, timeout_s, credentials), reads)
+        local = reads != "query"
+        return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
         connection = self._connection

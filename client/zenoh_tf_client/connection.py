@@ -12,7 +12,8 @@ from zenoh_tf import keys, wire, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 
-from .exchange import Exchange, Pause, ServerInfo, Steps
+from .exchange import Ask, Exchange, Pause, ServerInfo, Steps
+from .local_requests import LocalRequests
 from .opening import open_session
 from .queries import NoReply, Queries
 from .receipt import Receipt
@@ -38,8 +39,12 @@ class Connection:
         tree: str,
         timeout_s: float,
         credentials: Credentials = NO_CREDENTIALS,
+        *,
+        local: bool = True,
     ) -> None:
         """Connect to the server of `tree` at `endpoint`.
+
+        `local`: send requests through the server's socket as well, if it is on this host.
 
         Raises:
             ServerUnavailable: No server answered within `timeout_s`.
@@ -68,6 +73,7 @@ class Connection:
         self.queries = Queries(
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
+        self.local = LocalRequests(self.queries, tree, client_id, on=local)
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -79,8 +85,8 @@ class Connection:
 
     def __del__(self) -> None:
         # Zenoh would close the session when it is freed, outside of `calls`.
-        if hasattr(self, "calls"):
-            self.calls.close()
+        if hasattr(self, "local"):
+            self.close()
 
     @property
     def instance(self) -> str:
@@ -106,6 +112,7 @@ class Connection:
     def close(self) -> None:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
+        self.local.close()
 
     @property
     def last_receipt(self) -> Receipt | None:
@@ -140,9 +147,15 @@ class Connection:
                 time.sleep(step.seconds)
                 continue
             try:
-                outcome = self.queries.ask(step.key, step.payload, step.timeout_s)
+                outcome = self._ask(step)
             except TransformException as failure:
                 error = failure
+
+    def _ask(self, step: Ask) -> wire.Message | NoReply:
+        """Send a query, through the server's socket if that takes it."""
+        if step.timeout_s > self.timeout_s:  # the server may wait before it replies
+            return self.queries.ask(step.key, step.payload, step.timeout_s)
+        return self.local.ask(self.exchange.server, step.key, step.payload, step.timeout_s)
 
     def _wait_for_server(self, deadline_s: float) -> None:
         """Ask until a server answers, because it may still be starting. Give up early if the

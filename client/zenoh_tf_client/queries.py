@@ -91,12 +91,20 @@ class Queries:
         """
         if data is None:
             # Zenoh ends a query at once if no server is there, or when the server goes away.
-            return NoReply(
-                f"{self._server} is not there, or went away before it answered", at_once=True
-            )
+            return self.went_away()
         if data == ZENOH_TIMEOUT:
-            return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
+            return self.timed_out(timeout_s)
         return wire.unpack(data, wire.MAX_REPLY_BYTES)
+
+    def went_away(self) -> NoReply:
+        """Return what a request ends with if the server goes away before it answers."""
+        return NoReply(
+            f"{self._server} is not there, or went away before it answered", at_once=True
+        )
+
+    def timed_out(self, timeout_s: float) -> NoReply:
+        """Return what a request ends with if the server does not answer in time."""
+        return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
 
     def _options(self, payload: bytes, timeout_s: float) -> dict[str, Any]:
         return {

@@ -208,6 +208,11 @@ class Limits:
         "Zenoh connections to the embedded router",
         "the connection is refused",
     )
+    local_connections: int = _limit(
+        128,
+        "connections of clients on this host, who send requests through a Unix socket",
+        "the connection is closed, and the client's requests go over Zenoh",
+    )
 
     def check(self, name: str, value: int) -> None:
         """Raise LimitExceeded if `value` is above the limit `name`."""
