@@ -78,7 +78,8 @@ lint: native ## ruff, mypy --strict, clang-format; actionlint where it is instal
 	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows $(WORKFLOWS)
 	@if command -v actionlint >/dev/null; then actionlint $(WORKFLOWS); fi
 
-format: .venv/requirements.stamp ## format Python and C++, sort imports
+format: .venv/requirements.stamp ## format Python and C++, sort imports, make the asynchronous client's methods
+	@$(BIN)/python scripts/async_client.py
 	@$(BIN)/ruff check --select I --fix .
 	@$(BIN)/ruff format .
 	@$(BIN)/clang-format -i $(CPP)

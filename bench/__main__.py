@@ -20,6 +20,7 @@ PARTS = CORE | {
     "reads": "reads:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
+    "async": "asynchronous:measure",
 }
 
 

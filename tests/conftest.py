@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import queue
@@ -13,19 +14,25 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.connection import Connection
 from zenoh_tf_client.shared_reads import Mode
+
+from .both_clients import Blocking, LoopThread
 
 #: Only a server that hangs takes so long: pytest gives up on the test soon after.
 START_TIMEOUT_S = 50.0
 #: Below all ports that systems give to outgoing connections.
 _PORTS = range(10_000, 30_000)
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
 # A shell that starts the tests in the background makes them, and their children, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -49,11 +56,17 @@ def free_endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
+#: What runs on an event loop.
+Main = Callable[[], Coroutine[Any, Any, None]]
+
+
 class ServerProcess:
     """A running ``zenoh-tf-server``."""
 
     #: How Python starts it.
     START: tuple[str, ...] = ("-m", "zenoh_tf_server")
+    #: Clients send queries through the server's socket.
+    LOCAL = False
 
     def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
         self.endpoint = endpoint
@@ -103,6 +116,8 @@ class ServerProcess:
 
     def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
         """A client; most tests are about queries, so these are the default."""
+        if self.LOCAL and reads == "query":
+            return TransformClient(Connection(self.endpoint, self.tree, timeout_s), reads)
         return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
 
     def send_signal(self, number: signal.Signals) -> None:
@@ -189,3 +204,44 @@ def client(server: ServerProcess) -> Iterator[TransformClient]:
     """A client of `server`."""
     with server.connect() as tf:
         yield tf
+
+
+@pytest.fixture(params=["synchronous", pytest.param("socket", marks=linux), "asynchronous"])
+def either_client(
+    request: pytest.FixtureRequest, socket_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """Servers connect clients of both kinds in turn; a synchronous one that sends its queries over
+    Zenoh, and one that sends them through the server's socket."""
+    if request.param == "socket":
+        monkeypatch.setattr(ServerProcess, "LOCAL", True)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(socket_folder))
+    if request.param != "asynchronous":
+        yield
+        return
+    thread = LoopThread()
+
+    def connect(server: ServerProcess, timeout_s: float = 5.0, reads: Mode = "query") -> Blocking:
+        return Blocking.connect(thread, server.endpoint, server.tree, timeout_s, reads=reads)
+
+    monkeypatch.setattr(ServerProcess, "connect", connect)
+    yield
+    thread.stop()
+
+
+@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+def run(request: pytest.FixtureRequest) -> Iterator[Callable[[Main], None]]:
+    """``run(main)`` on either loop; nothing may be logged or left behind by it."""
+
+    def run_on_loop(main: Main) -> None:
+        reports: list[dict[str, Any]] = []
+
+        async def reported() -> None:
+            loop = asyncio.get_running_loop()
+            loop.set_exception_handler(lambda _, report: reports.append(report))
+            await main()
+
+        with asyncio.Runner(loop_factory=request.param) as runner:
+            runner.run(reported())
+        assert reports == []
+
+    yield run_on_loop

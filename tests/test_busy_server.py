@@ -22,12 +22,12 @@ from .conftest import StartServer, free_endpoint
 QUERY: Any = None  # lanes never look at it
 
 
-def request(client: str, size: int = 0, name: str = "lookup") -> Request:
+def request(client: str, size: int = 0, name: str = "lookup") -> Request[Any]:
     return Request(QUERY, name, client, size)
 
 
 def test_clients_take_turns() -> None:
-    lane = Lane(Budget(Limits()))
+    lane: Lane[Any] = Lane(Budget(Limits()))
     for name in ("a1", "a2", "a3"):
         assert lane.put(request("a", name=name)) is None
     assert lane.put(request("b", name="b1")) is None
@@ -47,7 +47,9 @@ def test_clients_take_turns() -> None:
     ],
 )
 def test_each_bound_refuses(limits: Limits, field: str) -> None:
-    lane, other_lane = Lane(budget := Budget(limits)), Lane(budget)
+    budget = Budget(limits)
+    lane: Lane[Any] = Lane(budget)
+    other_lane: Lane[Any] = Lane(budget)
     assert lane.put(request("a", 2000)) is None
     assert other_lane.put(request("a", 2000)) is None  # the bounds hold for all lanes together
     refusal = lane.put(request("a", 2000))
@@ -62,7 +64,7 @@ def test_each_bound_refuses(limits: Limits, field: str) -> None:
 
 
 def test_a_request_larger_than_the_bound_waits_alone() -> None:
-    lane = Lane(Budget(Limits(client_pending_bytes=5000)))
+    lane: Lane[Any] = Lane(Budget(Limits(client_pending_bytes=5000)))
     assert lane.put(request("a", 100_000)) is None
     assert isinstance(lane.put(request("a")), ServerBusy)
 

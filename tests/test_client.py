@@ -25,6 +25,8 @@ from zenoh_tf_client import Broadcaster, TransformClient
 
 from .conftest import ServerProcess, StartServer
 
+pytestmark = pytest.mark.usefixtures("either_client")
+
 S = 1_000_000_000
 
 
@@ -324,6 +326,19 @@ def test_a_batch_that_is_left_by_an_error_is_not_sent(client: TransformClient) -
         batch.set_transform(link("map", "base", 1 * S))
         raise KeyError
     assert client.frames() == []
+
+
+def test_a_batch_that_writes_and_waits(client: TransformClient) -> None:
+    with client.batch() as batch:
+        stored = batch.set_transform(link("map", "base", 1))
+        refused = batch.lookup_transform("map", "late", timeout_s=5.0)
+    assert stored.result() is True
+    assert isinstance(refused.exception(), InvalidArgumentException)
+    with client.batch() as batch:
+        now = batch.lookup_transform("map", "base", timeout_s=5.0)
+        unknown = batch.lookup_transform("map", "late", timeout_s=0.1)
+    assert now.result().stamp_ns == 1
+    assert isinstance(unknown.exception(), LookupException)
 
 
 def test_waiting_lookups(any_server: ServerProcess) -> None:

@@ -15,6 +15,8 @@ from zenoh_tf.errors import (
 from .conftest import ServerProcess
 from .test_client import S, fill, link
 
+pytestmark = pytest.mark.usefixtures("either_client")
+
 
 def test_transaction_commits_or_conflicts(server: ServerProcess) -> None:
     with server.connect() as tf, server.connect() as rival:

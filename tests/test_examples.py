@@ -64,15 +64,28 @@ def test_transaction(server: Any) -> None:
     assert _numbers(run("transaction.py", server.endpoint)) == pytest.approx([0.0, 0.0, 0.3])
 
 
+def test_async_client(server: Any) -> None:
+    lines = run("async_client.py", server.endpoint).splitlines()
+    assert lines == ["wheels: 0.0 1.0 2.0 3.0", "the last: 3.0"]
+
+
 def _numbers(line: str) -> list[float]:
     return [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", line)]
 
 
-@pytest.mark.parametrize("name", ["sensor.py", "client.py", "transaction.py"])
-def test_examples_are_short_and_in_the_readme(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "page"),
+    [
+        ("sensor.py", "README.md"),
+        ("client.py", "README.md"),
+        ("transaction.py", "README.md"),
+        ("async_client.py", "docs/asyncio.md"),
+    ],
+)
+def test_examples_are_short_and_shown(name: str, page: str) -> None:
     text = (EXAMPLES / name).read_text()
     assert len(text.splitlines()) < 40
-    assert f"```python\n{text}```" in (ROOT / "README.md").read_text()
+    assert f"```python\n{text}```" in (ROOT / page).read_text()
 
 
 @pytest.mark.parametrize("page", ["architecture.md", "concurrency.md", "glossary.md"])

@@ -102,6 +102,57 @@ waits = [tf2.Buffer().wait_for_transform_async("a", "never", tf2.Time()) for _ i
 }
 
 
+#: How a program's event loop ends, with calls under way.
+LOOP_ENDS = {
+    "cancelled tasks": "asyncio.run(main())",
+    "uvloop": "uvloop.run(main())",
+    "closed at once": """
+loop = asyncio.new_event_loop()
+loop.run_until_complete(main())
+for task in asyncio.all_tasks(loop):
+    task._log_destroy_pending = False  # the script's own tasks, which never end
+loop.close()
+""",
+    "uvloop closed at once": """
+loop = uvloop.new_event_loop()
+loop.run_until_complete(main())
+for task in asyncio.all_tasks(loop):
+    task._log_destroy_pending = False
+loop.close()
+""",
+    "never closed": """
+loop = asyncio.new_event_loop()
+loop.run_until_complete(main())
+for task in asyncio.all_tasks(loop):
+    task._log_destroy_pending = False
+""",
+    "one loop after another": "for _ in range(3): asyncio.run(main())",
+}
+ASYNCHRONOUS = """
+import asyncio, sys, uvloop
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import AsyncTransformClient
+
+link = StampedTransform("a", "b", 0, Transform())
+tasks = set()
+
+async def main():
+    tf = await AsyncTransformClient.connect(sys.argv[1])
+    sensor = await tf.broadcaster("sensor")
+    await sensor.send_static(link)
+    for _ in range(20):
+        for call in (tf.lookup_transform("a", "never", timeout_s=100),
+                     tf.lookup_transform("a", "b"), tf.set_transform(link), tf.frames(),
+                     sensor.send(link)):
+            tasks.add(asyncio.create_task(call))
+    await asyncio.sleep(float(sys.argv[2]))
+    for task in tasks:
+        if task.done() and not task.cancelled():
+            task.exception()
+
+"""
+
+
 def run(script: str, *arguments: str, status: int = 0) -> None:
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
@@ -143,6 +194,17 @@ def test_what_is_never_closed_in_a_script_that_ends_at_once(endpoint: str, left_
     run_under_load(CONNECT + NEVER_CLOSED[left_open], endpoint)
 
 
+@pytest.mark.parametrize("loop_ends", LOOP_ENDS)
+@pytest.mark.parametrize("after_s", ["0.002", "0.3"])
+def test_an_event_loop_ends_with_calls_under_way(
+    endpoint: str, loop_ends: str, after_s: str
+) -> None:
+    with ThreadPoolExecutor(TOGETHER) as processes:
+        script = ASYNCHRONOUS + LOOP_ENDS[loop_ends]
+        for ended in [processes.submit(run, script, endpoint, after_s) for _ in range(2)]:
+            ended.result()
+
+
 def test_an_exit_handler_may_wait_for_a_thread_that_uses_the_client(endpoint: str) -> None:
     """Exit handlers that were registered before the client's run after it."""
     script = (
@@ -182,6 +244,30 @@ end = time.monotonic() + 10
 while "announce statics" in {thread.name for thread in threading.enumerate()}:
     assert time.monotonic() < end, "the thread of a collected broadcaster goes on"
     time.sleep(0.01)
+""",
+        endpoint,
+    )
+
+
+def test_an_unreferenced_client_of_a_loop_is_collected(endpoint: str) -> None:
+    run(
+        """
+import asyncio, gc, os, sys, time, weakref
+from zenoh_tf_client import AsyncTransformClient
+
+async def main():
+    for _ in range(3):
+        tf = await AsyncTransformClient.connect(sys.argv[1])
+        assert await tf.frames() is not None
+        gone = weakref.ref(tf), weakref.ref(tf._connection._transport)
+        del tf
+        end = time.monotonic() + 10
+        while any(ref() for ref in gone):
+            assert time.monotonic() < end
+            gc.collect()
+            await asyncio.sleep(0.01)
+
+asyncio.run(main())
 """,
         endpoint,
     )

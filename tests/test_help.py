@@ -31,6 +31,10 @@ CLASSES: list[type] = [
     zenoh_tf_client.Transaction,
     zenoh_tf_client.Batch,
     zenoh_tf_client.Mirror,
+    zenoh_tf_client.AsyncTransformClient,
+    zenoh_tf_client.AsyncBroadcaster,
+    zenoh_tf_client.AsyncTransaction,
+    zenoh_tf_client.AsyncBatch,
 ]
 #: A base whose methods refer to those of the same names in another class.
 REFERS = {zenoh_tf_client.mirror_reads.MirrorReads: zenoh_tf.TransformTree}
@@ -51,9 +55,13 @@ RAISE_NOTHING = {
         *("lookup_latest_transforms_xact", "set_transform", "set_transforms_xact"),
     },
 }
+RAISE_NOTHING |= {f"Async{name}": RAISE_NOTHING[name] for name in ("Broadcaster", "Batch")}
+RAISE_NOTHING["AsyncTransformClient"] = RAISE_NOTHING["TransformClient"]
 #: What parameters and results of these names are measured in.
 UNITS = {r"\w+_ns": "nanosecond", r"\w+_s": "second", r"stamped|translation|points": "metre"}
 RESULTS = {"StampedTransform": "metre", "Velocity": "m/s"}
+
+AnyFunction = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,7 @@ class Member:
 
     owner: type
     name: str
-    node: ast.FunctionDef
+    node: AnyFunction
     doc: str
 
     @property
@@ -93,14 +101,14 @@ def stub_class(name: str) -> ast.ClassDef | None:
     return None
 
 
-def functions(kind: type) -> dict[str, ast.FunctionDef]:
+def functions(kind: type) -> dict[str, AnyFunction]:
     """The functions in a class's source, or in its stub if it is native."""
     node = stub_class(kind.__name__)
     if node is None:
         tree = ast.parse(inspect.getsource(kind))
         assert isinstance(tree.body[0], ast.ClassDef)
         node = tree.body[0]
-    return {item.name: item for item in node.body if isinstance(item, ast.FunctionDef)}
+    return {item.name: item for item in node.body if isinstance(item, AnyFunction)}
 
 
 def members(kind: type) -> Iterator[Member]:

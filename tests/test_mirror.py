@@ -231,7 +231,7 @@ def test_one_round_trip_for_a_transaction(
     client: TransformClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client.set_transforms_xact([stamped("a", 1), stamped("b", 1)])
-    queries = client._connection._queries
+    queries = client._connection.queries
     asked: list[str] = []
 
     def ask(key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> Any:

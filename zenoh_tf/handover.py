@@ -1,7 +1,8 @@
 """How a server hands its shared tree over to clients of the same host, through a Unix socket.
 
-A client connects and says nothing. The server sends one message with the file descriptor of its
-region, and closes the connection. docs/protocol.md describes both.
+A client connects, and the server sends one message with the file descriptor of its region. A client
+that wants nothing else closes the connection. Else it sends requests (`local_requests`), if the
+server's offer says so. docs/protocol.md describes both.
 
 Internal: for `zenoh_tf_server`, which sends, and `zenoh_tf_client`, which receives.
 """
@@ -38,9 +39,10 @@ class Offer:
 
     host: str  # the boot id: another one cannot map the server's memory
     socket: str  # the path, as the server sees it
+    requests: bool = False  # the server takes requests on it
 
     def fields(self) -> wire.Message:
-        return {"host": self.host, "socket": self.socket}
+        return {"host": self.host, "socket": self.socket, "requests": self.requests}
 
 
 def boot_id() -> str:
@@ -80,37 +82,67 @@ def parse_offer(value: object) -> Offer | None:
     host, path = value.get("host"), value.get("socket")
     if not isinstance(host, str) or not isinstance(path, str):
         return None
-    return Offer(host, path) if path.startswith("/") and "\0" not in path else None
+    if not path.startswith("/") or "\0" in path:
+        return None
+    return Offer(host, path, value.get("requests") is True)
 
 
 def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedTree:
     """Map the tree of a server instance on this host.
-
-    In a container, the socket's folder may be mounted elsewhere than at the server's path. So the
-    default folders are searched for the socket as well.
 
     Raises:
         OSError: The socket cannot be reached, or nothing came within `timeout_s`.
         RegionRefused: What the socket's owner sent is not the tree, or cannot be read here.
         ProtocolError: What it sent is malformed.
     """
+    peer, fd = _greeting(offer, tree, instance, timeout_s, to_read=True)
+    peer.close()
+    try:
+        return SharedTree(fd)
+    finally:
+        os.close(fd)
+
+
+def connect(offer: Offer, tree: str, instance: str, timeout_s: float) -> socket.socket:
+    """Open a connection for requests to a server instance on this host.
+
+    Raises as `receive` does.
+    """
+    peer, fd = _greeting(offer, tree, instance, timeout_s, to_read=False)
+    os.close(fd)
+    return peer
+
+
+def _greeting(
+    offer: Offer, tree: str, instance: str, timeout_s: float, *, to_read: bool
+) -> tuple[socket.socket, int]:
+    """The connection to a server instance, and the file descriptor that it has sent.
+
+    In a container, the socket's folder may be mounted elsewhere than at the server's path. So the
+    default folders are searched for the socket as well.
+    """
     paths = [offer.socket]
     paths += [str(folder / Path(offer.socket).name) for folder in default_folders()]
     path = next((path for path in paths if _is_socket(path)), offer.socket)
-    payload, fd = _receive(path, timeout_s)
+    fd = -1
+    peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
+        payload, fd = _receive(peer, path, timeout_s)
         told = wire.unpack(payload)
         layout = told.get("layout")
-        if layout != list(LAYOUT):
+        if to_read and layout != list(LAYOUT):
             raise RegionRefused(
                 f"the server's tree has the memory layout {_layout(layout)}, and this client reads "
                 f"{_layout(LAYOUT)}: install the same version of zenoh-tf in both"
             )
         if (wire.text(told, "tree"), wire.text(told, "instance")) != (tree, instance):
             raise RegionRefused(f"{path} belongs to another server")
-        return SharedTree(fd)
-    finally:
-        os.close(fd)
+    except BaseException:
+        if fd >= 0:
+            os.close(fd)
+        peer.close()
+        raise
+    return peer, fd
 
 
 def _layout(layout: object) -> str:
@@ -139,27 +171,26 @@ def _connect(peer: socket.socket, path: str, deadline_s: float) -> None:
             time.sleep(_RETRY_S)
 
 
-def _receive(path: str, timeout_s: float) -> tuple[bytes, int]:
-    """The payload and the file descriptor that the socket's owner sends."""
+def _receive(peer: socket.socket, path: str, timeout_s: float) -> tuple[bytes, int]:
+    """Connect, and return the payload and the file descriptor that the socket's owner sends."""
     deadline_s = time.monotonic() + timeout_s
     fds: list[int] = []
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as peer:
-            data = b""
-            wanted = _LENGTH.size
-            _connect(peer, path, deadline_s)
-            while len(data) < wanted:
-                peer.settimeout(max(deadline_s - time.monotonic(), 0.001))
-                more, received, _, _ = socket.recv_fds(peer, wanted - len(data), 4, _CLOSE_ON_EXEC)
-                fds += received
-                if not more:
-                    raise ConnectionResetError(f"{path}: the connection ended early")
-                data += more
-                if len(data) == _LENGTH.size:
-                    length = _LENGTH.unpack(data)[0]
-                    if length > _MAX_BYTES:
-                        raise RegionRefused(f"{path} does not belong to a server of zenoh-tf")
-                    wanted += length
+        data = b""
+        wanted = _LENGTH.size
+        _connect(peer, path, deadline_s)
+        while len(data) < wanted:
+            peer.settimeout(max(deadline_s - time.monotonic(), 0.001))
+            more, received, _, _ = socket.recv_fds(peer, wanted - len(data), 4, _CLOSE_ON_EXEC)
+            fds += received
+            if not more:
+                raise ConnectionResetError(f"{path}: the connection ended early")
+            data += more
+            if len(data) == _LENGTH.size:
+                length = _LENGTH.unpack(data)[0]
+                if length > _MAX_BYTES:
+                    raise RegionRefused(f"{path} does not belong to a server of zenoh-tf")
+                wanted += length
         if len(fds) != 1:
             raise RegionRefused(f"{path} sent {len(fds)} file descriptors instead of one")
         return data[_LENGTH.size :], fds.pop()

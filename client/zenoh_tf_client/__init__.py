@@ -1,8 +1,12 @@
-"""The client library of zenoh-tf: `TransformClient.connect` and what it returns."""
+"""The client library of zenoh-tf: a synchronous and an asynchronous client, and their results."""
 
 from zenoh_tf import __version__
 from zenoh_tf.credentials import Credentials
 
+from .aio.batch import AsyncBatch
+from .aio.broadcaster import AsyncBroadcaster
+from .aio.client import AsyncTransformClient
+from .aio.transaction import AsyncTransaction
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client import TransformClient
@@ -12,6 +16,10 @@ from .receipt import Receipt
 from .transaction import Transaction
 
 __all__ = [
+    "AsyncBatch",
+    "AsyncBroadcaster",
+    "AsyncTransaction",
+    "AsyncTransformClient",
     "Batch",
     "Broadcaster",
     "Credentials",

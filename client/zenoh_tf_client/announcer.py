@@ -25,7 +25,8 @@ from zenoh.handlers import RingChannel
 from zenoh_tf import StampedTransform, keys
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
-from .connection import Connection, ServerInfo
+from .connection import Connection
+from .exchange import ServerInfo
 from .publisher import Publisher, message, undeclare_unless_closed
 
 log = logging.getLogger("zenoh_tf.client")

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
-from zenoh_tf import StampedTransform
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
-from . import shared_reads, write_requests
+from . import shared_reads
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client_introspection import ClientIntrospection
 from .client_lookups import ClientLookups
+from .client_writes import ClientWrites
 from .connection import Connection
 from .mirror import Mirror
 from .receipt import Receipt
@@ -28,7 +28,7 @@ DEFAULT_TREE = "main"
 DEFAULT_TIMEOUT_S = 5.0
 
 
-class TransformClient(ClientLookups, ClientIntrospection):
+class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
@@ -83,7 +83,9 @@ class TransformClient(ClientLookups, ClientIntrospection):
             credentials: User, password and the files for TLS; see docs/security.md.
             reads: How lookups are answered. ``"auto"``: from the server's memory, which this
                 process maps, if the server is on this host and shares its tree; else by queries.
-                ``"query"``: by queries. Both give the same answers and errors.
+                ``"query"``: by queries. Both give the same answers and errors. With ``"query"``
+                everything goes over Zenoh; else writes, and lookups that the memory cannot
+                answer, go through a socket of the server, if it is on this host.
 
         Returns:
             An open client.
@@ -99,7 +101,8 @@ class TransformClient(ClientLookups, ClientIntrospection):
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
         shared_reads.check(reads)
-        return cls(Connection(endpoint, tree, timeout_s, credentials), reads)
+        local = reads != "query"
+        return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
         connection = self._connection
@@ -164,108 +167,6 @@ class TransformClient(ClientLookups, ClientIntrospection):
             ProtocolError: The reply is malformed.
         """
         return self._connection.instance
-
-    # --- writes
-
-    def set_transform(
-        self, stamped: StampedTransform, authority: str = "", static: bool = False
-    ) -> bool:
-        """Store a transform and wait until the server has it.
-
-        Args:
-            stamped: ``X_parent_child``: it maps coordinates in the child frame to coordinates in
-                the parent frame. Metres; nanoseconds.
-            authority: The name to publish as.
-            static: True for a transform that holds at all times.
-
-        Returns:
-            True if stored; False if dropped because it is older than the server's cache time.
-
-        Raises:
-            InvalidArgumentException: The transform makes no sense, or would close a cycle.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
-
-        Example:
-            ``tf.set_transform(StampedTransform("map", "base", time.time_ns(), X_map_base))``
-        """
-        return self._connection.call(write_requests.set_transform(stamped, authority, static))
-
-    def set_transforms_xact(
-        self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
-    ) -> None:
-        """Store transforms atomically, all or none of them, and wait until the server has them.
-
-        Args:
-            stampeds: Transforms, each ``X_parent_child`` as in `set_transform`.
-            authority: The name to publish as.
-            static: True for transforms that hold at all times.
-
-        Raises:
-            InvalidArgumentException: A transform makes no sense, is older than the server's cache
-                time, or would close a cycle.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
-        """
-        self._connection.call(write_requests.set_transforms_xact(stampeds, authority, static))
-
-    def clear(self, keep_static: bool = True) -> None:
-        """Forget all samples, for all clients of the server. The frames' names stay.
-
-        Args:
-            keep_static: True to keep static transforms.
-
-        Raises:
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
-        """
-        self._connection.call(write_requests.clear(keep_static))
-
-    def reset(self) -> None:
-        """Drop every frame at one instant: all samples, static links and names.
-
-        The tree is then as new, apart from its counters and authorities. Broadcasters that
-        keep static transforms do not announce them again until a server starts, and then all.
-
-        Raises:
-            ServerUnavailable: No server answered, and nothing was changed.
-            OutcomeUnknown: The request was sent, but no answer came in time.
-
-        Example:
-            >>> tf.reset()
-            >>> tf.frames()
-            []
-        """
-        self._connection.call(write_requests.reset())
-
-    def remove_frame(self, name: str, subtree: bool = False) -> None:
-        """Forget a frame: its link, its history and its name.
-
-        Args:
-            name: The frame.
-            subtree: True to remove all frames below it as well, atomically.
-
-        Raises:
-            LookupException: The frame is unknown.
-            InvalidArgumentException: Other frames are below it, and `subtree` is False.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
-        """
-        self._connection.call(write_requests.remove_frame(name, subtree))
-
-    # --- beyond the embedded tree
 
     def batch(self) -> Batch:
         """Start a batch: many operations in one round trip.

@@ -3,8 +3,11 @@ method of the same name; `hello` serves the connection itself."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from typing import Any, Final
+
+import numpy as np
 
 from zenoh_tf import AuthorityInfo, ClientInfo, FrameChange, FrameInfo, wire
 from zenoh_tf.errors import ProtocolError
@@ -16,7 +19,9 @@ from .request import Call, Request
 _FRAMES_PER_PAGE: Final = 20_000
 
 
-def _info(kind: type | tuple[type, ...], what: str, **arguments: str | int | None) -> Request[Any]:
+def _info(
+    kind: type | tuple[type, ...], what: str, **arguments: str | int | bytes | None
+) -> Request[Any]:
     body = wire.call_body(what, **arguments)
     return Call("info", body, lambda reply: wire.parse_value(reply, kind))
 
@@ -104,3 +109,16 @@ def chain(target: str, source: str, stamp_ns: int | None = None) -> Request[list
 
 def stats() -> Request[dict[str, int]]:
     return _info(dict, "stats")
+
+
+def cancel(wait_ids: Sequence[int]) -> Request[list[int]]:
+    """End lookups that wait at the server. The result: those that do not wait (yet)."""
+
+    def parse(reply: wire.Message) -> list[int]:
+        missed: list[int] = wire.parse_value(reply, list)
+        if not all(type(wait_id) is int for wait_id in missed):
+            raise ProtocolError("the reply to a cancellation is malformed", field="value")
+        return missed
+
+    column = wire.raw(np.array(wait_ids), wire.I64)
+    return Call("info", wire.call_body("cancel", wait_ids=column), parse)

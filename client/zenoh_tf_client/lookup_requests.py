@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,9 @@ from zenoh_tf.errors import InvalidArgumentException, ProtocolError
 from zenoh_tf.velocity import interval_ns
 
 from . import columns
-from .request import Call, Read, Request, Rows, timeout_ns
+from .request import Call, Read, Request, Rows, VersionedRead, timeout_ns
+
+T = TypeVar("T")
 
 
 def lookup_transform(
@@ -78,6 +81,16 @@ def lookup_transforms(
     lookup = columns.lookup(targets, sources, stamps_ns, op, rows)
     lookup.errors = False
     return Rows(lookup, lambda reply: TransformArray(reply.status, reply.stamp, reply.pose))
+
+
+def with_versions(request: Read[T] | Rows[T]) -> Request[VersionedRead[T]]:
+    """The same lookup as a part of a transaction."""
+
+    def parse(reply: wire.Message) -> VersionedRead[T]:
+        read_set = wire.parse_read_set(reply)
+        return wire.text(reply, "instance"), read_set, lambda: request.parse(reply)
+
+    return Call("lookup", request.body() | {"versions": True}, parse)
 
 
 def sample(target: str, source: str, stamps_ns: ArrayLike) -> Rows[TransformArray]:

@@ -36,6 +36,7 @@ from zenoh_tf.mirroring import Mirroring, Request
 
 from .connection import Connection
 from .publisher import undeclare_unless_closed
+from .request import Call
 from .server_clock import COMPARISONS, ServerClock, now_ns
 from .session_calls import is_forked
 
@@ -285,7 +286,9 @@ class MirrorFeed:
             return
         begin_ns = now_ns()
         try:
-            reply = self._connection.read(request.operation, dict(request.body))
+            reply = self._connection.call(
+                Call(request.operation, dict(request.body), lambda reply: reply)
+            )
             if is_plan:
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
                 self._clock.compared(instance, begin_ns, clock_ns)

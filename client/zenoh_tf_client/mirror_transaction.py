@@ -12,8 +12,8 @@ from zenoh_tf.shared_tree import AskServer
 from .connection import Connection
 from .mirror_feed import MirrorFeed
 from .receipt import Receipt
-from .request import Read, Rows
-from .shared_reads import SharedReads, VersionedRead, read_tree
+from .request import Read, Rows, VersionedRead
+from .shared_reads import SharedReads, read_tree
 from .transaction import Transaction
 
 T = TypeVar("T")

@@ -5,10 +5,12 @@ Thread safety: all methods; calls of different threads run side by side.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import zenoh
+from zenoh.handlers import Callback
 
 from zenoh_tf import keys, wire
 from zenoh_tf.errors import ServerUnavailable
@@ -16,7 +18,7 @@ from zenoh_tf.errors import ServerUnavailable
 from .session_calls import SessionCalls
 
 #: The error reply that Zenoh makes up when no server replies in time.
-_ZENOH_TIMEOUT: Final = b"Timeout"
+ZENOH_TIMEOUT: Final = b"Timeout"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,40 +50,100 @@ class Queries:
         """
         try:
             with self._calls:
-                data = self._first_reply(key, payload, timeout_s)
+                replies = self._session.get(key, **self._options(payload, timeout_s))
+                data = _first(replies)
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._server}: {error}") from error
+        return self.message(data, timeout_s)
+
+    def send(
+        self,
+        key: zenoh.KeyExpr,
+        payload: bytes,
+        timeout_s: float,
+        replied: Callable[[zenoh.Reply], None],
+        ended: Callable[[], None],
+        token: zenoh.CancellationToken,
+    ) -> None:
+        """Send a request, and return without its reply.
+
+        Zenoh calls `replied` with each reply, and `ended` after the last one, both on a thread
+        of its own. They must not block. `token` cancels the query.
+
+        Raises:
+            ServerUnavailable: The session is closed.
+        """
+        # Zenoh would start a thread for a callback that is indirect.
+        callback = Callback(replied, ended, indirect=False)
+        try:
+            with self._calls:
+                self._session.get(
+                    key, callback, cancellation_token=token, **self._options(payload, timeout_s)
+                )
+        except zenoh.ZError as error:
+            raise ServerUnavailable(f"{self._server}: {error}") from error
+
+    def message(self, data: bytes | None, timeout_s: float) -> wire.Message | NoReply:
+        """Return the message in a reply's payload; None stands for a query without a reply.
+
+        Raises:
+            ProtocolError: The reply is malformed.
+        """
         if data is None:
             # Zenoh ends a query at once if no server is there, or when the server goes away.
-            return NoReply(
-                f"{self._server} is not there, or went away before it answered", at_once=True
-            )
-        if data == _ZENOH_TIMEOUT:
-            return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
+            return self.went_away()
+        if data == ZENOH_TIMEOUT:
+            return self.timed_out(timeout_s)
         return wire.unpack(data, wire.MAX_REPLY_BYTES)
 
-    def _first_reply(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the reply's payload; None if the query ended without one, or within one.
-
-        A long reply comes in parts; the attachment of each is the length of the whole.
-        """
-        parts: list[bytes] = []
-        length = 0
-        replies = self._session.get(
-            key,
-            payload=payload,
-            attachment=self._attachment,
-            timeout=timeout_s,
-            consolidation=zenoh.ConsolidationMode.NONE,
+    def went_away(self) -> NoReply:
+        """Return what a request ends with if the server goes away before it answers."""
+        return NoReply(
+            f"{self._server} is not there, or went away before it answered", at_once=True
         )
-        for reply in replies:
-            sample = reply.ok
-            if sample is None:
-                return reply.err.payload.to_bytes()  # type: ignore[union-attr]
-            if sample.attachment is None:
-                return sample.payload.to_bytes()
-            parts.append(sample.payload.to_bytes())
-            length += len(parts[-1])
-            if length == int(sample.attachment.to_bytes()):
-                return b"".join(parts)
+
+    def timed_out(self, timeout_s: float) -> NoReply:
+        """Return what a request ends with if the server does not answer in time."""
+        return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
+
+    def _options(self, payload: bytes, timeout_s: float) -> dict[str, Any]:
+        return {
+            "payload": payload,
+            "attachment": self._attachment,
+            "timeout": timeout_s,
+            "consolidation": zenoh.ConsolidationMode.NONE,
+        }
+
+
+class ReplyParts:
+    """Gathers the payload of one reply. A long one comes in parts, each with the length of the
+    whole as its attachment."""
+
+    __slots__ = ("_length", "_parts")
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self._length = 0
+
+    def add(self, reply: zenoh.Reply) -> bytes | None:
+        """Return the payload if this part completes it."""
+        sample = reply.ok
+        if sample is None:
+            return reply.err.payload.to_bytes()  # type: ignore[union-attr]
+        if sample.attachment is None:
+            return sample.payload.to_bytes()
+        self._parts.append(sample.payload.to_bytes())
+        self._length += len(self._parts[-1])
+        if self._length == int(sample.attachment.to_bytes()):
+            return b"".join(self._parts)
         return None
+
+
+def _first(replies: Iterable[zenoh.Reply]) -> bytes | None:
+    """Return the first reply's payload; None if the query ended without one, or within one."""
+    parts = ReplyParts()
+    for reply in replies:
+        data = parts.add(reply)
+        if data is not None:
+            return data
+    return None

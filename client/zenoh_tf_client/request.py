@@ -10,7 +10,7 @@ docstring, because editors and the API reference read both from the source.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -34,6 +34,16 @@ class Request(ABC, Generic[T]):
     wait_s: float  # how long the server itself may wait
 
     @property
+    def instance(self) -> str | None:
+        """The server instance that must answer a write; None for any."""
+        return None
+
+    @property
+    def group(self) -> str | None:
+        """Concurrent requests of one group may share a message. None: it travels alone."""
+        return None
+
+    @property
     def writes(self) -> bool:
         return self.kind in ("commit", "admin")
 
@@ -54,6 +64,8 @@ class Call(Request[T]):
     message: wire.Message
     parser: Callable[[wire.Message], T]
     wait_s: float = 0.0
+    instance: str | None = None
+    group: str | None = None
 
     def body(self) -> wire.Message:
         return self.message
@@ -79,6 +91,11 @@ class Read(Request[T]):
     wait_s: float = 0.0
     failed: Callable[[TransformException], T] = _raise
     kind: str = "lookup"
+
+    @property
+    def group(self) -> str | None:
+        # The reply to a message comes when the last of its lookups has been waited for.
+        return None if self.wait_s else self.kind
 
     def body(self) -> wire.Message:
         body = wire.one_read(*self.row)
@@ -128,6 +145,11 @@ class Rows(Request[T]):
     def answer(self, reply: wire.LookupReply) -> T:
         """Return the result in a reply, or raise its error."""
         return self.convert(reply)
+
+
+#: What a lookup of a transaction gives: the server instance, the read set, and a function that
+#: returns the result or raises the lookup's error.
+VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
 
 def timeout_ns(timeout_s: float) -> int:

@@ -17,15 +17,16 @@ import logging
 import os
 import threading
 import weakref
-from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar, cast
 
 from zenoh_tf import TransformTree, handover, wire
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
-from .connection import Connection, ServerInfo
-from .request import Read, Request, Rows
+from . import lookup_requests
+from .connection import Connection
+from .exchange import ServerInfo
+from .request import Read, Request, Rows, VersionedRead
 from .session_calls import is_forked
 
 if TYPE_CHECKING:
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Mode = Literal["auto", "query"]
 MODES: Final = ("auto", "query")
-#: The server instance, the read set, and a function that returns the result or raises the lookup's
-#: error.
-VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
 #: How long a server may take to hand its tree over. It has just answered, so it mostly is quick.
 _HANDOVER_S: Final = 2.0
@@ -76,8 +74,10 @@ NO_TREE: Final = cast(SharedTree, _NoTree())
 class SharedReads:
     """The mapped tree of the server that a connection has."""
 
-    def __init__(self, connection: Connection, client: ClientLookups, mode: Mode = "auto") -> None:
-        """Map the tree, if that is possible now. `client` always has the tree as `_tree`.
+    def __init__(
+        self, connection: Connection, client: ClientLookups | None, mode: Mode = "auto"
+    ) -> None:
+        """Map the tree, if that is possible now. A `client` always has the tree as `_tree`.
 
         Raises:
             InvalidArgumentException: There is no such mode.
@@ -86,8 +86,9 @@ class SharedReads:
         #: Any thread may read it at any time.
         self.tree: SharedTree = NO_TREE
         self._connection = connection
-        self._client = weakref.ref(client)
-        client._tree = NO_TREE
+        self._client = None if client is None else weakref.ref(client)
+        if client is not None:
+            client._tree = NO_TREE
         # Without a lock, as a forked child may inherit one locked. A lost count does no harm.
         self._asked = dict.fromkeys(AskServer, 0)
         self._refused = dict.fromkeys(REASONS, 0)
@@ -118,25 +119,27 @@ class SharedReads:
     def ask(self, answer: object, request: Request[T]) -> T:
         """Ask the server, because the tree in memory has returned an AskServer."""
         why = cast(AskServer, answer)
-        self._asked[why] += 1
+        self.count(why)
         try:
             return self._connection.call(request)
         finally:
             self.note(why)
 
+    def count(self, why: AskServer) -> None:
+        """Count a lookup that asks the server."""
+        self._asked[why] += 1
+
     def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""
-        tree = self.tree
-        found = read_tree(tree, tree.instance, request)
+        found = self.read_mapped_versions(request)
         if not isinstance(found, AskServer):
             return found
-        self._asked[found] += 1
-        try:
-            reply = self._connection.read("lookup", request.body() | {"versions": True})
-        finally:
-            self.note(found)
-        instance = wire.text(reply, "instance")
-        return instance, wire.parse_read_set(reply), lambda: request.parse(reply)
+        return self.ask(found, lookup_requests.with_versions(request))
+
+    def read_mapped_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T] | AskServer:
+        """The same from the mapped tree only."""
+        tree = self.tree
+        return read_tree(tree, tree.instance, request)
 
     def note(self, why: AskServer) -> None:
         """Let the thread look for the tree of a new server, if there is one."""
@@ -224,7 +227,7 @@ class SharedReads:
 
     def _install(self, tree: SharedTree) -> None:
         self.tree = tree
-        client = self._client()
+        client = None if self._client is None else self._client()
         if client is not None:
             client._tree = tree
 

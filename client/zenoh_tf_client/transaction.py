@@ -22,17 +22,17 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from zenoh_tf import LatestTransform, StampedTransform, wire
+from zenoh_tf import LatestTransform, StampedTransform
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ServerRestarted,
     TransactionConflict,
 )
 
-from . import columns, lookup_requests
+from . import columns, lookup_requests, write_requests
 from .connection import Connection
-from .request import Read, Rows
-from .shared_reads import SharedReads, VersionedRead
+from .request import Read, Rows, VersionedRead
+from .shared_reads import SharedReads
 
 T = TypeVar("T")
 
@@ -307,8 +307,7 @@ class Transaction:
         commit = columns.commit(self._sets, authority, static)
         commit.read_names = list(self._versions)
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
-        reply = self._connection.write("commit", wire.commit_body(commit), self._instance)
-        wire.parse_commit_reply(reply, commit.rows)
+        self._connection.call(write_requests.commit(commit, self._instance))
 
     def _is_done(self) -> bool:
         """Whether there is nothing to commit, and nothing to compare."""

@@ -19,18 +19,24 @@ def set_transform(
         "commit",
         wire.commit_body(commit),
         lambda reply: bool(wire.parse_commit_reply(reply, 1)[0]),
+        # Access rules allow a message to write as one authority only.
+        group=f"commit as {authority}",
     )
 
 
 def set_transforms_xact(
     stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
 ) -> Request[None]:
-    commit = columns.commit(stampeds, authority, static)
+    return commit(columns.commit(stampeds, authority, static))
+
+
+def commit(commit: wire.Commit, instance: str | None = None) -> Request[None]:
+    """A commit of all rows or none; only server `instance` may apply it, if one is given."""
 
     def parse(reply: wire.Message) -> None:
         wire.parse_commit_reply(reply, commit.rows)
 
-    return Call("commit", wire.commit_body(commit), parse)
+    return Call("commit", wire.commit_body(commit), parse, instance=instance)
 
 
 def _admin(what: str, **arguments: str | bool) -> Request[None]:

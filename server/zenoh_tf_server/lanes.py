@@ -13,13 +13,14 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict, deque
 from dataclasses import dataclass
-from typing import Final
-
-import zenoh
+from typing import Any, Final, Generic, TypeVar
 
 from zenoh_tf.errors import ServerBusy
 
 from .limits import Limits
+
+#: What waits: a query, or something else that stands for a request.
+Q = TypeVar("Q")
 
 #: What a waiting request costs beside its bytes, roughly.
 _OVERHEAD_BYTES: Final = 512
@@ -28,10 +29,10 @@ RETRY_AFTER_S: Final = 0.1
 
 
 @dataclass(slots=True)
-class Request:
+class Request(Generic[Q]):
     """A query that was received. `client` is the id of a client that is connected, or empty."""
 
-    query: zenoh.Query
+    query: Q
     operation: str
     client: str
     size: int  # bytes of the payload
@@ -52,7 +53,7 @@ class Budget:
         self._count = 0
         self._clients: dict[str, list[int]] = {}  # client: bytes, number
 
-    def add(self, request: Request) -> ServerBusy | None:
+    def add(self, request: Request[Any]) -> ServerBusy | None:
         """Count a request, or return why it is refused. Requires the lock."""
         limits, cost = self._limits, request.cost
         used = self._clients.get(request.client)
@@ -78,7 +79,7 @@ class Budget:
         """Counters for `stats`."""
         return {"pending_queries": self._count, "pending_bytes": self._bytes}
 
-    def remove(self, request: Request) -> None:
+    def remove(self, request: Request[Any]) -> None:
         """Count a request no more. Requires the lock."""
         cost = request.cost
         used = self._clients[request.client]
@@ -100,17 +101,17 @@ def busy(limits: Limits, name: str, value: int) -> ServerBusy:
     )
 
 
-class Lane:
+class Lane(Generic[Q]):
     """The requests of one kind that wait, a queue for each client."""
 
     def __init__(self, budget: Budget) -> None:
         self._budget = budget
-        self._queues: OrderedDict[str, deque[Request]] = OrderedDict()
+        self._queues: OrderedDict[str, deque[Request[Q]]] = OrderedDict()
         self._filled = threading.Condition(budget.lock)
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
-    def put(self, request: Request) -> ServerBusy | None:
+    def put(self, request: Request[Q]) -> ServerBusy | None:
         """Queue a request, or return why it is refused."""
         with self._budget.lock:
             refusal = self._budget.add(request)
@@ -123,14 +124,14 @@ class Lane:
                     self._filled.notify()
             return refusal
 
-    def take(self) -> Request | None:
+    def take(self) -> Request[Q] | None:
         """The next request of the client whose turn it is; None if there is none."""
         if not self._queues:  # saves the lock
             return None
         with self._budget.lock:
             return self._take()
 
-    def wait(self) -> Request | None:
+    def wait(self) -> Request[Q] | None:
         """The same, but waits for a request. None: the lane is closed and empty."""
         with self._budget.lock:
             while (request := self._take()) is None:
@@ -147,7 +148,7 @@ class Lane:
             self._closed = True
             self._filled.notify_all()
 
-    def _take(self) -> Request | None:
+    def _take(self) -> Request[Q] | None:
         if not self._queues:
             return None
         client, queue = self._queues.popitem(last=False)

@@ -208,6 +208,11 @@ class Limits:
         "Zenoh connections to the embedded router",
         "the connection is refused",
     )
+    local_connections: int = _limit(
+        128,
+        "connections of clients on this host, who send requests through a Unix socket",
+        "the connection is closed, and the client's requests go over Zenoh",
+    )
 
     def check(self, name: str, value: int) -> None:
         """Raise LimitExceeded if `value` is above the limit `name`."""
@@ -327,6 +332,8 @@ def page() -> Iterator[str]:
     yield "(`--share-dir`) read without limits: they spend their own time. The embedded"
     yield "`TransformTree` takes the first five limits as `max_frames`,"
     yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`."
+    yield "What an `AsyncTransformClient` has under way is limited in the client: see"
+    yield "[asyncio](asyncio.md#bounds)."
 
 
 if __name__ == "__main__":

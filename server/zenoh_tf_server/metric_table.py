@@ -52,6 +52,9 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "waiters": _gauge("waiting_lookups", "lookups that wait for a transform"),
     "pending_queries": _gauge("queued_queries", "queries that wait for a worker"),
     "pending_bytes": _gauge("queued_query_bytes", "bytes of the queries that wait for a worker"),
+    "local_connections": _gauge(
+        "local_connections", "connections of clients on this host, who send requests through them"
+    ),
     "unread_reply_bytes": _gauge(
         "unread_reply_bytes", "bytes of replies that wait for clients that do not read"
     ),

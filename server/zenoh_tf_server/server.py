@@ -7,7 +7,7 @@ import functools
 import secrets
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -22,6 +22,7 @@ from .future_stamps import FutureStamps
 from .ingest import Ingest
 from .limits import Limits
 from .link_sockets import LinkSockets
+from .local_requests import LocalRequests
 from .outbox_links import OutboxLinks
 from .replies import Replies
 from .request_guard import RequestGuard
@@ -129,12 +130,18 @@ class Server:
             )
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
-            service.offer = shared.start(tree, limits.as_dict())
+            workers = Workers(service, clients, replies, settings.workers)
+            local = stack.enter_context(
+                closing(LocalRequests(service, clients, workers.budget, settings.workers))
+            )
+            # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
+            service.offer = shared.start(
+                tree, limits.as_dict(), None if settings.security.authenticates else local.take
+            )
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
-            workers = Workers(service, clients, replies, settings.workers)
             stack.callback(workers.close)
             workers.start(session, settings.tree)
             token = tree_claim.claim(session, settings.tree, self.instance)

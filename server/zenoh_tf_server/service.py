@@ -177,10 +177,11 @@ class Service:
         def settle(found: list[Rows]) -> None:
             reply_to(self._pack_within(wire.lookup_reply(lookup, *found[0])), False)
 
-        self._wait([lookup], budget, settle, reply_to)
+        self._wait(message, [lookup], budget, settle, reply_to)
 
     def _wait(
         self,
+        message: wire.Message,
         lookups: list[wire.Lookup],
         budget: Budget,
         settle: Callable[[list[Rows]], None],
@@ -189,7 +190,14 @@ class Service:
         def fail(error: Exception) -> None:
             reply_to(self.error(error), True)
 
-        self.waiters.ask(lookups, reply_to.client, budget, settle, fail)
+        wait_id = wire.integer(message, "wait_id") if "wait_id" in message else None
+        self.waiters.ask(lookups, reply_to.client, budget, settle, fail, wait_id)
+
+    def _cancel(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        wait_ids = wire.column(message, "wait_ids", wire.I64)
+        self.limits.check("rows", wait_ids.size)
+        missed = self.waiters.cancel(reply_to.client, wait_ids.tolist())
+        reply_to(self._pack({"value": missed}), False)
 
     # --- writes
 
@@ -260,7 +268,7 @@ class Service:
             def settle(found: list[Rows]) -> None:
                 reply_to(batch.settle(found), False)
 
-            self._wait(list(batch.waiting.values()), batch.budget, settle, reply_to)
+            self._wait(message, list(batch.waiting.values()), batch.budget, settle, reply_to)
         else:
             reply_to(batch.reply(), False)
 
@@ -269,8 +277,11 @@ class Service:
         return {"error": wire.encode_error(self._typed(error))}
 
     def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        if message.get("what") == "hello":  # of a client from before this family
+        what = message.get("what")
+        if what == "hello":  # of a client from before this family
             self._reply_to_hello(message, reply_to)
+        elif what == "cancel":
+            self._cancel(message, reply_to)
         else:
             budget = self.limits.budget()
             reply_to(self._pack_within(self.info_requests.reply(message, budget)), False)

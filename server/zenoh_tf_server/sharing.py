@@ -9,7 +9,8 @@ this server did, so it can only start when this process has ended: a server that
 network can have a successor earlier, and shares nothing. And each server waits at its start until
 the lease of a predecessor must have lapsed (`wait_for_predecessor`).
 
-A client sends nothing, and nothing of a connection is kept, so clients cannot use the server up.
+A client that wants no more than that sends nothing, and nothing of its connection is kept. The
+connection may go on to `local_requests`, which bounds how many there are.
 
 Thread safety: construction and `close` by one thread.
 """
@@ -148,8 +149,14 @@ class Sharing:
             self._give_up(error)
             return make()
 
-    def start(self, tree: TransformTree, limits: dict[str, int]) -> handover.Offer | None:
+    def start(
+        self,
+        tree: TransformTree,
+        limits: dict[str, int],
+        take: Callable[[socket.socket], None] | None = None,
+    ) -> handover.Offer | None:
         """Begin the lease and hand the tree over. Call it when no predecessor can have a lease.
+        `take` gets each connection, if it is to serve requests as well.
         Returns what `hello` tells of it; None if the tree is not shared."""
         listener, path = self._listener, self._path
         if listener is None or path is None:
@@ -157,13 +164,13 @@ class Sharing:
         self._keeper = LeaseKeeper(tree)
         hello = handover.message(self._tree_name, self._instance, limits)
         threading.Thread(
-            target=self._hand_over, args=(listener, hello, tree), name="share", daemon=True
+            target=self._hand_over, args=(listener, hello, tree, take), name="share", daemon=True
         ).start()
         final = path.with_suffix(handover.SUFFIX)
         path.rename(final)
         self._path = final
         log.info("clients on this host can read the tree's memory: %s", final)
-        return handover.Offer(handover.boot_id(), str(final))
+        return handover.Offer(handover.boot_id(), str(final), requests=take is not None)
 
     def close(self) -> None:
         """End the lease and remove the socket. May be called again."""
@@ -231,7 +238,13 @@ class Sharing:
             raise NetworkError(f"cannot share the tree: {reason}{name}") from error
         log.info("the tree is not shared, clients read by queries: %s%s", reason, name)
 
-    def _hand_over(self, listener: socket.socket, hello: bytes, tree: TransformTree) -> None:
+    def _hand_over(
+        self,
+        listener: socket.socket,
+        hello: bytes,
+        tree: TransformTree,
+        take: Callable[[socket.socket], None] | None,
+    ) -> None:
         while not self._closed:
             try:
                 peer, _ = listener.accept()
@@ -244,6 +257,8 @@ class Sharing:
             with peer, contextlib.suppress(OSError):  # the client has gone, or takes no more
                 peer.settimeout(_SEND_TIMEOUT_S)
                 socket.send_fds(peer, [hello], [tree._region_fd()])
+                if take is not None:
+                    take(peer.dup())
 
 
 def wait_for_predecessor(settings: Settings, listens_since_s: float) -> None:

@@ -46,12 +46,15 @@ class _Request:
     def __init__(
         self,
         client: str,
+        wait_id: int | None,
         budget: Budget,
         count: int,
         settle: Callable[[list[Rows]], None],
         fail: Callable[[Exception], None],
     ) -> None:
         self.client = client
+        self.name = None if wait_id is None else (client, wait_id)
+        self.tokens: set[int] = set()  # of the lookups that still wait
         self.budget = budget
         self._results: list[Rows | None] = [None] * count
         self._left = count
@@ -98,6 +101,7 @@ class Waiters:
         self._lock = threading.Lock()
         # Guarded by the lock.
         self._waiting: dict[int, _Waiting] = {}  # by token
+        self._named: dict[tuple[str, int], _Request] = {}  # those that may be cancelled
         self._rows = FairShare(limits, "waiters")
         self._links = FairShare(limits, "waiter_links")
         self._stopping = False
@@ -111,10 +115,11 @@ class Waiters:
         budget: Budget,
         settle: Callable[[list[Rows]], None],
         fail: Callable[[Exception], None],
+        wait_id: int | None = None,
     ) -> None:
         """Start waiting. Calls `settle` with the results of all lookups, from any thread, or
         `fail` if `settle` raises or the server stops first. The lookups end without a result that
-        anyone sees when `client` is gone.
+        anyone sees when `client` is gone, or when it cancels `wait_id`.
 
         A lookup is done when each of its rows has an answer or can never have one, at its
         deadline at the latest. Each row is a transaction of its own.
@@ -128,20 +133,29 @@ class Waiters:
             self._check(lookup)
         with self._lock:  # before anything is made for the rows
             self._rows.check(client, sum(lookup.rows for lookup in lookups), _RETRY_AFTER_S)
-        request = _Request(client, budget, len(lookups), settle, fail)
+        request = _Request(client, wait_id, budget, len(lookups), settle, fail)
         now_s = time.monotonic()
         started = {}
         for index, lookup in enumerate(lookups):
             token = next(self._tokens)
             rows = self._rows_of(lookup, token)
             started[token] = _Waiting(rows, lookup, rows.links(), index, request, now_s)
-        self._add(client, started)
+        self._add(request, started)
         for token, waiting in started.items():
             if waiting.rows.start():
                 self._finish(token)
             else:
                 timeout_s = waiting.lookup.timeout_ns * 1e-9
                 self._loop.call_soon_threadsafe(self._start_timer, token, timeout_s)
+
+    def cancel(self, client: str, wait_ids: Sequence[int]) -> list[int]:
+        """End what the client waits for under these names. Returns those that do not wait: not
+        any more, or not yet."""
+        with self._lock:
+            found = {wait_id: self._named.get((client, wait_id)) for wait_id in wait_ids}
+            tokens = [token for request in found.values() if request for token in request.tokens]
+        self._fail(tokens, "the lookup was cancelled")
+        return [wait_id for wait_id, request in found.items() if request is None]
 
     def client_gone(self, client: str) -> None:
         """Drop what the client waits for. Returns at once, and works on a thread of its own."""
@@ -206,7 +220,8 @@ class Waiters:
             self._limits.waiter_links,
         )
 
-    def _add(self, client: str, started: dict[int, _Waiting]) -> None:
+    def _add(self, request: _Request, started: dict[int, _Waiting]) -> None:
+        client = request.client
         rows = sum(waiting.lookup.rows for waiting in started.values())
         links = sum(waiting.links for waiting in started.values())
         with self._lock:
@@ -217,6 +232,9 @@ class Waiters:
             self._rows.take(client, rows)
             self._links.take(client, links)
             self._waiting |= started
+            request.tokens.update(started)
+            if request.name is not None:
+                self._named[request.name] = request
 
     def _serve(self) -> None:
         while (tokens := self._queue.take()) is not None:
@@ -229,7 +247,11 @@ class Waiters:
             waiting = self._waiting.pop(token, None)
             if waiting is None:
                 return None
-            client = waiting.request.client
+            request = waiting.request
+            client = request.client
+            request.tokens.discard(token)
+            if not request.tokens and request.name and self._named.get(request.name) is request:
+                del self._named[request.name]
             self._rows.give_back(client, waiting.lookup.rows)
             self._links.give_back(client, waiting.links)
         waiting.rows.cancel()

@@ -53,9 +53,10 @@ class Workers:
     """The threads of all families and lanes."""
 
     def __init__(self, service: Service, clients: Clients, replies: Replies, count: int) -> None:
-        budget = Budget(service.limits)
-        service.add_counters(budget.counters)
-        shared = _Shared(service, clients, replies, budget)
+        #: What waits, also of requests that come in other ways.
+        self.budget = Budget(service.limits)
+        service.add_counters(self.budget.counters)
+        shared = _Shared(service, clients, replies, self.budget)
         self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
         self._families = [
             _Family(
@@ -141,7 +142,7 @@ class _Shared:
             log.exception("internal error while serving %s", operation)
             query.drop()
 
-    def put(self, lane: Lane, query: zenoh.Query, operation: str, size: int) -> None:
+    def put(self, lane: Lane[zenoh.Query], query: zenoh.Query, operation: str, size: int) -> None:
         """Let a query wait in a lane, or refuse it."""
         refusal: Exception | None
         if size > self.service.limits.message_bytes:
@@ -156,7 +157,7 @@ class _LaneThreads:
     """Threads that serve one lane."""
 
     def __init__(self, shared: _Shared, count: int) -> None:
-        self.lane = Lane(shared.budget)
+        self.lane: Lane[zenoh.Query] = Lane(shared.budget)
         self._shared = shared
         self._threads = [
             threading.Thread(target=self._work, name=f"lane-{index}", daemon=True)
@@ -179,12 +180,14 @@ class _LaneThreads:
 class _Family:
     """The channel and the threads of one family of queries."""
 
-    def __init__(self, shared: _Shared, operation: str, count: int, long_lane: Lane) -> None:
+    def __init__(
+        self, shared: _Shared, operation: str, count: int, long_lane: Lane[zenoh.Query]
+    ) -> None:
         self._shared = shared
         self._operation = operation
         self._count = count
         self._long_lane = long_lane
-        self._lane = Lane(shared.budget)
+        self._lane: Lane[zenoh.Query] = Lane(shared.budget)
         self._lock = threading.Lock()
         # Guarded by the lock. Invariant: the family's lane holds requests only while `count`
         # threads are busy, and each of them looks there before it stops being busy.
@@ -258,7 +261,7 @@ class _Family:
         while (request := self._next()) is not None:
             self._shared.serve(request.query, self._operation)
 
-    def _next(self) -> Request | None:
+    def _next(self) -> Request[zenoh.Query] | None:
         """The lane's next request. None: there is none, and this thread is not busy now."""
         with self._lock:
             request = self._lane.take()

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
+import threading
 import time
 from collections.abc import Iterator
 
 import numpy as np
 import zenoh
 
-from zenoh_tf import keys
+from zenoh_tf import handover, keys, wire
+from zenoh_tf.local_requests import CLIENT, REPLY, REQUEST
 
 from . import messages
 
@@ -41,6 +44,56 @@ def lookups(opened: zenoh.Session, rows: str, source: str) -> None:
     ready()
     while True:
         messages.send(opened, "lookup", payload)
+
+
+def _connections(opened: zenoh.Session, count: int) -> list[socket.socket]:
+    """Connections to the server's socket, as many as one client may have."""
+    reply, _ = messages.send(opened, "info", messages.pack({"v": 1, "what": "hello"}))
+    hello = wire.unpack(reply)["value"]
+    offer = handover.parse_offer(hello["share"])
+    assert offer is not None
+    name = str(opened.zid()).encode()
+    peers = []
+    for _ in range(count):
+        peer = handover.connect(offer, messages.TREE, hello["instance"], 20.0)
+        peer.settimeout(None)
+        peer.sendall(REQUEST.pack(len(name), CLIENT) + name)
+        peers.append(peer)
+    return peers
+
+
+def _local_lookup(rows: int) -> bytes:
+    payload = messages.pack(messages.same_lookup(rows, "probe_map", "probe_base", versions=True))
+    return REQUEST.pack(len(payload), b"lookup\0\0") + payload
+
+
+def local_frozen(opened: zenoh.Session, count: str, rows: str) -> None:
+    """Ask on many connections to the server's socket, and stop."""
+    peers = _connections(opened, int(count))
+    request = _local_lookup(int(rows))
+    ready()
+    for peer in peers:
+        peer.sendall(request)
+    os.kill(os.getpid(), signal.SIGSTOP)
+    time.sleep(600)
+
+
+def local_flood(opened: zenoh.Session, count: str, rows: str) -> None:
+    """Ask again and again on many connections to the server's socket."""
+    peers = _connections(opened, int(count))
+    request = _local_lookup(int(rows))
+
+    def ask(peer: socket.socket) -> None:
+        while True:
+            peer.sendall(request)
+            left = REPLY.unpack(peer.recv(REPLY.size, socket.MSG_WAITALL))[0]
+            while left:
+                left -= len(peer.recv(left))
+
+    ready()
+    for peer in peers:
+        threading.Thread(target=ask, args=(peer,), daemon=True).start()
+    time.sleep(600)
 
 
 def _remembered(opened: zenoh.Session, rows: int) -> Iterator[bytes]:
@@ -87,7 +140,7 @@ def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
 
 def main() -> None:
     kind, endpoint, *arguments = sys.argv[1:]
-    kinds = (frozen, lookups, remembered, puts, waiters)
+    kinds = (frozen, local_frozen, lookups, local_flood, remembered, puts, waiters)
     play = {each.__name__: each for each in kinds}[kind]
     with messages.session(endpoint) as opened:
         play(opened, *arguments)

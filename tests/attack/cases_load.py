@@ -33,6 +33,11 @@ def frozen_client_of_small_replies(arena: Arena) -> list[Finding]:
     return _frozen(arena, [("frozen", "200", "1000")])
 
 
+def frozen_local_client(arena: Arena) -> list[Finding]:
+    """1d: a client with 32 unread replies of 0.3 MB on the server's socket is stopped"""
+    return _frozen(arena, [("local_frozen", "32", "3500")])
+
+
 def _frozen(arena: Arena, each: list[tuple[str, ...]]) -> list[Finding]:
     with arena.server() as server, attackers(server, *each) as begin:
         found = beside(server, ALL, begin, _FROZEN_S, load=len(each) + 1)
@@ -136,6 +141,11 @@ def batches_2(arena: Arena) -> list[Finding]:
 def batches_4(arena: Arena) -> list[Finding]:
     """13c: the same by 4 clients"""
     return _beside_load(arena, [("lookups", "100000", "probe_base")] * 4)
+
+
+def local_flood(arena: Arena) -> list[Finding]:
+    """13g: lookups of 3,500 rows by 1 client on 32 connections to the server's socket"""
+    return _beside_load(arena, [("local_flood", "32", "3500")])
 
 
 def failing_rows(arena: Arena) -> list[Finding]:

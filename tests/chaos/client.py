@@ -1,4 +1,7 @@
-"""``python -m tests.chaos.client ENDPOINT SLOT START_S SEED FILE [blind]``: runs transactions.
+"""``python -m tests.chaos.client ENDPOINT SLOT START_S SEED FILE KIND``: runs transactions.
+
+KIND says how they read: ``query``, ``shared`` (the server's memory, and queries where that does
+not answer) or ``mirror``; a ``blind`` client does not read.
 
 Writes a line of JSON to FILE before each transaction and one after it, so that a client that is
 killed leaves its open call in the file.
@@ -11,11 +14,12 @@ import os
 import random
 import sys
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Literal
 
 from zenoh_tf import TransformException
 from zenoh_tf.errors import OutcomeUnknown, TransactionConflict
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import Mirror, Transaction, TransformClient
 
 from . import links
 
@@ -29,6 +33,10 @@ _WRONG_MS = 300
 
 
 class Client:
+    reads: Literal["auto", "query"] = "query"
+    #: Whether each read is of a time between its call and its return, also without a commit.
+    _reads_now = True
+
     def __init__(self, endpoint: str, slot: int, start_s: float, seed: str, path: str) -> None:
         self._endpoint = endpoint
         self._slot = slot
@@ -42,13 +50,24 @@ class Client:
         """Run transactions until the process is killed."""
         while True:
             try:
-                tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S, reads="query")
+                tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S, reads=self.reads)
                 break
             except TransformException:  # no server now
                 time.sleep(0.1)
+        self._prepare(tf)
         while True:
             if self._step(tf).startswith("failed"):
                 time.sleep(0.02)  # no server, or one that is still empty
+
+    def _prepare(self, tf: TransformClient) -> None:
+        """Do what comes before the first transaction."""
+
+    def _attempt(self, tf: TransformClient, body: Callable[[Transaction], None]) -> str:
+        """Run one transaction. Returns the way in which it could read."""
+        way = tf.reads
+        with tf.transaction() as transaction:
+            body(transaction)
+        return way
 
     def _write(self, **record: Any) -> None:
         os.write(self._file, json.dumps(record).encode() + b"\n")
@@ -76,16 +95,19 @@ class Client:
         version = self._version() if writes else 0
         self._write(invoked=time.monotonic_ns(), version=version, written=written if writes else [])
         reads: list[tuple[int, int, links.Seen]] = []
-        outcome = "committed"
+
+        def body(transaction: Transaction) -> None:
+            for end in ends:
+                before_ns = time.monotonic_ns()
+                found = transaction.lookup_latest_transform_xact("root", f"link{end}")
+                seen = links.decode(end, found.transform)
+                reads.append((before_ns, time.monotonic_ns(), seen))
+            if writes:
+                transaction.set_transforms_xact(links.rows(written, version))
+
+        outcome, way = "committed", ""
         try:
-            with tf.transaction() as transaction:
-                for end in ends:
-                    before_ns = time.monotonic_ns()
-                    found = transaction.lookup_latest_transform_xact("root", f"link{end}")
-                    seen = links.decode(end, found.transform)
-                    reads.append((before_ns, time.monotonic_ns(), seen))
-                if writes:
-                    transaction.set_transforms_xact(links.rows(written, version))
+            way = self._attempt(tf, body)
         except TransactionConflict:
             outcome = "conflict"
         except OutcomeUnknown:
@@ -94,8 +116,35 @@ class Client:
             outcome = f"failed: {type(error).__name__}"  # it did not run
         except ValueError as error:
             outcome = f"inconsistent: {error}"
-        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=reads)
+        if outcome != "committed" and not self._reads_now:
+            reads.clear()
+        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=reads, way=way)
         return outcome
+
+
+class SharedClient(Client):
+    """Reads the server's memory, and asks by query where that gives no answer."""
+
+    reads = "auto"
+
+
+class MirrorClient(Client):
+    """Reads a mirror. What it reads may be old, and is compared when the transaction commits."""
+
+    _reads_now = False
+    _mirror: Mirror
+
+    def _prepare(self, tf: TransformClient) -> None:
+        while True:
+            try:
+                self._mirror = tf.mirror()
+                return
+            except TransformException:
+                time.sleep(0.1)
+
+    def _attempt(self, tf: TransformClient, body: Callable[[Transaction], None]) -> str:
+        self._mirror.run_transaction(body, attempts=1)
+        return "mirror"
 
 
 class BlindClient(Client):
@@ -125,10 +174,17 @@ class BlindClient(Client):
         return outcome
 
 
+KINDS: dict[str, type[Client]] = {
+    "query": Client,
+    "shared": SharedClient,
+    "mirror": MirrorClient,
+    "blind": BlindClient,
+}
+
+
 def main() -> None:
-    endpoint, slot, start, seed, path, *blind = sys.argv[1:]
-    kind = BlindClient if blind else Client
-    kind(endpoint, int(slot), float(start), seed, path).run()
+    endpoint, slot, start, seed, path, kind = sys.argv[1:]
+    KINDS[kind](endpoint, int(slot), float(start), seed, path).run()
 
 
 if __name__ == "__main__":

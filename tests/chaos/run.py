@@ -7,6 +7,7 @@ plan; how threads and processes interleave is up to the machine.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import random
 import signal
 import subprocess
@@ -33,6 +34,10 @@ _SHORTEST_S, _LONGEST_S = 0.1, 4 * TIMEOUT_S
 #: A server keeps samples for ever, so that each version stays decodable and none is too old.
 _FLAGS = ("--cache-time", "1e9", "--log-level", "warning")
 _YEAR_NS = 365 * 86_400 * 10**9
+
+
+#: How transactions read.
+WAYS = ("query", "shared", "mirror")
 
 
 class Slot:
@@ -63,7 +68,7 @@ class Slot:
         module = "repeater" if self._kind == "repeater" else "client"
         command = [sys.executable, "-m", f"tests.chaos.{module}", self.proxy.endpoint]
         command += map(str, arguments)
-        command += {"repeater": [direct], "blind": ["blind"], "client": []}[self._kind]
+        command += [direct if self._kind == "repeater" else self._kind]
         self.process = subprocess.Popen(command, cwd=ROOT)
 
     def signal(self, number: signal.Signals) -> None:
@@ -109,7 +114,8 @@ class Chaos:
 
     def run(self, transactions: int, pause_s: float = 1.0) -> Merged:
         """Run so many transactions at least, and each kind of fault, and return the history."""
-        kinds = ["client"] * (self._clients - 2) + ["blind", "repeater"]
+        readers = itertools.islice(itertools.cycle(WAYS), self._clients - 2)
+        kinds = [*readers, "blind", "repeater"]
         with contextlib.ExitStack() as stack:
             stack.callback(self._end)
             self._start_server()

@@ -18,7 +18,7 @@ from ..history.history import COMMITTED, History, Liveliness, liveliness
 from ..seed import seed
 from .faults import FAULTS, Fault, faulty_server, faulty_text
 from .merge import Merged
-from .run import Chaos
+from .run import WAYS, Chaos
 
 LONG = int(os.environ.get("CHAOS", "0"))
 SEED = seed(LONG)
@@ -55,12 +55,14 @@ def test_transactions_under_faults_are_strictly_serializable(tmp_path: Path) -> 
     merged = chaos.run(LONG) if LONG else chaos.run(SHORT, pause_s=0.1)
     seen = liveliness(merged.history)
     answered = merged.outcomes.get("committed", 0) + merged.outcomes.get("conflict", 0)
-    print(f"{answered} transactions: {merged.outcomes}; {seen}; faults: {dict(chaos.faults)}")
+    print(f"{answered} transactions: {merged.outcomes}; {merged.ways}; {seen}")
+    print(f"faults: {dict(chaos.faults)}")
     found = anomaly_in(merged)
     assert found is None, f"SEED={SEED}\n{found}"
     assert answered >= (LONG or SHORT)
     assert proves_something(seen, answered), (seen, merged.outcomes)
     assert len(chaos.faults) == KINDS, chaos.faults
+    assert all(merged.ways.get(way, 0) >= 0.01 * answered for way in WAYS), merged.ways
 
 
 def test_a_history_of_one_client_proves_nothing() -> None:

@@ -31,6 +31,7 @@ from .error_codec import (
 )
 from .fields import (
     F64,
+    I64,
     MAX_MESSAGE_BYTES,
     MAX_REPLY_BYTES,
     VERSION,
@@ -91,6 +92,7 @@ from .stream import (
 
 __all__ = [
     "F64",
+    "I64",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
     "NO_STAMP",

@@ -1,0 +1,93 @@
+"""`AsyncBatch`: many operations in one round trip, in order, each with its own result or error.
+
+async with tf.batch() as batch:
+    camera = batch.lookup_transform("map", "camera")
+    stored = batch.set_transform(stamped)
+camera.result(), stored.result()
+"""
+
+# Made from batch.py by scripts/async_client.py: edit that file.
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from zenoh_tf.errors import TransformException
+
+from ..batch_operations import BatchOperations
+from ..batch_request import BatchRequest
+from ..handle import Handle
+from ..request import Request
+from .connection import Connection
+
+T = TypeVar("T")
+
+
+class AsyncBatch(BatchOperations):
+    """Records operations and sends them in one message; made by `AsyncTransformClient.batch`.
+
+    A context manager: the end of the block sends the batch, unless an exception ends it. The server
+    runs the operations in order, each in a transaction of its own; operations of other clients may
+    run in between. An operation that fails does not affect the others. Lookups with a
+    `timeout_s` wait side by side, and the reply comes when the last of them is done. In a
+    batch that also writes, such lookups fail with InvalidArgumentException.
+
+    Concurrency: one task at a time.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        """Use `AsyncTransformClient.batch` instead.
+
+        Args:
+            connection: The connection to send the batch on.
+        """
+        self._connection = connection
+        self._recorded: list[tuple[Request[Any], Handle[Any]]] = []
+
+    def __repr__(self) -> str:
+        state = "closed" if self._connection.closed else "open"
+        return (
+            f"<AsyncBatch of {len(self._recorded)} operations for {self._connection.endpoint}, "
+            f"tree {self._connection.tree!r}, {state}>"
+        )
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            await self.send()
+
+    async def send(self) -> None:
+        """Send what was recorded since the last call, and wait for the results.
+
+        If it raises, every handle raises the same error.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            OutcomeUnknown: No reply came to a batch that writes, which may have been applied.
+            ServerRestarted: The server was restarted while the batch was sent; nothing was applied.
+            LimitExceeded: The message is too large, or the server's backlog of requests is full.
+            InvalidArgumentException: A `timeout_s` is not from 0 to 3600 s.
+            ProtocolError: The reply is malformed.
+        """
+        recorded, self._recorded = self._recorded, []
+        if not recorded:
+            return
+        try:
+            await self._connection.call(BatchRequest(recorded))
+        except TransformException as error:
+            for _, handle in recorded:
+                handle._fail(error)
+            raise
+
+    def _record(self, request: Request[T]) -> Handle[T]:
+        handle: Handle[T] = Handle()
+        self._recorded.append((request, handle))
+        return handle

@@ -1,0 +1,242 @@
+"""`AsyncTransformClient`: the methods of `TransformClient` as coroutines, for asyncio."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from types import TracebackType
+from typing import Literal, Self, TypeVar
+
+from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf.zenoh_config import address
+
+from ..broadcaster import Broadcaster
+from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
+from ..receipt import Receipt
+from ..shared_reads import Mode, check
+from .batch import AsyncBatch
+from .broadcaster import AsyncBroadcaster
+from .connection import Connection
+from .introspection import AsyncIntrospection
+from .lookups import AsyncLookups
+from .shared_reads import SharedReads
+from .transaction import AsyncTransaction, run_transaction
+from .writes import AsyncWrites
+
+T = TypeVar("T")
+
+
+class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
+    """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
+
+    It has the methods of `TransformClient` as coroutines, with the same arguments, results and
+    errors. Lookups, and sets of one authority, that are made in one turn of the event loop travel
+    in one message. 4,000 calls and 2,000 waiting lookups may be under way; further callers wait
+    for room. A cancelled call leaves nothing behind. If a write was sent before it was cancelled,
+    the cause of the CancelledError is OutcomeUnknown. ``X_target_source`` maps coordinates in
+    source to coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a
+    lost connection the client reconnects by itself. An asynchronous context manager, which closes
+    itself at the end.
+
+    Concurrency: all methods, from any task of the event loop that made the client. Any other loop
+    gets RuntimeError, and needs a client of its own.
+
+    Example:
+        ``async with await AsyncTransformClient.connect() as tf: print(await tf.frames())``
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        """Use `AsyncTransformClient.connect` instead.
+
+        Args:
+            connection: The open connection to use.
+
+        Raises:
+            TypeError: `connection` is something else, such as an endpoint.
+        """
+        if not isinstance(connection, Connection):
+            raise TypeError(
+                f"AsyncTransformClient needs an open connection, not {connection!r}; "
+                "use await AsyncTransformClient.connect(endpoint, tree, timeout_s)"
+            )
+        self._connection = connection
+        self._reads = SharedReads(connection)
+        self._broadcasters: set[Broadcaster] = set()  # those that are open
+
+    @classmethod
+    async def connect(
+        cls,
+        endpoint: str = DEFAULT_ENDPOINT,
+        tree: str = DEFAULT_TREE,
+        timeout_s: float = DEFAULT_TIMEOUT_S,
+        *,
+        credentials: Credentials = NO_CREDENTIALS,
+        reads: Mode = "auto",
+    ) -> Self:
+        """Connect to the server of a tree.
+
+        Args:
+            endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
+                ``tls/HOST:PORT``.
+            tree: The name of the tree.
+            timeout_s: How long to try, in seconds; also how long each call waits for its reply.
+            credentials: User, password and the files for TLS; see docs/security.md.
+            reads: How lookups are answered. ``"auto"``: from the server's memory, which this
+                process maps, if the server is on this host and shares its tree; else by queries.
+                ``"query"``: by queries. Both give the same answers and errors.
+
+        Returns:
+            An open client of the running event loop.
+
+        Raises:
+            ServerUnavailable: No server of the tree answered within `timeout_s`.
+            AccessDenied: The server does not let this client in, or the client does not trust the
+                server's certificate; the message says why.
+            InvalidArgumentException: An argument makes no sense.
+            ProtocolError: The server's reply is malformed.
+
+        Example:
+            ``tf = await AsyncTransformClient.connect("tcp/robot:7447", tree="main")``
+        """
+        check(reads)
+        return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
+
+    def __repr__(self) -> str:
+        connection = self._connection
+        return (
+            f"<AsyncTransformClient {address(connection.endpoint)}, tree {connection.tree!r}, "
+            f"server {connection.known_instance or 'unknown'}, "
+            f"{'closed' if connection.closed else 'open'}>"
+        )
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connection and its broadcasters. May be called again.
+
+        Calls of other tasks that wait for a reply fail at once. What was published may be lost if
+        the server does not take it within two seconds. A program that ends closes its clients by
+        itself.
+        """
+        await self._connection.close(self._close_broadcasters)
+
+    def _close_broadcasters(self) -> None:
+        for broadcaster in list(self._broadcasters):
+            broadcaster.close()
+
+    @property
+    def endpoint(self) -> str:
+        """Returns the endpoint that the client connects to."""
+        return self._connection.endpoint
+
+    @property
+    def tree(self) -> str:
+        """Returns the name of the tree."""
+        return self._connection.tree
+
+    @property
+    def reads(self) -> Literal["shared", "query"]:
+        """Returns how a lookup would be answered now.
+
+        ``"shared"``: from the server's memory, without suspending the caller. ``"query"``: by a
+        query of the server, as long as its memory cannot be read. This changes by itself, for
+        example when the server restarts; `stats` has the reasons, under names with ``reads_``.
+        """
+        return self._reads.way
+
+    @property
+    def last_receipt(self) -> Receipt | None:
+        """Returns the `Receipt` of this client's last write that the server has replied to.
+
+        None if there is none yet, or the server is older than receipts. See `Mirror.wait_for`.
+        """
+        return self._connection.last_receipt
+
+    @property
+    async def instance(self) -> str:
+        """Returns the id of the server that answered last; a restarted server has a new one.
+
+        Asks the server if no id is known: ``await tf.instance``.
+
+        Raises:
+            ServerUnavailable: No id is known, and no server answered in time.
+            ProtocolError: The reply is malformed.
+        """
+        return await self._connection.instance()
+
+    def batch(self) -> AsyncBatch:
+        """Start a batch: many operations in one round trip. Not a coroutine, as it only records.
+
+        Returns:
+            An empty `AsyncBatch`, to be used in an ``async with`` block.
+
+        Example:
+            ``async with tf.batch() as batch: base = batch.lookup_transform("map", "base")``
+        """
+        return AsyncBatch(self._connection)
+
+    def transaction(self) -> AsyncTransaction:
+        """Start one attempt at a read-modify-write; `run_transaction` repeats attempts.
+
+        Not a coroutine, as it does not ask the server.
+
+        Returns:
+            An empty `AsyncTransaction`, to be used in an ``async with`` block.
+
+        Example:
+            ``async with tf.transaction() as tx: tx.set_transform(stamped)``
+        """
+        return AsyncTransaction(self._connection, self._reads)
+
+    async def run_transaction(
+        self, function: Callable[[AsyncTransaction], Awaitable[T]], attempts: int = 10
+    ) -> T:
+        """Call `function` with a new transaction and commit it; repeat this after a conflict.
+
+        Args:
+            function: A coroutine function that reads and sets through the transaction, whose reads
+                are coroutines. It may be called several times.
+            attempts: How often to call it at most.
+
+        Returns:
+            What `function` returned in the attempt that was committed.
+
+        Raises:
+            TransactionConflict: Others changed what was read, in every attempt.
+            TransformException: `function` or the commit failed; see `AsyncTransaction.commit`.
+
+        Example:
+            ``await tf.run_transaction(lift)``
+        """
+        return await run_transaction(self._connection, self._reads, function, attempts)
+
+    async def broadcaster(self, authority: str) -> AsyncBroadcaster:
+        """Make a publisher of transforms, which sends without waiting for a reply.
+
+        Args:
+            authority: The name to publish as, at most 255 bytes of UTF-8.
+
+        Returns:
+            An open `AsyncBroadcaster`. It is closed with the client, if not before.
+
+        Raises:
+            InvalidArgumentException: `authority` is too long or not valid UTF-8.
+            ServerUnavailable: The client is closed.
+            AccessDenied: The server's access rules do not allow to publish as `authority`.
+
+        Example:
+            ``wheels = await tf.broadcaster("wheels")``
+        """
+        connection = self._connection
+        made = await connection.run(
+            lambda: Broadcaster(connection.opened, authority, self._broadcasters)
+        )
+        return AsyncBroadcaster(connection, made)

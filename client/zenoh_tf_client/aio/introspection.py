@@ -1,0 +1,155 @@
+"""The methods of `AsyncTransformClient` that describe the tree."""
+
+# Made from client_introspection.py by scripts/async_client.py: edit that file.
+
+from __future__ import annotations
+
+from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
+from zenoh_tf.shared_tree import AskServer
+
+from .. import info_requests
+from .connection import Connection
+from .shared_reads import SharedReads
+
+
+class AsyncIntrospection:
+    """A base of `AsyncTransformClient`, which has the connection."""
+
+    _connection: Connection
+    _reads: SharedReads
+
+    async def frames(self) -> list[str]:
+        """List the names of all frames.
+
+        A large tree is listed in several requests: a frame that is created or removed meanwhile
+        may be listed or not.
+
+        Returns:
+            The names, in no particular order.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        found = self._reads.tree.frames()
+        if type(found) is not AskServer:
+            return found
+        self._reads.note(found)
+        names, after = await self._connection.call(info_requests.frames_page(None))
+        while after is not None:
+            page, after = await self._connection.call(info_requests.frames_page(after))
+            names += page
+        return names
+
+    async def frame(self, name: str) -> FrameInfo:
+        """Describe a frame and the link to its parent.
+
+        Args:
+            name: The frame.
+
+        Returns:
+            The parent, authority, stamps in nanoseconds and counters, read at one instant.
+
+        Raises:
+            LookupException: The frame is unknown.
+            InvalidArgumentException: A name is empty or not valid UTF-8.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        found = self._reads.tree.frame(name)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.frame(name))
+
+    async def authorities(self) -> list[AuthorityInfo]:
+        """List what each authority has published.
+
+        Returns:
+            One record for each authority, in the order of their first commits.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return await self._connection.call(info_requests.authorities())
+
+    async def clients(self) -> list[ClientInfo]:
+        """List the clients that are connected to the server, and how far their clocks are off.
+
+        Returns:
+            One record for each client that has told its clock, this one included.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            InvalidArgumentException: The server is older than this request.
+            ProtocolError: The reply is malformed.
+        """
+        return await self._connection.call(info_requests.clients())
+
+    async def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
+        """Return the parent of a frame.
+
+        Args:
+            frame: The frame.
+            stamp_ns: The time in nanoseconds; None for the newest parent.
+
+        Returns:
+            The parent's name; None if the frame is a root.
+
+        Raises:
+            LookupException: The frame is unknown.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        found = self._reads.tree.parent(frame, stamp_ns)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.parent(frame, stamp_ns))
+
+    async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
+        """Return the frames on the path between two frames.
+
+        Args:
+            target: The frame where the path begins.
+            source: The frame where the path ends.
+            stamp_ns: The time in nanoseconds; None for the latest common time of all links
+                between the two frames.
+
+        Returns:
+            The frames in order, from `target` to `source`, both included.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        found = self._reads.tree.chain(target, source, stamp_ns)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.chain(target, source, stamp_ns))
+
+    async def stats(self) -> dict[str, int]:
+        """Return the counters of the tree, of the server, and of how this client reads.
+
+        Returns:
+            Values by the counters' names. ``reads_shared`` is 1 if lookups read the server's memory
+            now, ``reads_mapped`` counts how often it was mapped, ``reads_asked_*`` the lookups that
+            asked the server instead, and ``reads_refused_*`` why its memory was not mapped.
+
+        Raises:
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        return await self._connection.call(info_requests.stats()) | self._reads.stats()
