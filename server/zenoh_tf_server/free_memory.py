@@ -2,8 +2,7 @@
 
 glibc keeps in its heaps what large messages have used: 80 queued queries of 16 MB left 150 to
 300 MB, all of it free. It gives that back on request. A request walks all free blocks while nobody
-can allocate from their heap, 13 ms for 30 MB in small pieces, so it is made only after growth:
-at once after much, and after little once a minute, since clients that come and go leave some, too.
+can allocate from their heap, 13 ms for 30 MB in small pieces, so it is made only after growth.
 
 Thread safety: all methods.
 """
@@ -13,15 +12,12 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
-import time
 from pathlib import Path
 from typing import Final
 
 _INTERVAL_S: Final = 2.0
-#: Growth after which free memory is given back: at once, and if it is slow.
+#: Growth after which free memory is given back.
 _GROWTH_BYTES: Final = 32 << 20
-_SLOW_GROWTH_BYTES: Final = 1 << 20
-_SLOW_INTERVAL_S: Final = 60.0
 _JOIN_TIMEOUT_S: Final = 0.5
 _STATM: Final = Path("/proc/self/statm")
 #: glibc makes 8 heaps for each core, and shares them out among threads. Each keeps the
@@ -53,14 +49,11 @@ class FreeMemory:
     def _run(self) -> None:
         assert self._trim is not None
         least = resident_bytes()
-        last_s = time.monotonic()
         while not self._stop.wait(_INTERVAL_S):
-            now, now_s = resident_bytes(), time.monotonic()
-            growth = _GROWTH_BYTES if now_s - last_s < _SLOW_INTERVAL_S else _SLOW_GROWTH_BYTES
-            if now > least + growth:
+            now = resident_bytes()
+            if now > least + _GROWTH_BYTES:
                 self._trim(0)
                 now = least = resident_bytes()
-                last_s = now_s
             least = min(least, now)
 
 
