@@ -37,15 +37,11 @@ REPLACEMENTS = [
     (r"\b(TransformClient|Transaction|Batch)\b", r"Async\1"),
     (r"Callable\[\[AsyncTransaction\], T\]", "Callable[[AsyncTransaction], Awaitable[T]]"),
     (r"\b__(enter|exit)__\b", r"__a\1__"),
-    # A synchronous client gets these lookups from native code instead.
-    (
-        rf"return self\._reads\.query\(\s*lookup_requests\.(\w+)({ARGUMENTS})\s*\)",
-        r"found = self._reads.tree.\1\2\n"
-        r"        if type(found) is not AskServer:\n"
-        r"            return found\n"
-        r"        return self._reads.ask(found, lookup_requests.\1\2)",
-    ),
-    (r"\n\n    A method whose body only asks[^\"]*", r"\n    "),
+    # A synchronous client keeps the tree at hand, as the steps to it count there.
+    (r"self\._tree\b", "self._reads.tree"),
+    (r"^    #: The server's memory\..*\n    _tree: SharedTree\n", ""),
+    (r"import AskServer, SharedTree$", "import AskServer"),
+    (r"^        if found:$", "        if type(found) is not AskServer:"),
     # Calls that wait.
     (
         r"(?<!def )\bself\.(_connection\.call|_reads\.ask|_shared\.read_versions"

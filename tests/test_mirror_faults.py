@@ -96,7 +96,7 @@ def test_a_mirror_behind_a_broken_link(server: ServerProcess, fault: str) -> Non
     with (
         TcpProxy(server.endpoint) as proxy,
         load(server) as stamps,
-        TransformClient.connect(proxy.endpoint) as tf,
+        TransformClient.connect(proxy.endpoint, reads="query") as tf,
         tf.mirror() as m,
     ):
         instance = m.instance

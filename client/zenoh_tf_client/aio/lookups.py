@@ -21,7 +21,11 @@ from .shared_reads import SharedReads
 
 
 class AsyncLookups:
-    """A base of `AsyncTransformClient`, which says how to read."""
+    """A base of `AsyncTransformClient`, which says how to read.
+
+    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
+    asks the server.
+    """
 
     _reads: SharedReads
 
@@ -101,12 +105,10 @@ class AsyncLookups:
         )
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(
-            found,
-            lookup_requests.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-            ),
+        request = lookup_requests.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
         )
+        return await self._reads.ask(found, request)
 
     async def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
