@@ -72,12 +72,13 @@ def _run(children: Children) -> None:
         seen = reader.report()
         mover.terminate()  # not before: the reader may have taken long to start
         _together(mover.report(), seen)
-        rates = ask("rates", 2.0).report()
+        ways = ask("ways", 3.0).report()
         del sensors["camera"]
         for sensor in sensors.values():
             sensor.terminate()
         sent = {name: sensor.report() for name, sensor in sensors.items()}
-        _rates(rates, sent, {name: tf.frame(SENSORS[name].child_frame) for name in sensors})
+        _ways(ways)
+        _rates(sent, {name: tf.frame(SENSORS[name].child_frame) for name in sensors})
 
 
 def _free_port() -> int:
@@ -184,9 +185,33 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
     )
 
 
-def _rates(
-    rates: dict[str, Any], sent: dict[str, dict[str, Any]], stored: dict[str, FrameInfo]
-) -> None:
+def _ways(seen: dict[str, Any]) -> None:
+    page.heading("Three ways to read")
+    page.prose(
+        """The same lookup of the wrist in map, over five links, again and again: by a query of the
+        server; in the server's memory, which clients on its host read by themselves; and in a
+        mirror, a copy of the tree in the client, on any host."""
+    )
+    names = {"query": "a query", "shared": "the server's memory", "mirror": "a mirror"}
+    rows = [("how it reads", "median", "lookups/s", "processor each", "state at most")]
+    rows += [
+        (
+            names[way],
+            f"{found['p50_us']:,.1f} us",
+            f"{found['per_s']:,.0f}",
+            f"{found['cpu_us']:,.1f} us",
+            f"{seen['mirror_age_ms']:.1f} ms old" if way == "mirror" else "the server's own",
+        )
+        for way, found in seen["ways"].items()
+    ]
+    page.table(rows)
+    page.prose(
+        f"""In batches of {seen["batch"]:,} by query, interpolated at {seen["batch"]:,} times, it
+        gets {seen["batched_per_s"]:,.0f} lookups per second."""
+    )
+
+
+def _rates(sent: dict[str, dict[str, Any]], stored: dict[str, FrameInfo]) -> None:
     page.heading("Rates, with all of this on one machine")
     rows = [("sensor", "asked for", "sent", "stored by the server")]
     rows += [
@@ -199,12 +224,6 @@ def _rates(
         for name, report in sent.items()
     ]
     page.table(rows)
-    page.prose(
-        f"""A remote client meanwhile: one lookup of the wrist in map (5 links) takes
-        {rates["one_p50_us"]:,.0f} us in the median, there and back. In batches of
-        {rates["batch"]:,}, interpolated at {rates["batch"]:,} times, it gets
-        {rates["batched_per_s"]:,.0f} lookups per second."""
-    )
 
 
 def _stored_hz(link: FrameInfo) -> float:
