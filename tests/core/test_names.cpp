@@ -148,7 +148,7 @@ TEST(removed_names_give_their_ids_and_slots_back) {
 // Otherwise a search for a name that does not exist would visit the whole table.
 TEST(some_slots_stay_empty_however_often_names_come_and_go) {
   constexpr std::uint32_t kNames = 1000;  // nearly half of 2,048 slots
-  NameTable table(kNames);
+  OwnedNames table(kNames);
   std::uint32_t random = 1, n = 0;
   while (n < kNames) table.insert("frame" + std::to_string(n++));
   for (; n < 50 * kNames; ++n) {
