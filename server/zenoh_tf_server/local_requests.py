@@ -188,7 +188,12 @@ class LocalRequests:
         connection.thread = threading.Thread(
             target=self._serve, args=(connection,), name="local", daemon=True
         )
-        connection.thread.start()
+        try:
+            connection.thread.start()
+        except RuntimeError:  # the system has no thread left; the client goes on over Zenoh
+            connection.thread = None
+            self._forget(connection)
+            peer.close()
 
     def close(self) -> None:
         """Read no more requests, and reply to those that were read."""
