@@ -17,7 +17,7 @@ from zenoh_tf import (
     StampedTransform,
     Transform,
 )
-from zenoh_tf_client import TransformClient, connection
+from zenoh_tf_client import TransformClient, exchange
 from zenoh_tf_server.clock_offsets import WINDOW_NS, ClockOffsets
 
 from .conftest import ServerProcess, StartServer
@@ -213,7 +213,7 @@ def test_a_client_whose_clock_is_off_is_shown(
     server = start_server("--metrics", "127.0.0.1:0")
     with ExitStack() as stack:
         with monkeypatch.context() as patch:
-            patch.setattr(connection, "time", Ahead(ahead_s))
+            patch.setattr(exchange, "time", Ahead(ahead_s))
             off = stack.enter_context(server.connect())
             name = str(off._connection.session.zid())
             wait(lambda: is_measured(off, name), "measured")
@@ -240,15 +240,15 @@ def test_a_client_tells_its_clock_again(
     server: ServerProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A clock that drifts after the client has connected is measured, by reads and by writes."""
-    monkeypatch.setattr(connection, "_CLOCK_PERIOD_S", 0.05)
-    monkeypatch.setattr(connection, "_FIRST_CLOCK_PERIOD_S", 0.05)
+    monkeypatch.setattr(exchange, "_CLOCK_PERIOD_S", 0.05)
+    monkeypatch.setattr(exchange, "_FIRST_CLOCK_PERIOD_S", 0.05)
     with server.connect() as tf, server.connect() as watching:
         name = str(tf._connection.session.zid())
         for ahead_s, call in (
             (20.0, tf.frames),
             (40.0, lambda: tf.set_transform(at("base", -60.0))),
         ):
-            monkeypatch.setattr(connection, "time", Ahead(ahead_s))
+            monkeypatch.setattr(exchange, "time", Ahead(ahead_s))
 
             def is_told(ahead_s: float = ahead_s, call: Callable[[], Any] = call) -> bool:
                 call()

@@ -62,7 +62,8 @@ def test_transactions_under_faults_are_strictly_serializable(tmp_path: Path) -> 
     assert answered >= (LONG or SHORT)
     assert proves_something(seen, answered), (seen, merged.outcomes)
     assert len(chaos.faults) == KINDS, chaos.faults
-    assert all(merged.ways.get(way, 0) >= 0.01 * answered for way in WAYS), merged.ways
+    least = LONG // 100 or 1  # a short run may have few of the slower clients
+    assert all(merged.ways.get(way, 0) >= least for way in WAYS), merged.ways
 
 
 def test_a_history_of_one_client_proves_nothing() -> None:
