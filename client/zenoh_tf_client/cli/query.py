@@ -17,8 +17,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Print the pose of SOURCE in TARGET at a time. Without --at: at the latest "
         "common time, the newest that every link between them can serve.",
     )
-    _add_frames(lookup)
-    _add_at(lookup)
+    add_frames(lookup)
+    add_at(lookup)
     lookup.set_defaults(run=_lookup)
 
     latest = commands.add_parser(
@@ -28,7 +28,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Print the pose of SOURCE in TARGET from the newest sample of each link, "
         "read in one atomic snapshot.",
     )
-    _add_frames(latest)
+    add_frames(latest)
     latest.add_argument(
         "--no-xact",
         dest="transactional",
@@ -47,7 +47,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
-    _add_at(velocity)
+    add_at(velocity)
     velocity.add_argument(
         "--interval",
         metavar="S",
@@ -63,12 +63,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     velocity.set_defaults(run=_velocity)
 
 
-def _add_frames(parser: argparse.ArgumentParser) -> None:
+def add_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
     parser.add_argument("source", metavar="SOURCE", help="the frame whose pose is asked for")
 
 
-def _add_at(parser: argparse.ArgumentParser) -> None:
+def add_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at",
         metavar="STAMP",

@@ -6,10 +6,10 @@ import argparse
 from dataclasses import asdict, fields
 from typing import Final
 
-from zenoh_tf import AuthorityInfo, FrameInfo, LookupException, export
-from zenoh_tf_client import TransformClient
+from zenoh_tf import AuthorityInfo, FrameInfo, export
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
+from zenoh_tf_client.cli.records import frame_infos
 from zenoh_tf_client.cli.types import Commands
 
 
@@ -78,7 +78,7 @@ def _frames(args: argparse.Namespace) -> int:
     if args.json and args.form:
         args.usage_error("--json cannot be combined with --dot or --mermaid")
     with connect(args) as tf:
-        frames = _frame_infos(tf)
+        frames = frame_infos(tf)
     if args.json:
         output.print_json({"tree": args.tree, "frames": [_document(frame) for frame in frames]})
     elif args.form:
@@ -86,16 +86,6 @@ def _frames(args: argparse.Namespace) -> int:
     else:
         print(export.text(frames, paint=output.paint))
     return 0
-
-
-def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
-    """Return the record of each frame."""
-    with tf.batch() as batch:
-        handles = [batch.frame(name) for name in sorted(tf.frames())]
-    # A frame may have been removed since its name was listed.
-    return [
-        handle.result() for handle in handles if not isinstance(handle.exception(), LookupException)
-    ]
 
 
 def _document(frame: FrameInfo) -> dict[str, object]:
