@@ -231,7 +231,9 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
         )
     for link in sorted(failing, key=lambda link: -(link.off_by_ns or 0)):
         reasons.append(_outside(link, found))
-        advice += _for_failing(link, found, reference)
+        advice += _for_failing(link)
+    if any(link.problem == "too_new" and not link.stopped for link in failing):
+        advice.append(_too_early(found, reference))
     stopped = [link for link in found.links if link.stopped]
     reasons += [_stopped(link, found.by_clock) for link in stopped]
     advice += [_restart(link) for link in stopped]
@@ -259,7 +261,7 @@ def _outside(link: LinkReport, found: Explanation) -> str:
     return f"{when} is {off_by} before the oldest sample of {_name(link)}."
 
 
-def _for_failing(link: LinkReport, found: Explanation, reference: int) -> list[str]:
+def _for_failing(link: LinkReport) -> list[str]:
     if link.problem == "single_sample":
         return [
             f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link as "
@@ -271,17 +273,21 @@ def _for_failing(link: LinkReport, found: Explanation, reference: int) -> list[s
             f"{_name(link)} has a history of {age(reach)}. Ask for a later time, sooner, or keep "
             "more (--cache-time, --max-samples-per-frame of the server)."
         ]
-    if link.stopped:
-        return []
-    if found.by_clock and (found.at_ns or 0) > reference + _AHEAD_NS:
-        return [
-            f"The time asked for is {age((found.at_ns or 0) - reference)} ahead of this machine's "
-            "clock: check the clock that it is from (zenoh-tf clients, zenoh-tf authorities)."
-        ]
-    return [
-        f"{_name(link)} arrives with a delay. Give the lookup a time-out and it waits for the next "
-        "sample, or leave out the time to get the latest common one."
-    ]
+    return []
+
+
+def _too_early(found: Explanation, reference: int) -> str:
+    """What to do about a time that some links have not reached yet."""
+    ahead_ns = (found.at_ns or 0) - reference
+    if found.by_clock and ahead_ns > _AHEAD_NS:
+        return (
+            f"The time asked for is {age(ahead_ns)} ahead of this machine's clock: check the clock "
+            "that it is from (zenoh-tf clients, zenoh-tf authorities)."
+        )
+    return (
+        "Samples arrive with a delay. Give the lookup a time-out and it waits for the next ones, "
+        "or leave out the time to get the latest common one."
+    )
 
 
 def _answered(found: Explanation, reference: int) -> Explanation:

@@ -94,7 +94,9 @@ def stopped(facts: TreeFacts) -> Evidence:
 def sagging(facts: TreeFacts) -> Evidence:
     for link in facts.dynamic:
         rate, gap_s = link.frame.rate_hz, link.longest_gap_s
-        if rate is not None and gap_s is not None and gap_s > max(_GAP_S, _GAP_PERIODS / rate):
+        if rate is None or gap_s is None or is_stopped(link.frame, facts.reference[0]):
+            continue
+        if gap_s > max(_GAP_S, _GAP_PERIODS / rate):
             yield (
                 link.frame.name,
                 f"no sample came for {age(int(gap_s * 1e9))}, although they come at {rate:.1f} Hz "

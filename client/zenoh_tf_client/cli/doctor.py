@@ -15,14 +15,8 @@ from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import FAULT_FOUND
 from zenoh_tf_client.cli.numbers import seconds_or_zero
 from zenoh_tf_client.cli.records import frame_infos
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
-_EXAMPLES: Final = """\
-examples:
-  zenoh-tf doctor
-  zenoh-tf doctor --for 10 --ignore TF301
-  zenoh-tf doctor --json
-"""
 _POLL_S: Final = 0.1
 
 
@@ -33,8 +27,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="find faults: two publishers, stopped links, clocks that are off",
         description="Look at the tree for some seconds and print each known fault that it has, "
         "with the evidence and what to do. Exit code 3 if there are any.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **examples(
+            "zenoh-tf doctor", "zenoh-tf doctor --for 1 --ignore TF301", "zenoh-tf doctor --json"
+        ),
     )
     doctor.add_argument(
         "--for",

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import Final
 
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import FAULT_FOUND
 from zenoh_tf_client.cli.query import add_at, add_frames
-from zenoh_tf_client.cli.types import Commands
-
-_EXAMPLES: Final = """\
-examples:
-  zenoh-tf explain map camera
-  zenoh-tf explain map camera --at now-0.5s
-"""
+from zenoh_tf_client.cli.types import Commands, examples
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -25,8 +18,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="say why a lookup fails or is old, and what to do",
         description="Print the chain between two frames link by link, read at one instant, which "
         "link limits the lookup, why it fails if it does, and what to do. Exit code 3 if it fails.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **examples("zenoh-tf explain map camera", "zenoh-tf explain map camera --at now-0.5s"),
     )
     add_frames(explain)
     add_at(explain)

@@ -27,12 +27,16 @@ from zenoh_tf_client import environment
 from zenoh_tf_client.cli import (
     calibration,
     certificates,
+    completion,
     doctor,
     explain,
+    follow,
+    monitor,
     output,
     query,
     replay,
     stamps,
+    static,
     view,
     write,
 )
@@ -147,8 +151,12 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, explain, doctor, view, write, calibration, replay, certificates):
+    for family in (
+        *(query, explain, follow, doctor, view, monitor),
+        *(write, static, calibration, replay, certificates),
+    ):
         family.add(commands, common)
+    completion.add(commands, _parser)
     return parser
 
 

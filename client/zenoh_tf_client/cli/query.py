@@ -6,7 +6,7 @@ import argparse
 
 from zenoh_tf_client.cli import output, stamps
 from zenoh_tf_client.cli.connection import connect
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -16,6 +16,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="pose of SOURCE in TARGET at a time, interpolated",
         description="Print the pose of SOURCE in TARGET at a time. Without --at: at the latest "
         "common time, the newest that every link between them can serve.",
+        **examples("zenoh-tf lookup map base_link", "zenoh-tf lookup map base_link --at now-0.5s"),
     )
     add_frames(lookup)
     add_at(lookup)
@@ -27,6 +28,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="pose of SOURCE in TARGET from the newest sample of each link",
         description="Print the pose of SOURCE in TARGET from the newest sample of each link, "
         "read in one atomic snapshot.",
+        **examples("zenoh-tf latest map gripper"),
     )
     add_frames(latest)
     latest.add_argument(
@@ -44,6 +46,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Print the velocity of TRACKING as seen from OBSERVATION, averaged over an "
         "interval around a time. Without --at: around the latest common time, the newest that "
         "every link between them can serve.",
+        **examples(
+            "zenoh-tf velocity base_link map",
+            "zenoh-tf velocity base_link map --interval 0.5 --reference base_link",
+        ),
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
