@@ -159,7 +159,7 @@ def time_jumps(patient: Patient) -> str:
 
 def unconnected(patient: Patient) -> str:
     patient.put("world", "tool", 0, static=True)
-    return "world: 'world' and the 1 frames below it are not connected to the largest tree, whose "
+    return "world: this root's tree of 2 frames is not connected to the largest one, whose root is"
 
 
 def alike_names(patient: Patient) -> str:

@@ -231,7 +231,14 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
         )
     for link in sorted(failing, key=lambda link: -(link.off_by_ns or 0)):
         reasons.append(_outside(link, found))
-        advice += _for_failing(link)
+        if link.problem == "single_sample":
+            advice.append(
+                f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link "
+                f"as static. Else check that {_publisher(link)} goes on sending."
+            )
+    too_old = [link for link in failing if link.problem == "too_old"]
+    if too_old:
+        advice.append(_too_late(max(too_old, key=lambda link: link.off_by_ns or 0)))
     if any(link.problem == "too_new" and not link.stopped for link in failing):
         advice.append(_too_early(found, reference))
     stopped = [link for link in found.links if link.stopped]
@@ -261,19 +268,13 @@ def _outside(link: LinkReport, found: Explanation) -> str:
     return f"{when} is {off_by} before the oldest sample of {_name(link)}."
 
 
-def _for_failing(link: LinkReport) -> list[str]:
-    if link.problem == "single_sample":
-        return [
-            f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link as "
-            f"static. Else check that {_publisher(link)} goes on sending."
-        ]
-    if link.problem == "too_old":
-        reach = (link.newest_stamp_ns or 0) - (link.oldest_stamp_ns or 0)
-        return [
-            f"{_name(link)} has a history of {age(reach)}. Ask for a later time, sooner, or keep "
-            "more (--cache-time, --max-samples-per-frame of the server)."
-        ]
-    return []
+def _too_late(link: LinkReport) -> str:
+    """What to do about a time that a link has no longer, or has never had."""
+    reach = (link.newest_stamp_ns or 0) - (link.oldest_stamp_ns or 0)
+    return (
+        f"{_name(link)} has a history of {age(reach)}. Ask for a later time, sooner, or keep more "
+        "(--cache-time, --max-samples-per-frame of the server)."
+    )
 
 
 def _too_early(found: Explanation, reference: int) -> str:
@@ -302,13 +303,11 @@ def _answered(found: Explanation, reference: int) -> Explanation:
     ending = next(link for link in dynamic if link.child == found.limiting_frame)
     others = [link.newest_stamp_ns or 0 for link in dynamic if link is not ending]
     further_ns = min(others, default=0) - (ending.newest_stamp_ns or 0)
-    if found.stamp_ns is None and others and further_ns > 0:
+    limits = found.stamp_ns is None and bool(others) and further_ns > 0
+    if limits:
         reasons.append(
             f"{_name(ending)} limits the latest common time: all others reach "
             f"{age(further_ns)} further, or more."
-        )
-        advice.append(
-            "For the newest sample of each link instead, use the latest lookup (zenoh-tf latest)."
         )
     for link in dynamic:
         if link.stopped:
@@ -316,6 +315,10 @@ def _answered(found: Explanation, reference: int) -> Explanation:
             advice.append(_restart(link))
         elif link.samples == 1:
             reasons.append(f"{_name(link)} has a single sample: lookups at other times fail.")
+    if limits:
+        advice.append(
+            "For the newest sample of each link instead, use the latest lookup (zenoh-tf latest)."
+        )
     return replace(found, reasons=tuple(reasons), advice=tuple(dict.fromkeys(advice)))
 
 

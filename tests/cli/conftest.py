@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -108,30 +107,24 @@ def chain(client: TransformClient) -> None:
     client.set_transform(mount, authority="wheels", static=True)
 
 
-@dataclass(frozen=True)
-class Ended:
-    """What a command in this process did."""
-
-    code: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Ended]
-
-
 @pytest.fixture
-def command(capsys: pytest.CaptureFixture[str]) -> Command:
+def command(capsys: pytest.CaptureFixture[str]) -> Run:
     """``command(*args)``: one command in this process, which is much quicker."""
 
-    def run(*args: str) -> Ended:
+    def run(*args: str) -> Done:
         try:
             code = main(args)
         except SystemExit as ended:
             code = ended.code if isinstance(ended.code, int) else 1
-        return Ended(code, *capsys.readouterr())
+        return subprocess.CompletedProcess(args, code, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture
+def run_here(server: ServerProcess, command: Run) -> Run:
+    """As ``run``, but in this process."""
+    return functools.partial(command, "--connect", server.endpoint)
 
 
 @pytest.fixture(scope="module")

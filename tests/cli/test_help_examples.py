@@ -12,7 +12,7 @@ import pytest
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.main import _for_argparse, _parser
 
-from .conftest import Command
+from .conftest import Run
 
 
 def commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -60,13 +60,13 @@ def test_no_command_is_left_out() -> None:
     assert {line[0] for line in RUNNABLE} == names - set(ELSEWHERE)
 
 
-def test_the_examples_run(robot: TransformClient, command: Command) -> None:
+def test_the_examples_run(robot: TransformClient, command: Run) -> None:
     for line in RUNNABLE:
         endless = line[0] in ("echo", "monitor") and "--count" not in line
         ended = command(*line, *(["--count", "1"] if endless else []))
         if line[0] == "doctor":  # the samples of this tree are ahead of the clock
-            assert (ended.code, ended.err) == (3, ""), line
-            assert "TF202" in ended.out
+            assert (ended.returncode, ended.stderr) == (3, ""), line
+            assert "TF202" in ended.stdout
         else:
-            assert (ended.code, ended.err) == (0, ""), (line, ended)
-        assert ended.out, line
+            assert (ended.returncode, ended.stderr) == (0, ""), (line, ended)
+        assert ended.stdout, line

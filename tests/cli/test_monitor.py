@@ -11,13 +11,13 @@ from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import rates
 
-from .conftest import Command
+from .conftest import Run
 
 
-def test_monitor_shows_links_and_authorities(robot: TransformClient, command: Command) -> None:
+def test_monitor_shows_links_and_authorities(robot: TransformClient, command: Run) -> None:
     ended = command("monitor", "--every", "0.2", "--count", "2")
-    assert (ended.code, ended.err) == (0, "")
-    first, second = re.split(r"^in .* s: ", ended.out, flags=re.M)[1:]
+    assert (ended.returncode, ended.stderr) == (0, "")
+    first, second = re.split(r"^in .* s: ", ended.stdout, flags=re.M)[1:]
     for period in (first, second):
         lines = [line.split() for line in period.splitlines()]
         assert lines[0] == ["3", "dynamic", "and", "1", "static", "links"]
@@ -26,11 +26,9 @@ def test_monitor_shows_links_and_authorities(robot: TransformClient, command: Co
         assert ["amcl", "0.0", "0.0", "0", "0", "-"] in lines
 
 
-def test_monitor_prints_a_document_for_each_period(
-    robot: TransformClient, command: Command
-) -> None:
+def test_monitor_prints_a_document_for_each_period(robot: TransformClient, command: Run) -> None:
     ended = command("monitor", "--every", "0.2", "--count", "2", "--json")
-    periods = [json.loads(line) for line in ended.out.splitlines()]
+    periods = [json.loads(line) for line in ended.stdout.splitlines()]
     assert len(periods) == 2
     assert [link["frame"] for link in periods[0]["links"]] == ["base_link", "gripper", "odom"]
     (odom,) = [link for link in periods[0]["links"] if link["frame"] == "odom"]

@@ -12,7 +12,7 @@ import pytest
 from zenoh_tf import Transform
 from zenoh_tf_client import TransformClient
 
-from .conftest import Command
+from .conftest import Run
 
 HALF = math.sqrt(0.5)
 
@@ -38,11 +38,11 @@ HALF = math.sqrt(0.5)
     ],
 )
 def test_the_forms_of_tf2(
-    robot: TransformClient, command: Command, arguments: str, expected: Transform
+    robot: TransformClient, command: Run, arguments: str, expected: Transform
 ) -> None:
     ended = command("static", *arguments.split())
-    assert (ended.code, ended.err) == (0, "")
-    assert ended.out == "base_link -> lens stored, static\n"
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout == "base_link -> lens stored, static\n"
     found = robot.lookup_transform("base_link", "lens").transform
     assert found.matrix().flatten().tolist() == pytest.approx(
         expected.matrix().flatten().tolist(), abs=1e-12
@@ -64,23 +64,23 @@ def test_the_forms_of_tf2(
         ("--x one --frame-id a --child-frame-id b", "invalid float value: 'one'"),
     ],
 )
-def test_other_forms_are_refused(command: Command, arguments: str, said: str) -> None:
+def test_other_forms_are_refused(command: Run, arguments: str, said: str) -> None:
     ended = command("static", *arguments.split())
-    assert (ended.code, ended.out) == (2, "")
-    assert said in ended.err
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert said in ended.stderr
 
 
-def test_what_the_server_refuses(robot: TransformClient, command: Command) -> None:
+def test_what_the_server_refuses(robot: TransformClient, command: Run) -> None:
     ended = command("static", *["0", "0", "0", "0", "0", "0", "5", "base_link", "lens"])
-    assert ended.code == 1
-    assert "quaternion" in ended.err
-    assert "cycle" in command("static", *["0", "0", "0", "0", "0", "0", "base_link", "map"]).err
+    assert ended.returncode == 1
+    assert "quaternion" in ended.stderr
+    assert "cycle" in command("static", *["0", "0", "0", "0", "0", "0", "base_link", "map"]).stderr
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_completion_in_bash(command: Command) -> None:
+def test_completion_in_bash(command: Run) -> None:
     pytest.importorskip("shtab")
-    script = command("completion", "bash").out
+    script = command("completion", "bash").stdout
     complete = (
         'COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); '
         '_shtab_zenoh_tf zenoh-tf "${@: -1}" ""; echo "${COMPREPLY[@]}"'
@@ -100,8 +100,8 @@ def test_completion_in_bash(command: Command) -> None:
     assert "--ignore" in completed("doctor", "--")
 
 
-def test_completion_without_its_library(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completion_without_its_library(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     ended = command("completion", "zsh")
-    assert (ended.code, ended.out) == (1, "")
-    assert 'pip install "zenoh-tf[completion]"' in ended.err
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert 'pip install "zenoh-tf[completion]"' in ended.stderr

@@ -177,8 +177,8 @@ def unconnected(facts: TreeFacts) -> Evidence:
     for size, root in sizes[1:]:
         yield (
             root,
-            f"{quoted(root)} and the {size - 1:,} frames below it are not connected to the largest "
-            f"tree, whose root is {quoted(sizes[0][1])}",
+            f"this root's tree of {size:,} frames is not connected to the largest one, whose root "
+            f"is {quoted(sizes[0][1])}",
         )
 
 
