@@ -299,7 +299,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
     reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
-    reading |= {"clients", "doctor", "echo", "explain", "monitor", "wait"}
+    reading |= {"clients", "doctor", "echo", "explain", "monitor", "top", "wait"}
     assert {*commands} == reading | {
         "calibration",
         "certificates",

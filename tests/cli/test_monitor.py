@@ -43,7 +43,7 @@ def test_the_rates_of_a_link() -> None:
     for n in range(7):
         rows = [StampedTransform("map", "base", 10 * n + m, Transform()) for m in range(3)]
         tree.set_transforms_xact(rows)
-    link = rates._link(tree.frame("base"), before, [0.1, 0.3, 0.2], 2.0)
+    link = rates._link(tree.frame("base"), before, [0.1, 0.3, 0.2], 2.0, 100)
     assert link.commits_per_s == pytest.approx(3.5)
     assert (link.least_age_s, link.greatest_age_s) == (0.1, 0.3)
 

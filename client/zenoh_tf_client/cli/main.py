@@ -37,6 +37,7 @@ from zenoh_tf_client.cli import (
     replay,
     stamps,
     static,
+    top,
     view,
     write,
 )
@@ -152,7 +153,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
     for family in (
-        *(query, explain, follow, doctor, view, monitor),
+        *(query, explain, follow, doctor, view, monitor, top),
         *(write, static, calibration, replay, certificates),
     ):
         family.add(commands, common)

@@ -12,7 +12,7 @@ from zenoh_tf.text import printable
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.numbers import count, positive_seconds
-from zenoh_tf_client.cli.rates import Period, watch
+from zenoh_tf_client.cli.rates import Period, figure, watch
 from zenoh_tf_client.cli.types import Commands, examples
 
 
@@ -51,39 +51,40 @@ def _monitor(args: argparse.Namespace) -> int:
 
 def text(period: Period) -> str:
     """A period as two tables."""
-    lines = [
-        f"in {period.seconds:.1f} s: {len(period.links):,} dynamic and "
-        f"{period.static_links:,} static links"
+    links = [
+        (
+            f"{printable(link.parent)} -> {printable(link.frame)}",
+            f"{link.commits_per_s:.1f}",
+            figure(link.rate_hz, 1),
+            figure(link.least_age_s, 3),
+            figure(link.greatest_age_s, 3),
+            printable(link.authority),
+            "stopped" if link.stopped else "",
+        )
+        for link in period.links
     ]
-    if period.links:
-        header = ("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority")
-        rows = [
-            (
-                f"{printable(link.parent)} -> {printable(link.frame)}",
-                f"{link.commits_per_s:.1f}",
-                _number(link.rate_hz, 1),
-                _number(link.least_age_s, 3),
-                _number(link.greatest_age_s, 3),
-                printable(link.authority),
-            )
-            for link in period.links
-        ]
-        lines += table(header, rows, texts=(0, 5))
-    if period.authorities:
+    authorities = [
+        (
+            printable(each.authority),
+            f"{each.commits_per_s:.1f}",
+            f"{each.transforms_per_s:.1f}",
+            f"{each.dropped:,}",
+            f"{each.refused:,}",
+            figure(each.lead_max_s, 3),
+        )
+        for each in period.authorities
+    ]
+    lines = [
+        f"in {period.seconds:.1f} s: {len(links):,} dynamic and {period.static_links:,} static "
+        "links"
+    ]
+    if links:
+        titles = ("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority", "")
+        lines += table(titles, links, texts=(0, 5, 6))
+    if authorities:
         lines.append("")
-        header = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
-        rows = [
-            (
-                printable(each.authority),
-                f"{each.commits_per_s:.1f}",
-                f"{each.transforms_per_s:.1f}",
-                f"{each.dropped:,}",
-                f"{each.refused:,}",
-                _number(each.lead_max_s, 3),
-            )
-            for each in period.authorities
-        ]
-        lines += table(header, rows, texts=(0,))
+        columns = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
+        lines += table(columns, authorities, texts=(0,))
     return "\n".join(lines)
 
 
@@ -99,7 +100,3 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[
         line = "  ".join(cells).rstrip()
         lines.append(line if number else output.paint("header", line))
     return lines
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"

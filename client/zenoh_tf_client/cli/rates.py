@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from zenoh_tf import AuthorityInfo, FrameInfo
-from zenoh_tf.times import CLOCK_RANGE_S
+from zenoh_tf.explain import is_stopped
+from zenoh_tf.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.records import frame_infos
 
@@ -24,7 +25,8 @@ class LinkRate:
 
     ``commits_per_s``: how often it was written. ``rate_hz``: of its history, by the stamps.
     ``least_age_s`` and ``greatest_age_s``: of its newest stamp; the least is about the delay from
-    the measurement to the server. None for stamps that are of another clock.
+    the measurement to the server. None for stamps that are of another clock. ``stopped``: as of
+    `zenoh_tf.explain.is_stopped`.
     """
 
     frame: str
@@ -34,6 +36,7 @@ class LinkRate:
     rate_hz: float | None
     least_age_s: float | None
     greatest_age_s: float | None
+    stopped: bool
 
 
 @dataclass(frozen=True)
@@ -77,8 +80,10 @@ def watch(tf: TransformClient, period_s: float) -> Period:
         time.sleep(min(_POLL_S, left_s))
         now = {frame.name: frame for frame in frame_infos(tf)}
     seconds = time.monotonic() - start_s
+    stamps = [f.newest_stamp_ns for f in now.values() if not f.static and f.newest_stamp_ns]
+    reference, _ = reference_ns(stamps, time.time_ns())
     links = [
-        _link(frame, before.get(frame.name, frame), ages.get(frame.name), seconds)
+        _link(frame, before.get(frame.name, frame), ages.get(frame.name), seconds, reference)
         for frame in now.values()
         if frame.parent is not None and not frame.static
     ]
@@ -90,8 +95,13 @@ def watch(tf: TransformClient, period_s: float) -> Period:
     return Period(seconds, static, links, authorities)
 
 
+def figure(value: float | None, digits: int) -> str:
+    """A number for a table; a dash for none."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
 def _link(
-    frame: FrameInfo, before: FrameInfo, ages: list[float] | None, seconds: float
+    frame: FrameInfo, before: FrameInfo, ages: list[float] | None, seconds: float, reference: int
 ) -> LinkRate:
     commits = max(0, frame.version - before.version) // _VERSIONS_PER_COMMIT
     return LinkRate(
@@ -102,6 +112,7 @@ def _link(
         frame.rate_hz,
         min(ages) if ages else None,
         max(ages) if ages else None,
+        is_stopped(frame, reference),
     )
 
 
