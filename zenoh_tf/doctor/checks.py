@@ -47,14 +47,15 @@ def two_publishers(facts: TreeFacts) -> Evidence:
             suspects = f"; others that have taken over frames: {_listed(others)}" if others else ""
             yield (
                 frame.name,
-                f"the link has changed hands {_times(frame.authority_changes)}{_lately(link)}, the "
-                f"last time to {_authority(frame.authority)}{suspects}",
+                f"the link has changed hands {_times(frame.authority_changes)}"
+                f"{_lately(facts, link, 'authority_changes')}, the last time to "
+                f"{_authority(frame.authority)}{suspects}",
             )
 
 
 def flip_flop(facts: TreeFacts) -> Evidence:
     for link in facts.links:
-        flips = link.grown("reparented") or 0
+        flips = facts.grown(link, "reparented") or 0
         if flips >= _FLIPS and flips >= _FLIPS_PER_S * facts.observed_s:
             change = link.frame.last_change
             before = change.parent_before if change is not None else None
@@ -142,13 +143,14 @@ def future_stamps(facts: TreeFacts) -> Evidence:
 
 def repeated_stamps(facts: TreeFacts) -> Evidence:
     for link in facts.dynamic:
-        frame, lately = link.frame, link.grown("rewritten")
-        is_often = frame.rewritten >= max(_REPEATED, _REPEATED_PART * frame.samples)
-        if is_often if lately is None else lately >= _REPEATED:
+        frame, lately = link.frame, facts.grown(link, "rewritten")
+        part = _REPEATED_PART * (link.received or frame.samples)
+        is_often = frame.rewritten >= max(_REPEATED, part)
+        if is_often if lately is None or facts.is_complete else lately >= _REPEATED:
             yield (
                 frame.name,
                 f"{frame.rewritten:,} samples had a stamp that the link had already"
-                f"{_lately(link, 'rewritten')}; it is by {_authority(frame.authority)}",
+                f"{_lately(facts, link, 'rewritten')}; it is by {_authority(frame.authority)}",
             )
 
 
@@ -225,6 +227,6 @@ def _times(count: int) -> str:
     return "once" if count == 1 else "twice" if count == 2 else f"{count:,} times"
 
 
-def _lately(link: LinkFacts, counter: str = "authority_changes") -> str:
-    grown = link.grown(counter)
+def _lately(facts: TreeFacts, link: LinkFacts, counter: str) -> str:
+    grown = None if facts.is_complete else facts.grown(link, counter)
     return f", {grown:,} of them while it was observed" if grown else ""

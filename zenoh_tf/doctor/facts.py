@@ -20,23 +20,14 @@ class LinkFacts:
         longest_gap_s: The longest time in which no sample came.
         norm_error: How far the norm of a received quaternion was from 1, at most. A tree
             normalises what it stores, so only messages show it.
+        received: How many samples there were in all.
     """
 
     frame: FrameInfo
     before: FrameInfo | None = None
     longest_gap_s: float | None = None
     norm_error: float | None = None
-
-    def grown(self, counter: str) -> int | None:
-        """Return by how much a counter of the record has grown; ``None`` if that is unknown.
-
-        Args:
-            counter: The name of a field of `FrameInfo`.
-        """
-        if self.before is None:
-            return None
-        grown: int = getattr(self.frame, counter) - getattr(self.before, counter)
-        return max(0, grown)  # a frame that was removed and came back starts anew
+    received: int | None = None
 
 
 @dataclass(frozen=True)
@@ -49,6 +40,8 @@ class TreeFacts:
         observed_s: Seconds between ``before`` and the end.
         authorities: The publishers.
         clients: The connected clients.
+        is_complete: The counters are of all that was observed, as of a recording, which needs no
+            ``before``.
     """
 
     links: Sequence[LinkFacts]
@@ -56,6 +49,22 @@ class TreeFacts:
     observed_s: float = 0.0
     authorities: Sequence[AuthorityInfo] = ()
     clients: Sequence[ClientInfo] = ()
+    is_complete: bool = False
+
+    def grown(self, link: LinkFacts, counter: str) -> int | None:
+        """Return by how much a counter has grown while it was observed; ``None``: unknown.
+
+        Args:
+            link: One of the links.
+            counter: The name of a field of `FrameInfo`.
+        """
+        now: int = getattr(link.frame, counter)
+        if self.is_complete:
+            return now
+        if link.before is None:
+            return None
+        before: int = getattr(link.before, counter)
+        return max(0, now - before)  # a frame that was removed and came back starts anew
 
     @cached_property
     def frames(self) -> dict[str, FrameInfo]:
