@@ -9,7 +9,6 @@ import time
 from typing import Final
 
 from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
-from zenoh_tf.text import printable
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.numbers import count, positive_rate, seconds_or_zero
@@ -73,7 +72,7 @@ def _echo(args: argparse.Namespace) -> int:
             except TransformException as error:
                 if type(error).__name__ != reported:
                     reported = type(error).__name__
-                    _report(error, args.json)
+                    output.report_waiting(error, args.json)
             else:
                 reported = ""
                 _print(answer, args.json)
@@ -91,16 +90,6 @@ def _print(answer: StampedTransform, as_json: bool) -> None:
     else:
         print(output.answer_text(answer))
     sys.stdout.flush()
-
-
-def _report(error: TransformException, as_json: bool) -> None:
-    name, message = type(error).__name__, str(error)
-    if as_json:
-        document = {"type": name, "message": message, "fields": error.facts}
-        output.print_json(document, file=sys.stderr)
-    else:
-        line = " ".join(f"{name}: {message}".split())
-        print(f"zenoh-tf: {printable(line)} (waiting)", file=sys.stderr)
 
 
 def _wait(args: argparse.Namespace) -> int:

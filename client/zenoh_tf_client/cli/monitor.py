@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
@@ -25,7 +26,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "written in it, the rate of its history, the least and the greatest age of its newest "
         "stamp (the least is about its delay); for an authority its commits and transforms, what "
         "was dropped and refused, and by how much its stamps lead their arrival. --json prints "
-        "one document per line.",
+        "one document per line. Goes on if the server ends and comes back.",
         **examples("zenoh-tf monitor", "zenoh-tf monitor --every 0.5 --count 2 --json"),
     )
     monitor.add_argument(
@@ -37,15 +38,23 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 def _monitor(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        for number in itertools.count(1):
-            period = watch(tf, args.every)
+        printed, is_reported = 0, False
+        while printed != args.count:
+            try:
+                period = watch(tf, args.every)
+            except ServerUnavailable as error:
+                if not is_reported:
+                    output.report_waiting(error, args.json)
+                is_reported = True
+                time.sleep(args.every)
+                continue
+            is_reported = False
             if args.json:
                 output.print_json({"tree": args.tree, **asdict(period)})
             else:
-                print(text(period) if number == 1 else f"\n{text(period)}")
+                print(f"\n{text(period)}" if printed else text(period))
             sys.stdout.flush()
-            if number == args.count:
-                break
+            printed += 1
     return 0
 
 

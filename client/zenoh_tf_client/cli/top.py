@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import itertools
+import time
 from typing import TYPE_CHECKING, Any, Final
 
+from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
@@ -57,14 +58,19 @@ def _top(args: argparse.Namespace) -> int:
         ) from error
     console = Console()
     with connect(args) as tf, Live(console=console, screen=console.is_terminal) as live:
-        for number in itertools.count(1):
-            period = watch(tf, args.every)
+        shown = 0
+        while shown != args.count:
+            try:
+                period = watch(tf, args.every)
+            except ServerUnavailable as error:
+                live.update(_name(f"{error} (waiting)"), refresh=True)
+                time.sleep(args.every)
+                continue
             # A table that is higher than the terminal would hide its own end.
             rows = console.height if console.is_terminal else len(period.links)
             board = _board(args.tree, period, args.sort, rows)
             live.update(board, refresh=True)
-            if number == args.count:
-                break
+            shown += 1
     return 0
 
 
