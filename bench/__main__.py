@@ -20,6 +20,7 @@ PARTS = CORE | {
     "reads": "reads:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
+    "mirrors": "mirrors:measure",
     "async": "asynchronous:measure",
 }
 

@@ -82,7 +82,10 @@ class MirrorFeed:
     """Keeps a `Mirroring` up to date, from construction to `close`."""
 
     def __init__(
-        self, connection: Connection, on_copy: Callable[[TransformTree | None], None]
+        self,
+        connection: Connection,
+        on_copy: Callable[[TransformTree | None], None],
+        interest: wire.Interest | None = None,
     ) -> None:
         """Begin to listen. `on_copy` is told each new copy of the tree, and None at the end.
 
@@ -92,7 +95,8 @@ class MirrorFeed:
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring()
+        self._mirroring = Mirroring(interest=interest)
+        self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
         self._closed = False
@@ -167,10 +171,9 @@ class MirrorFeed:
 
     def _subscribe(self) -> zenoh.Subscriber[Any]:
         connection = self._connection
+        key = keys.streams(connection.tree, self._interest.id if self._interest else "")
         with connection.calls:
-            return connection.session.declare_subscriber(
-                keys.streams(connection.tree), RingChannel(_RING_MESSAGES)
-            )
+            return connection.session.declare_subscriber(key, RingChannel(_RING_MESSAGES))
 
     def _listen(self) -> None:
         """Apply messages until the mirror or the connection is closed."""
@@ -207,12 +210,20 @@ class MirrorFeed:
                 return
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
+            if self._interest is not None and silent_periods and self._compare_clocks():
+                self._begin_anew()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
                 if self._compare_clocks():
                     self._listen_anew()
                     silent_periods = 0
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
                 self._compare_clocks()
+
+    def _begin_anew(self) -> None:
+        with self._changed:
+            if self.state.synced:  # else a request is under way, or waits
+                self._mirroring.restart()
+            self._proceed()
 
     def _listen_anew(self) -> None:
         log.info("the commit stream of tree %r is silent: listening anew", self._connection.tree)
@@ -290,6 +301,8 @@ class MirrorFeed:
                 Call(request.operation, dict(request.body), lambda reply: reply)
             )
             if is_plan:
+                if self._interest is not None and "kind" not in reply:
+                    raise ServerUnavailable("the server knows no interests")
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
                 self._clock.compared(instance, begin_ns, clock_ns)
         except Exception as error:
@@ -345,8 +358,8 @@ class MirrorFeed:
         if self._unknown < _MAX_UNKNOWN:
             return error
         return ServerUnavailable(
-            f"the server of tree {self._connection.tree!r} offers no mirrors: it is older than "
-            "this client; look transforms up by query, or update the server"
+            f"the server of tree {self._connection.tree!r} offers no such mirrors: it is older "
+            "than this client; look transforms up by query, or update the server"
         )
 
     def _is_final(self) -> bool:

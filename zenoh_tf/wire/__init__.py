@@ -1,8 +1,8 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-`calls` batches, info and admin requests, and `stream` what mirrors follow. docs/protocol.md
-describes it for other languages.
+`calls` batches, info and admin requests, `stream` what mirrors follow, and `interest` which part of
+it. docs/protocol.md describes it for other languages.
 """
 
 from .calls import (
@@ -46,6 +46,7 @@ from .fields import (
     text,
     unpack,
 )
+from .interest import Interest, parse_interest
 from .lookup import (
     NO_STAMP,
     OP_AT,
@@ -69,6 +70,7 @@ from .lookup import (
     parse_read_set,
 )
 from .stream import (
+    NO_BOUNDS,
     Changes,
     Frames,
     SnapshotPiece,
@@ -95,6 +97,7 @@ __all__ = [
     "I64",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
+    "NO_BOUNDS",
     "NO_STAMP",
     "OP_AT",
     "OP_COMMON",
@@ -107,6 +110,7 @@ __all__ = [
     "Changes",
     "Commit",
     "Frames",
+    "Interest",
     "Lookup",
     "LookupReply",
     "Message",
@@ -142,6 +146,7 @@ __all__ = [
     "parse_batch_reply",
     "parse_commit",
     "parse_commit_reply",
+    "parse_interest",
     "parse_lookup",
     "parse_lookup_reply",
     "parse_missed_reply",
