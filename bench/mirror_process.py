@@ -37,7 +37,7 @@ def main() -> None:
         print("ready", flush=True)
         threading.Thread(target=look, daemon=True).start()
         while sys.stdin.readline():
-            found = {"snapshots": m._feed.snapshots, "frames": len(m.frames())}
+            found: dict[str, float] = {"snapshots": m._feed.snapshots, "frames": len(m.frames())}
             for name, values in (("age", ages), ("pose_age", poses)):
                 cuts = statistics.quantiles([*values, 0.0, 0.0], n=100)
                 found |= {f"{name}_ms": 1e3 * cuts[49], f"{name}_p99_ms": 1e3 * cuts[98]}

@@ -50,9 +50,9 @@ def test_the_frames_on_the_ways_and_no_others(client: TransformClient) -> None:
     client.set_transform(stamped("table", 1, 7), static=True, authority="calibration")
     with client.mirror([("gripper", "camera")]) as m:
         assert sorted(m.frames()) == ["arm", "base", "camera", "gripper"]
-        for stamp in (None, 3, 10):
-            mine = m.lookup_transform("camera", "gripper", stamp)
-            assert mine == client.lookup_transform("camera", "gripper", stamp)
+        for at in (None, 3, 10):
+            mine = m.lookup_transform("camera", "gripper", at)
+            assert mine == client.lookup_transform("camera", "gripper", at)
         assert m.parent("base") == "odom"
         assert m.chain("camera", "gripper") == ["camera", "base", "arm", "gripper"]
         assert m.frame("base").version == client.frame("base").version
@@ -185,7 +185,7 @@ def test_a_thinned_mirror(server: ServerProcess, client: TransformClient) -> Non
         begin = client.stats()
         begin_s = time.monotonic()
         stamp = 1
-        seen = set()
+        seen: set[int] = set()
         while len(seen) < 8:
             assert time.monotonic() < begin_s + DEADLINE_S
             stamp += 1

@@ -71,7 +71,7 @@ class _Interest:
 
     def listen(self) -> None:
         """Note whether someone listens."""
-        if self.publisher.matching_status.matching:
+        if self.publisher is not None and self.publisher.matching_status.matching:
             self.unheard_since_s = None
         elif self.unheard_since_s is None:
             self.unheard_since_s = time.monotonic()
@@ -115,7 +115,8 @@ class _Interest:
         self._has_changed = changes is not None
         self.messages += 1
         self.bytes += len(data)
-        self.publisher.put(data)
+        if self.publisher is not None:
+            self.publisher.put(data)
 
 
 class Interests:
@@ -215,7 +216,8 @@ class Interests:
             return interest
 
     def _publisher(self, interest_id: str) -> Any:
-        assert self._session is not None
+        if self._session is None:
+            return None
         publisher = self._session.declare_publisher(
             keys.stream(self._name, self._instance, interest_id),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -240,7 +242,8 @@ class Interests:
         self._ended["messages"] += interest.messages
         self._ended["bytes"] += interest.bytes
         try:
-            interest.publisher.undeclare()
+            if interest.publisher is not None:
+                interest.publisher.undeclare()
         except zenoh.ZError as error:  # the session is closed
             log.debug("cannot undeclare the stream of an interest: %s", error)
 

@@ -107,8 +107,7 @@ void ChangeReplay::list_targets(const ChangeColumns& changes) {
       const FrameId id = ids_[changes.frame[i]];
       const bool is_live = !tree_.removed(id);
       at = static_cast<std::uint32_t>(targets_.size());
-      targets_.push_back({id, is_live ? tree_.version(id) & kServerVersion : 0, 0, 0, 0,
-                          is_live});
+      targets_.push_back({id, is_live ? tree_.version(id) & kServerVersion : 0, 0, 0, 0, is_live});
     }
     if (changes.kind[i] == ChangeKind::sample && changes.version[i] > targets_[at].before)
       ++targets_[at].samples;

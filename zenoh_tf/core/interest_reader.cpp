@@ -95,7 +95,9 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
   // A commit with a number up to this one makes readers wait for its frames (WriteLocks). If it
   // adds names, it also holds the topology mutex, until the names can be found.
   seq_ = tree_.change_log_->last_drawn();
-  { const auto topology = lock_announced(tree_.topology_); }
+  {
+    const auto topology = lock_announced(tree_.topology_);
+  }
   begin_attempt();
   find_frames(max_frames);
   copy_frames(with_all);
@@ -250,7 +252,8 @@ void InterestReader::copy_frames(bool with_all) {
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const FrameId id = frames_[i];
     const auto at = told_.find(id);
-    const Told* told = at != told_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
+    const Told* told =
+        at != told_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
     if (told && !with_all && told->version == tree_.version(id)) continue;
     copies_.emplace_back().id = id;
     copy_frame(copies_.back(), told, with_all);
@@ -342,8 +345,7 @@ InterestReader::Result InterestReader::tell(bool with_all) {
       changes.add(ChangeKind::removed, changes.name(told.name), told.version + kAfterAll);
     }
   if (ever_reparented_ && !told_reparented_ && !copies_.empty())
-    changes.add(ChangeKind::new_version, changes.name(copies_.front().id),
-                copies_.front().version);
+    changes.add(ChangeKind::new_version, changes.name(copies_.front().id), copies_.front().version);
   for (const Copy& copy : copies_) {
     const auto at = told_.find(copy.id);
     if (copy.is_new || at->second.version != copy.version) tell_frame(copy, false, changes);
