@@ -59,7 +59,11 @@ class _Piece:
     until: int
 
 
-def make_tree(settings: wire.TreeSettings) -> TransformTree:
+#: Makes an empty tree with the settings of a server's, for the copy of an instance.
+MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
+
+
+def make_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
     """An empty tree with the settings of a server's."""
     return TransformTree(
         settings.cache_ns / 1e9,
@@ -116,7 +120,7 @@ class Mirroring:
 
     def __init__(
         self,
-        make_tree: Callable[[wire.TreeSettings], TransformTree] = make_tree,
+        make_tree: MakeTree = make_tree,
         max_waiting_bytes: int = MAX_WAITING_BYTES,
         interest: wire.Interest | None = None,
     ) -> None:
@@ -267,7 +271,7 @@ class Mirroring:
         return Request(operation, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
-        self._next = _Copy(instance, plan, self._make_tree(plan.settings))
+        self._next = _Copy(instance, plan, self._make_tree(plan.settings, instance))
         self._snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]
