@@ -13,12 +13,12 @@ from zenoh_tf_client import Mirror, TransformClient
 
 #: The frames of the interest are three: the parent of the pair's frames, and these.
 TARGET, SOURCE = "robot3/frame10", "robot3/frame11"
-_LOOK_S = 0.01
+_LOOK_S = 0.1
 
 
 def mirror(tf: TransformClient, kind: str) -> Mirror:
-    if kind == "interest":
-        return tf.mirror([(TARGET, SOURCE)])
+    if kind.startswith("interest"):
+        return tf.mirror([(TARGET, SOURCE)], max_delay_s=0 if kind == "interest at once" else None)
     return tf.mirror(max_rate_hz=10) if kind == "thinned" else tf.mirror()
 
 

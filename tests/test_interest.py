@@ -166,7 +166,7 @@ def test_transactions(server: ServerProcess, client: TransformClient) -> None:
 
     with (
         server.connect() as other,
-        client.mirror([("a", "b")]) as one,
+        client.mirror([("a", "b")], max_delay_s=0) as one,
         other.mirror([("map", "b"), ("map", "a")]) as two,
         other.mirror([("a", "b")], max_rate_hz=20) as three,
     ):
@@ -240,6 +240,15 @@ def test_bad_arguments(client: TransformClient) -> None:
         assert caught.value.field == "max_rate_hz"
     with pytest.raises(InvalidArgumentException):
         client.mirror([("a", "\ud800")])
+    for wrong in (
+        lambda: client.mirror([("a", "b")], max_delay_s=-1),
+        lambda: client.mirror([("a", "b")], max_delay_s=float("nan")),
+        lambda: client.mirror(max_delay_s=1),
+        lambda: client.mirror([("a", "b")], max_delay_s=1, max_rate_hz=1),
+    ):
+        with pytest.raises(InvalidArgumentException) as caught:
+            wrong()
+        assert caught.value.field == "max_delay_s"
     assert client.stats()["interests"] == 0
 
 

@@ -36,11 +36,7 @@ NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 def columns_of(
     stampeds: Sequence[StampedTransform],
 ) -> tuple[
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
+    list[str], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.int64], NDArray[np.float64]
 ]: ...
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply

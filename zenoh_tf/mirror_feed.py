@@ -374,9 +374,10 @@ class MirrorFeed:
         self._unknown += 1
         if self._unknown < _MAX_UNKNOWN:
             return error
+        what = "mirrors" if self._interest is None else "mirrors of some frames"
         return ServerUnavailable(
-            f"the server of tree {self._source.tree!r} offers no such mirrors: it is older "
-            "than this client; look transforms up by query, or update the server"
+            f"the server of tree {self._source.tree!r} offers no {what}: it is older than this "
+            "client; look transforms up by query, or update the server"
         )
 
     def _is_final(self) -> bool:

@@ -27,6 +27,9 @@ T = TypeVar("T")
 #: Bounds of `max_rate_hz`.
 _LOWEST_HZ: Final = 0.001
 _HIGHEST_HZ: Final = 1000.0
+#: How long the server gathers changes of the pairs' frames, if not said otherwise, and at most.
+_DELAY_S: Final = 0.03
+_LONGEST_DELAY_S: Final = 10.0
 #: Errors that may be due to frames that the mirror has not.
 _EXPLAINED: Final = (LookupException, ConnectivityException)
 
@@ -37,7 +40,7 @@ class OutsideInterest(LookupException):
 
 
 def interest_of(
-    pairs: Sequence[tuple[str, str]] | None, max_rate_hz: float | None
+    pairs: Sequence[tuple[str, str]] | None, max_delay_s: float | None, max_rate_hz: float | None
 ) -> wire.Interest | None:
     """The interest of a mirror; None: everything, at once. Raises InvalidArgumentException."""
     if pairs is not None:
@@ -51,9 +54,19 @@ def interest_of(
                 field="max_rate_hz",
             )
         period_ns = round(1e9 / rate)
+    if max_delay_s is not None and (pairs is None or period_ns):
+        raise InvalidArgumentException(
+            "max_delay_s is for a mirror of pairs without max_rate_hz", field="max_delay_s"
+        )
     if pairs is None and not period_ns:
         return None
-    return wire.Interest.of(pairs or (), period_ns)
+    delay_s = _DELAY_S if max_delay_s is None else float(max_delay_s)
+    if not 0 <= delay_s <= _LONGEST_DELAY_S:
+        raise InvalidArgumentException(
+            f"max_delay_s must be from 0 to {_LONGEST_DELAY_S:g}, not {max_delay_s!r}",
+            field="max_delay_s",
+        )
+    return wire.Interest.of(pairs or (), period_ns, 0 if period_ns else round(delay_s * 1e9))
 
 
 def _check_pairs(pairs: Sequence[tuple[str, str]]) -> None:

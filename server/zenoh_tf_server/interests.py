@@ -1,10 +1,12 @@
 """Streams of parts of the tree, for mirrors that do not want all of it (`wire.Interest`).
 
 An interest is read from the tree itself (`InterestReader`), so commits pay nothing for it. One
-thread looks at the versions of the frames of all interests once a millisecond, and publishes what
-is new of those that have changed; of thinned ones when their time has come. All mirrors with the
-same interest share one stream. It works as the commit stream does: numbered messages, heartbeats,
-and the latest messages kept for mirrors that missed some.
+thread looks at the versions of the frames of all interests every few milliseconds, and publishes
+what is new of those that have changed; of thinned ones when their time has come. After a message,
+changes are gathered for as long as the interest allows: at a sensor's rate, a message for each
+change would cost more than what is in it. All mirrors with the same interest share one stream. It
+works as the commit stream does: numbered messages, heartbeats, and the latest messages kept for
+mirrors that missed some.
 
 An interest ends some time after nobody listens to it any more, or when the clients that asked for
 it have gone.
@@ -33,8 +35,9 @@ from .stream import HEARTBEAT_S
 
 log = logging.getLogger("zenoh_tf.server")
 
-#: The versions of frames are compared so often: the least time between two messages.
-_PERIOD_S: Final = 0.001
+#: The versions of frames are compared so often, and at least four times in an interest's delay.
+_LEAST_PERIOD_S: Final = 0.001
+_PERIOD_S: Final = 0.01
 #: New interests, and listeners that come and go, are noticed within this time.
 _WAIT_S: Final = 0.05
 #: After a change, the number of the last commit is told this soon, as someone may wait for it.
@@ -56,6 +59,7 @@ class _Interest:
     ) -> None:
         self.wanted = interest
         self.period_s = interest.period_ns / 1e9
+        self.delay_s = interest.delay_ns / 1e9
         self.reader = InterestReader(tree, list(interest.pairs), bool(interest.period_ns))
         self.recent = RecentMessages(limits.interest_bytes)
         self.clients: set[str] = set()
@@ -80,7 +84,11 @@ class _Interest:
         """When the next message is due if nothing changes."""
         if self.period_s:
             return min(self._told_s + self.period_s, self._put_s + HEARTBEAT_S)
-        return self._put_s + (_SOON_S if self._has_changed else HEARTBEAT_S)
+        return self._put_s + (max(_SOON_S, self.delay_s) if self._has_changed else HEARTBEAT_S)
+
+    def gathers_until_s(self) -> float:
+        """When the next message may have changes."""
+        return self._told_s + self.delay_s
 
     def snapshot(self, room: int, settings: wire.TreeSettings) -> wire.SnapshotPlan:
         """All that there is; what of it is new is published, so that the stream goes on from it."""
@@ -273,28 +281,38 @@ class Interests:
                 log.exception("internal error in the streams of interests")
                 time.sleep(HEARTBEAT_S)
 
-    def _publish(self, until_s: float) -> None:
+    def _publish(self, next_sweep_s: float) -> None:
         """Wait until something is to be published, and publish it."""
         with self._lock:
             heard = [one for one in self._interests.values() if one.unheard_since_s is None]
             if not heard:
                 is_empty = not self._interests
         if not heard:
-            self._changed.wait(None if is_empty else max(until_s - time.monotonic(), 0))
+            self._changed.wait(None if is_empty else max(next_sweep_s - time.monotonic(), 0))
             return
-        watched = [one for one in heard if not one.period_s]
-        left_s = min(one.due_s() for one in heard) - time.monotonic()
-        readers = [one.reader for one in watched]
-        changed = wait_for_changes(readers, _PERIOD_S, min(max(left_s, 0), _WAIT_S))
+        now_s = time.monotonic()
+        ready: list[_Interest] = []  # to be published as soon as they change
+        until_s = now_s + _WAIT_S
+        for one in heard:
+            until_s = min(until_s, one.due_s())
+            if not one.period_s:
+                if one.gathers_until_s() <= now_s:
+                    ready.append(one)
+                else:
+                    until_s = min(until_s, one.gathers_until_s())
+        readers = [one.reader for one in ready]
+        delay_s = min((one.delay_s for one in ready), default=0.0)
+        period_s = min(max(_LEAST_PERIOD_S, delay_s / 4), _PERIOD_S) if ready else _WAIT_S
+        changed = wait_for_changes(readers, period_s, max(until_s - now_s, 0))
         begin_s = time.monotonic()
         due = (one for one in heard if one.due_s() <= begin_s)
         told: set[int] = set()
-        for interest in itertools.chain((watched[i] for i in changed), due):
+        for interest in itertools.chain((ready[i] for i in changed), due):
             if id(interest) not in told:
                 told.add(id(interest))
                 self._tell(interest)
         if told:
-            time.sleep(max(_PERIOD_S, _REST * (time.monotonic() - begin_s)))
+            time.sleep(max(_LEAST_PERIOD_S, _REST * (time.monotonic() - begin_s)))
 
     def _tell(self, interest: _Interest) -> None:
         try:

@@ -12,8 +12,8 @@
 //
 // Thread safety: all functions, from any thread.
 // Invariants
-// 1. Whoever applies what read() returns as `changes`, one after another, to what an earlier read()
-//    returned as `all`, has the tree's state as of the later one, in the frames that it has.
+// 1. A mirror that was given `all` of one read, and applies the `changes` of all later ones in
+//    order, has the tree's state as of the last one, in the frames on the ways.
 // 2. All commits up to Result::seq are in the state. Later ones may be, each as a whole.
 #pragma once
 

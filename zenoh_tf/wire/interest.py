@@ -23,16 +23,22 @@ class Interest:
     pairs: tuple[tuple[str, str], ...]
     #: Only the newest samples, once in so many nanoseconds; 0: all samples, at once.
     period_ns: int = 0
+    #: How long the server may gather changes.
+    delay_ns: int = 0
 
     @classmethod
-    def of(cls, pairs: Iterable[tuple[str, str]], period_ns: int = 0) -> Interest:
+    def of(
+        cls, pairs: Iterable[tuple[str, str]], period_ns: int = 0, delay_ns: int = 0
+    ) -> Interest:
         """The same for all orders of the pairs and within them."""
-        return cls(tuple(sorted({(min(pair), max(pair)) for pair in pairs})), period_ns)
+        ordered = {(min(pair), max(pair)) for pair in pairs}
+        return cls(tuple(sorted(ordered)), period_ns, delay_ns)
 
     @property
     def id(self) -> str:
         """Names the stream."""
-        data: bytes = msgpack.packb([[list(pair) for pair in self.pairs], self.period_ns])
+        pairs = [list(pair) for pair in self.pairs]
+        data: bytes = msgpack.packb([pairs, self.period_ns, self.delay_ns])
         return hashlib.blake2b(data, digest_size=_ID_BYTES).hexdigest()
 
     def fields(self) -> Message:
@@ -46,6 +52,7 @@ class Interest:
             "target": raw(columns[:, 0], U32),
             "source": raw(columns[:, 1], U32),
             "period_ns": self.period_ns,
+            "delay_ns": self.delay_ns,
         }
 
 
@@ -58,10 +65,11 @@ def parse_interest(body: Message) -> Interest | None:
     target = indexes(fields, "target", None, len(names))
     source = indexes(fields, "source", target.size, len(names))
     period_ns = integer(fields, "period_ns", 0, low=0)
+    delay_ns = integer(fields, "delay_ns", 0, low=0)
     pairs = [(names[a], names[b]) for a, b in zip(target.tolist(), source.tolist(), strict=True)]
     if not period_ns and not pairs:
         raise malformed("target", "not empty, or a period_ns")
-    interest = Interest.of(pairs, period_ns)
+    interest = Interest.of(pairs, period_ns, delay_ns)
     if text(fields, "id") != interest.id:
         raise malformed("id", "the digest of the interest")
     return interest
