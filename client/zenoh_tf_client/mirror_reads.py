@@ -38,6 +38,13 @@ TAKEN: Final = (
     "explain",
 )
 
+#: Those that may ask the server instead.
+LATEST: Final = (
+    "lookup_latest_transform",
+    "lookup_latest_transform_xact",
+    "lookup_latest_transforms_xact",
+)
+
 
 class MirrorReads(ABC):
     """A base of `Mirror`, which has the tree."""
