@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from zenoh_tf.doctor import RecordedFacts, diagnose
+from zenoh_tf.doctor import Columns, RecordedFacts, diagnose
 
 from .recorded import needs_recording, transforms
 
 S = 10**9
 Q = (0.0, 0.0, 0.0, 1.0)
-
-
-class Columns(NamedTuple):
-    names: list[str]
-    parent: NDArray[np.uint32]
-    child: NDArray[np.uint32]
-    stamp: NDArray[np.int64]
-    pose: NDArray[np.float64]
 
 
 Row = tuple[str, str, float, tuple[float, ...]]

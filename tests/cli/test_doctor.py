@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from .conftest import Run, document, succeeds
+from ..recorded import RUN, needs_recording
+from .conftest import Run, document, refusal, succeeds
 
 
 @pytest.mark.usefixtures("chain")
@@ -53,9 +55,24 @@ def test_what_a_server_refused(run_here: Run, client: TransformClient) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--for", "-1"), ("--for", "soon"), ("--ignore", "TF999"), ("surplus",)]
+    "arguments", [("--for", "-1"), ("--for", "soon"), ("--ignore", "TF999"), ("a.mcap", "surplus")]
 )
 def test_wrong_usage(command: Run, arguments: tuple[str, ...]) -> None:
     done = command("doctor", *arguments)
     assert done.returncode == 2
     assert done.stdout == ""
+
+
+@needs_recording
+def test_a_recording(command: Run) -> None:
+    """The simulator of this run stood still for more than a second, now and then."""
+    done = command("doctor", str(RUN), "--json")
+    assert done.returncode == 3
+    found = json.loads(done.stdout)
+    assert (found["tree"], found["file"]) == (None, str(RUN))
+    assert {finding["id"] for finding in found["findings"]} == {"TF105"}
+    assert "base_link" in {finding["subject"] for finding in found["findings"]}
+
+
+def test_a_file_that_is_no_recording(command: Run, tmp_path: Path) -> None:
+    assert "no such file" in refusal(command("doctor", str(tmp_path / "none.mcap")))

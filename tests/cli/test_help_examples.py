@@ -6,6 +6,7 @@ import argparse
 import re
 import shlex
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +31,7 @@ def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
     return [shlex.split(line, comments=True) for line in lines]
 
 
+PAGE = Path(__file__).resolve().parents[2] / "docs/commands.md"
 ALL = {parser.prog: parser for parser in commands(_parser())}
 #: These have tests of their own, which make the files and servers that they need.
 ELSEWHERE = ("calibration", "certificates", "replay")
@@ -41,6 +43,7 @@ RUNNABLE = sorted(
         for prog, parser in ALL.items()
         if prog.split()[1] not in ELSEWHERE
         for line in examples(parser)
+        if not line[-1].endswith(".mcap")
     ),
     key=lambda line: LAST.index(line[0]) if line[0] in LAST else -1,
 )
@@ -61,7 +64,20 @@ def test_no_command_is_left_out() -> None:
 
 
 def test_the_examples_run(robot: TransformClient, command: Run) -> None:
-    for line in RUNNABLE:
+    run_all(RUNNABLE, command)
+
+
+def test_the_page_about_commands(robot: TransformClient, command: Run) -> None:
+    """Its lines run in order, and it names every command."""
+    text = PAGE.read_text()
+    blocks = "".join(re.findall(r"```sh\n(.*?)```", text, re.S))
+    lines = [shlex.split(line, comments=True)[1:] for line in blocks.splitlines()]
+    run_all(lines, command)
+    assert {prog.split()[1] for prog in ALL} <= set(re.findall(r"zenoh-tf (\w+)", text))
+
+
+def run_all(lines: list[list[str]], command: Run) -> None:
+    for line in lines:
         endless = line[0] in ("echo", "monitor", "top") and "--count" not in line
         ended = command(*line, *(["--count", "1"] if endless else []))
         if line[0] == "doctor":  # the samples of this tree are ahead of the clock

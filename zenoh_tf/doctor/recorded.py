@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from zenoh_tf.tree import TransformTree
 _CACHE_S: Final = 10.0
 
 
-class Columns(Protocol):
+class Columns(NamedTuple):
     """The transforms of one message, a row for each.
 
     Attributes:
@@ -28,16 +28,11 @@ class Columns(Protocol):
         pose: (n, 7) x y z qx qy qz qw of child in parent, as received.
     """
 
-    @property
-    def names(self) -> list[str]: ...
-    @property
-    def parent(self) -> NDArray[np.uint32]: ...
-    @property
-    def child(self) -> NDArray[np.uint32]: ...
-    @property
-    def stamp(self) -> NDArray[np.int64]: ...
-    @property
-    def pose(self) -> NDArray[np.float64]: ...
+    names: list[str]
+    parent: NDArray[np.uint32]
+    child: NDArray[np.uint32]
+    stamp: NDArray[np.int64]
+    pose: NDArray[np.float64]
 
 
 class RecordedFacts:

@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import textwrap
 import time
+from pathlib import Path
 from typing import Final
 
-from zenoh_tf.doctor import CATALOGUE, Finding, Gaps, LinkFacts, TreeFacts, diagnose
+from zenoh_tf._core import columns_of
+from zenoh_tf.doctor import (
+    CATALOGUE,
+    Columns,
+    Finding,
+    Gaps,
+    LinkFacts,
+    RecordedFacts,
+    TreeFacts,
+    diagnose,
+)
 from zenoh_tf.text import printable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import FAULT_FOUND
 from zenoh_tf_client.cli.numbers import seconds_or_zero
+from zenoh_tf_client.cli.progress import Progress
+from zenoh_tf_client.cli.recording import open_recording
 from zenoh_tf_client.cli.records import frame_infos
 from zenoh_tf_client.cli.types import Commands, examples
 
@@ -26,10 +40,20 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common],
         help="find faults: two publishers, stopped links, clocks that are off",
         description="Look at the tree for some seconds and print each known fault that it has, "
-        "with the evidence and what to do. Exit code 3 if there are any.",
+        "with the evidence and what to do; or read a recording. Exit code 3 if there are any.",
         **examples(
-            "zenoh-tf doctor", "zenoh-tf doctor --for 1 --ignore TF301", "zenoh-tf doctor --json"
+            "zenoh-tf doctor",
+            "zenoh-tf doctor --for 1 --ignore TF301",
+            "zenoh-tf doctor --json",
+            "zenoh-tf doctor drive.mcap",
         ),
+    )
+    doctor.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        type=Path,
+        help="a recording (MCAP, ROS 2 folder, ROS 1 bag) to look at instead of a server",
     )
     doctor.add_argument(
         "--for",
@@ -51,13 +75,17 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _doctor(args: argparse.Namespace) -> int:
-    with connect(args) as tf:
-        facts = _observe(tf, args.observe_s)
+    if args.file is not None:
+        facts = _recorded(args.file)
+    else:
+        with connect(args) as tf:
+            facts = _observe(tf, args.observe_s)
     findings = diagnose(facts, args.ignore)
     if args.json:
         output.print_json(
             {
-                "tree": args.tree,
+                "tree": args.tree if args.file is None else None,
+                "file": None if args.file is None else str(args.file),
                 "frames": len(facts.frames),
                 "observed_s": round(facts.observed_s, 3),
                 "findings": [finding.document() for finding in findings],
@@ -66,6 +94,21 @@ def _doctor(args: argparse.Namespace) -> int:
     else:
         print(_text(findings, len(facts.frames)))
     return FAULT_FOUND if findings else 0
+
+
+def _recorded(path: Path) -> TreeFacts:
+    facts = RecordedFacts()
+    with (
+        open_recording(path) as recording,
+        Progress(recording.message_count, "messages") as progress,
+    ):
+        for number, message in enumerate(recording.messages(), start=1):
+            columns = Columns(*columns_of(message.transforms))
+            facts.add(message.log_ns, message.topic, message.static, columns)
+            progress.to(number)
+    if recording.skipped:
+        print(f"zenoh-tf: {recording.skipped:,} transforms are not valid", file=sys.stderr)
+    return facts.facts()
 
 
 def _observe(tf: TransformClient, observe_s: float) -> TreeFacts:
