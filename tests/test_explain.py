@@ -111,6 +111,14 @@ def test_a_time_ahead_of_the_clock(tree: TransformTree) -> None:
     assert "2.0 s ahead of this machine's clock" in found.advice[0]
 
 
+@pytest.mark.parametrize("at_s", [-1e9, 1e8])
+def test_a_time_of_another_clock(tree: TransformTree, at_s: float) -> None:
+    """The classic: simulated transforms, and the time of the machine, or the other way round."""
+    found = explained(tree, "map", "camera", at_s)
+    (advice,) = found.advice
+    assert "are of different clocks" in advice
+
+
 def test_a_single_sample(tree: TransformTree) -> None:
     assert explained(tree, "base", "arm").possible
     found = explained(tree, "base", "arm", 8.5)

@@ -15,7 +15,7 @@ from zenoh_tf.explanation import Explanation, LinkReport
 from zenoh_tf.frame_info import FrameInfo
 from zenoh_tf.similar import did_you_mean
 from zenoh_tf.text import quoted
-from zenoh_tf.times import age, reference_ns, seconds
+from zenoh_tf.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
 __all__ = ["explain", "is_connected", "is_stopped"]
 
@@ -211,6 +211,11 @@ def _unconnected(found: Explanation, names: Collection[str]) -> Explanation:
     return replace(found, error="ConnectivityException", reasons=(reason,), advice=tuple(advice))
 
 
+_OTHER_CLOCK: Final = (
+    "The time asked for and the stamps of the chain are of different clocks, such as this "
+    "machine's and a simulation's: take the time from where the transforms take theirs "
+    "(use_sim_time in ROS)."
+)
 _ERRORS: Final = {
     "too_new": "ForwardExtrapolationException",
     "too_old": "BackwardExtrapolationException",
@@ -237,9 +242,13 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
                 f"as static. Else check that {_publisher(link)} goes on sending."
             )
     too_old = [link for link in failing if link.problem == "too_old"]
-    if too_old:
+    if (worst.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
+        advice = [_OTHER_CLOCK]
+    elif too_old:
         advice.append(_too_late(max(too_old, key=lambda link: link.off_by_ns or 0)))
-    if any(link.problem == "too_new" and not link.stopped for link in failing):
+    if _OTHER_CLOCK not in advice and any(
+        link.problem == "too_new" and not link.stopped for link in failing
+    ):
         advice.append(_too_early(found, reference))
     stopped = [link for link in found.links if link.stopped]
     reasons += [_stopped(link, found.by_clock) for link in stopped]
