@@ -7,8 +7,8 @@ import sys
 import textwrap
 import time
 from pathlib import Path
-from typing import Final
 
+from zenoh_tf import FrameInfo
 from zenoh_tf._core import columns_of
 from zenoh_tf.doctor import (
     CATALOGUE,
@@ -28,10 +28,8 @@ from zenoh_tf_client.cli.errors import FAULT_FOUND
 from zenoh_tf_client.cli.numbers import seconds_or_zero
 from zenoh_tf_client.cli.progress import Progress
 from zenoh_tf_client.cli.recording import open_recording
-from zenoh_tf_client.cli.records import frame_infos
+from zenoh_tf_client.cli.records import watch_frames
 from zenoh_tf_client.cli.types import Commands, examples
-
-_POLL_S: Final = 0.1
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -113,15 +111,13 @@ def _recorded(path: Path) -> TreeFacts:
 
 def _observe(tf: TransformClient, observe_s: float) -> TreeFacts:
     start_s = time.monotonic()
-    before = {frame.name: frame for frame in frame_infos(tf)}
     gaps = Gaps()
-    gaps.saw(before.values(), start_s)
-    now = before
-    while (left_s := start_s + observe_s - time.monotonic()) > 0:
-        time.sleep(min(_POLL_S, left_s))
-        asked_s = time.monotonic()
-        now = {frame.name: frame for frame in frame_infos(tf)}
-        gaps.saw(now.values(), asked_s)
+    before: dict[str, FrameInfo] = {}
+    now: dict[str, FrameInfo] = {}
+    for asked_s, frames in watch_frames(tf, observe_s):
+        gaps.saw(frames, asked_s)
+        now = {frame.name: frame for frame in frames}
+        before = before or now
     links = [
         LinkFacts(frame, before.get(name) if observe_s else None, gaps.longest_s(name))
         for name, frame in now.items()

@@ -11,12 +11,10 @@ from zenoh_tf import AuthorityInfo, FrameInfo
 from zenoh_tf.explain import is_stopped
 from zenoh_tf.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.records import frame_infos
+from zenoh_tf_client.cli.records import watch_frames
 
 #: The bits of a version below the number of commits (zenoh_tf/core/lock_words.hpp).
 _VERSIONS_PER_COMMIT: Final = 4
-#: How often the ages are looked at.
-_POLL_S: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -64,21 +62,18 @@ class Period:
 def watch(tf: TransformClient, period_s: float) -> Period:
     """Look at a tree for a period."""
     start_s = time.monotonic()
-    before = {frame.name: frame for frame in frame_infos(tf)}
     publishers = {each.name: each for each in tf.authorities()}
     ages: dict[str, list[float]] = {}
-    now = before
-    while True:
+    before: dict[str, FrameInfo] = {}
+    now: dict[str, FrameInfo] = {}
+    for _, frames in watch_frames(tf, period_s):
         clock_ns = time.time_ns()
-        for frame in now.values():
+        for frame in frames:
             age_s = frame.delay_s(clock_ns)
             if age_s is not None and abs(age_s) <= CLOCK_RANGE_S:
                 ages.setdefault(frame.name, []).append(age_s)
-        left_s = start_s + period_s - time.monotonic()
-        if left_s <= 0:
-            break
-        time.sleep(min(_POLL_S, left_s))
-        now = {frame.name: frame for frame in frame_infos(tf)}
+        now = {frame.name: frame for frame in frames}
+        before = before or now
     seconds = time.monotonic() - start_s
     stamps = [f.newest_stamp_ns for f in now.values() if not f.static and f.newest_stamp_ns]
     reference, _ = reference_ns(stamps, time.time_ns())

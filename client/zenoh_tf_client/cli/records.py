@@ -1,7 +1,9 @@
-"""Reads the records of all frames."""
+"""Reads the records of all frames, once or for some time."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from typing import Final
 
 from zenoh_tf import FrameInfo, LookupException
@@ -9,6 +11,10 @@ from zenoh_tf_client import TransformClient
 
 #: Frames of one request.
 _FRAMES_AT_ONCE: Final = 1000
+#: The pause between two readings: at least so long, and so many times as long as a reading took, so
+#: that a large tree's server has time for others.
+_PAUSE_S: Final = 0.1
+_PAUSES: Final = 4
 
 
 def frame_infos(tf: TransformClient) -> list[FrameInfo]:
@@ -23,3 +29,18 @@ def frame_infos(tf: TransformClient) -> list[FrameInfo]:
             if not isinstance(handle.exception(), LookupException):
                 found.append(handle.result())
     return found
+
+
+def watch_frames(tf: TransformClient, for_s: float) -> Iterator[tuple[float, list[FrameInfo]]]:
+    """Yield the records again and again, with the monotonic time when they were asked for: at the
+    beginning, at the end, and in between. With 0 seconds, once."""
+    end_s = time.monotonic() + for_s
+    while True:
+        asked_s = time.monotonic()
+        frames = frame_infos(tf)
+        took_s = time.monotonic() - asked_s
+        yield asked_s, frames
+        left_s = end_s - time.monotonic()
+        if left_s <= 0:
+            return
+        time.sleep(min(max(_PAUSE_S, _PAUSES * took_s), left_s))
