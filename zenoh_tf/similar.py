@@ -10,7 +10,7 @@ from zenoh_tf.text import quoted
 __all__ = ["did_you_mean", "similar", "spelling"]
 
 #: Names that are compared letter by letter, which takes some 10 us each.
-_MAX_COMPARED = 5_000
+_MAX_COMPARED = 20_000
 
 
 def spelling(name: str) -> str:
