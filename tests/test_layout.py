@@ -22,7 +22,10 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 EXTRAS = {
     "cryptography": "zenoh_tf_client",
     "prometheus_client": "zenoh_tf_server",
-    "rosbags": "zenoh_tf_client",
+    "foxglove_schemas_protobuf": "zenoh_tf",
+    "mcap": "zenoh_tf",
+    "mcap_protobuf": "zenoh_tf",
+    "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "xxhash": "zenoh_tf",
 }
