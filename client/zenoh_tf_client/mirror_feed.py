@@ -32,7 +32,7 @@ from zenoh_tf.errors import (
     TimeoutException,
     TransformException,
 )
-from zenoh_tf.mirroring import Mirroring, Request
+from zenoh_tf.mirroring import Mirroring, Observer, Request
 
 from .connection import Connection
 from .publisher import undeclare_unless_closed
@@ -82,7 +82,10 @@ class MirrorFeed:
     """Keeps a `Mirroring` up to date, from construction to `close`."""
 
     def __init__(
-        self, connection: Connection, on_copy: Callable[[TransformTree | None], None]
+        self,
+        connection: Connection,
+        on_copy: Callable[[TransformTree | None], None],
+        observer: Observer | None = None,
     ) -> None:
         """Begin to listen. `on_copy` is told each new copy of the tree, and None at the end.
 
@@ -92,7 +95,7 @@ class MirrorFeed:
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring()
+        self._mirroring = Mirroring(observer=observer)
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
         self._closed = False

@@ -30,6 +30,7 @@ from zenoh_tf_client.cli import (
     lookups,
     output,
     query,
+    record,
     replay,
     stamps,
     view,
@@ -143,7 +144,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (lookups, view, write, calibration, query, replay, certificates):
+    for family in (lookups, view, write, calibration, query, record, replay, certificates):
         family.add(commands, common)
     return parser
 
