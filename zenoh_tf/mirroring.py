@@ -72,7 +72,11 @@ class Observer(Protocol):
         """Changes, after all frames of the snapshot. Some may be in the snapshot already."""
 
 
-def make_tree(settings: wire.TreeSettings) -> TransformTree:
+#: Makes an empty tree with the settings of a server's, for the copy of an instance.
+MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
+
+
+def make_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
     """An empty tree with the settings of a server's."""
     return TransformTree(
         settings.cache_ns / 1e9,
@@ -140,7 +144,7 @@ class Mirroring:
 
     def __init__(
         self,
-        make_tree: Callable[[wire.TreeSettings], TransformTree] = make_tree,
+        make_tree: MakeTree = make_tree,
         max_waiting_bytes: int = MAX_WAITING_BYTES,
         observer: Observer | None = None,
     ) -> None:
@@ -290,7 +294,8 @@ class Mirroring:
         return Request(operation, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
-        self._next = _Copy(instance, plan, self._make_tree(plan.settings), self._observer)
+        tree = self._make_tree(plan.settings, instance)
+        self._next = _Copy(instance, plan, tree, self._observer)
         self._snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]

@@ -24,13 +24,14 @@ import numpy as np
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.recordings.blocks import join, slice_rows, take_rows, with_own_names
 from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf.wire.stream import CLEARED, NO_PARENT, REMOVED, STATIC
 
 from .client import TransformClient
-from .mirror_feed import MirrorFeed
+from .mirror_source import MirrorSource
 
 #: Most bytes of samples that wait for the disk. What comes then is dropped and counted.
 MAX_QUEUE_BYTES: Final = 256 << 20
@@ -93,7 +94,7 @@ class Recorder:
         self._snapshot: list[wire.Frames] = []  # its pieces
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
-        self._feed = MirrorFeed(client._connection, self._on_copy, self)
+        self._feed = MirrorFeed(MirrorSource(client._connection), self._on_copy, observer=self)
 
     # --- what its owner calls
 
@@ -150,7 +151,7 @@ class Recorder:
                 item = _Item(log_ns, bool(static[begin]), slice_rows(rows, begin, end))
                 self._put(item, may_wait=False)
 
-    def _on_copy(self, tree: TransformTree | None, *_: object) -> None:
+    def _on_copy(self, tree: TransformTree | None, instance: str) -> None:
         """The feed has a new copy of the tree, so the snapshot is complete; None at the end."""
         if tree is not None:
             self._end_snapshot()

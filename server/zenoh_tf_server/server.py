@@ -11,7 +11,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from typing import Literal
 
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, keys
 
 from . import network, operations, ros2, sharing, tree_claim
 from .abandoned_keys import AbandonedKeys
@@ -56,10 +56,14 @@ class Settings:
     state: StateSettings = field(default_factory=StateSettings)
     sharing: sharing.Settings = field(default_factory=sharing.Settings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)
+    replica_of: Sequence[str] = ()  # endpoints of the primary's network
 
 
 class Server:
     """Serves from construction to `close`. Raises NetworkError, StateError or TreeTaken."""
+
+    #: Of a replica: how old what is served may be, in seconds.
+    age_s: float | None = None
 
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
@@ -99,6 +103,8 @@ class Server:
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
             self.session = session
+            #: The key of a query family.
+            self.key = functools.partial(keys.operation, settings.tree)
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
             sockets = LinkSockets()
@@ -151,7 +157,7 @@ class Server:
             self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
-            workers.start(session, settings.tree)
+            workers.start(session, self.key)
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()
