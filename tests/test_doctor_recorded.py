@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from zenoh_tf.doctor import Columns, RecordedFacts, diagnose
+from zenoh_tf.doctor import RecordedFacts, diagnose
+from zenoh_tf.ros2.cdr import TfMessage
 
 from .recorded import needs_recording, transforms
 
@@ -15,10 +16,10 @@ Q = (0.0, 0.0, 0.0, 1.0)
 Row = tuple[str, str, float, tuple[float, ...]]
 
 
-def columns(*rows: Row) -> Columns:
+def columns(*rows: Row) -> TfMessage:
     """Rows of parent, child, stamp in seconds and quaternion."""
     names = sorted({name for row in rows for name in row[:2]})
-    return Columns(
+    return TfMessage(
         names,
         np.array([names.index(row[0]) for row in rows], np.uint32),
         np.array([names.index(row[1]) for row in rows], np.uint32),

@@ -6,11 +6,10 @@ so it serves an embedded tree, a server's and a recording alike.
 
 from zenoh_tf.doctor.catalogue import CATALOGUE, Fault, Finding, diagnose
 from zenoh_tf.doctor.facts import Gaps, LinkFacts, TreeFacts
-from zenoh_tf.doctor.recorded import Columns, RecordedFacts
+from zenoh_tf.doctor.recorded import RecordedFacts
 
 __all__ = [
     "CATALOGUE",
-    "Columns",
     "Fault",
     "Finding",
     "Gaps",

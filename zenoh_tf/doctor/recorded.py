@@ -4,35 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
+from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf.tree import TransformTree
 
 #: Seconds that the tree keeps: as a server by default.
 _CACHE_S: Final = 10.0
-
-
-class Columns(NamedTuple):
-    """The transforms of one message, a row for each.
-
-    Attributes:
-        names: Frames, each once.
-        parent: (n,) indexes into the names.
-        child: (n,) indexes into the names.
-        stamp: (n,) nanoseconds.
-        pose: (n, 7) x y z qx qy qz qw of child in parent, as received.
-    """
-
-    names: list[str]
-    parent: NDArray[np.uint32]
-    child: NDArray[np.uint32]
-    stamp: NDArray[np.int64]
-    pose: NDArray[np.float64]
 
 
 class RecordedFacts:
@@ -52,14 +35,14 @@ class RecordedFacts:
         self._first_ns: int | None = None
         self._last_ns = 0
 
-    def add(self, log_ns: int, topic: str, static: bool, rows: Columns) -> None:
+    def add(self, log_ns: int, topic: str, static: bool, rows: TfMessage) -> None:
         """Add a message.
 
         Args:
             log_ns: When it was recorded, nanoseconds.
             topic: Where it was sent.
             static: Its links hold at all times.
-            rows: Its transforms.
+            rows: Its transforms, with quaternions as received.
         """
         self._first_ns = log_ns if self._first_ns is None else self._first_ns
         self._last_ns = log_ns
@@ -102,7 +85,7 @@ class RecordedFacts:
         if newest is not None:
             self._longest_ns[frame] = max(self._longest_ns[frame], stamp_ns - newest)
 
-    def _commit(self, topic: str, static: bool, rows: Columns) -> None:
+    def _commit(self, topic: str, static: bool, rows: TfMessage) -> None:
         try:
             self._commit_rows(topic, static, rows, slice(None))
         except (InvalidArgumentException, LimitExceeded):
@@ -114,7 +97,7 @@ class RecordedFacts:
                     self._refused[topic] += 1
                     self._last_refusal[topic] = str(error)
 
-    def _commit_rows(self, topic: str, static: bool, rows: Columns, which: slice) -> None:
+    def _commit_rows(self, topic: str, static: bool, rows: TfMessage, which: slice) -> None:
         columns: list[Any] = [rows.parent[which], rows.child[which]]
         names, (parent, child) = _own_names(rows.names, columns)
         self._tree._commit_rows(

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import textwrap
 import time
 from pathlib import Path
 
 from zenoh_tf import FrameInfo
-from zenoh_tf._core import columns_of
 from zenoh_tf.doctor import (
     CATALOGUE,
-    Columns,
     Finding,
     Gaps,
     LinkFacts,
@@ -22,12 +19,11 @@ from zenoh_tf.doctor import (
 )
 from zenoh_tf.text import printable
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli import output
+from zenoh_tf_client.cli import output, recordings
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import FAULT_FOUND
 from zenoh_tf_client.cli.numbers import seconds_or_zero
 from zenoh_tf_client.cli.progress import Progress
-from zenoh_tf_client.cli.recording import open_recording
 from zenoh_tf_client.cli.records import watch_frames
 from zenoh_tf_client.cli.types import Commands, examples
 
@@ -51,7 +47,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         metavar="FILE",
         nargs="?",
         type=Path,
-        help="a recording (MCAP, ROS 2 folder, ROS 1 bag) to look at instead of a server",
+        help="a recording (MCAP, db3, ROS 1 bag) to look at instead of a server",
     )
     doctor.add_argument(
         "--for",
@@ -69,12 +65,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         choices=[fault.id for fault in CATALOGUE],
         help="a fault not to look for, such as TF301; repeatable",
     )
-    doctor.set_defaults(run=_doctor)
+    doctor.set_defaults(run=_doctor, topics=None)
 
 
 def _doctor(args: argparse.Namespace) -> int:
     if args.file is not None:
-        facts = _recorded(args.file)
+        facts = _recorded(args)
     else:
         with connect(args) as tf:
             facts = _observe(tf, args.observe_s)
@@ -94,18 +90,14 @@ def _doctor(args: argparse.Namespace) -> int:
     return FAULT_FOUND if findings else 0
 
 
-def _recorded(path: Path) -> TreeFacts:
+def _recorded(args: argparse.Namespace) -> TreeFacts:
     facts = RecordedFacts()
-    with (
-        open_recording(path) as recording,
-        Progress(recording.message_count, "messages") as progress,
-    ):
-        for number, message in enumerate(recording.messages(), start=1):
-            columns = Columns(*columns_of(message.transforms))
-            facts.add(message.log_ns, message.topic, message.static, columns)
-            progress.to(number)
-    if recording.skipped:
-        print(f"zenoh-tf: {recording.skipped:,} transforms are not valid", file=sys.stderr)
+    with recordings.opened(args) as recording:
+        with Progress(recording.message_count, "messages") as progress:
+            for number, message in enumerate(recording.messages(), start=1):
+                facts.add(message.log_ns, message.topic, message.static, message.rows)
+                progress.to(number)
+        recordings.warn(recording)
     return facts.facts()
 
 
