@@ -138,7 +138,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "no data": (lambda cloud: vars_of(cloud, data=array("B")), "data"),
     "wider than a row": (lambda cloud: vars_of(cloud, height=2), "data"),
     "rows that overlap": (
-        lambda cloud: [setattr(cloud, "height", 2), setattr(cloud, "row_step", 0)],
+        lambda cloud: vars_of(cloud, height=2, row_step=0),
         "data",
     ),
 }
