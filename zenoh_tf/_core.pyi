@@ -41,6 +41,9 @@ def columns_of(
     NDArray[np.float64],
 ]: ...
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
+# A ROS 2 TFMessage in CDR as (names, parent, child, stamp_ns, pose), see `zenoh_tf.ros2.cdr`; of a
+# malformed one the (field, what was expected).
+def decode_tf_message(message: bytes) -> tuple[Any, ...]: ...
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 
 class Budget:
