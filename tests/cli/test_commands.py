@@ -308,6 +308,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
         "replay",
         "reset",
         "set",
+        "urdf",
     }
     without_a_server = {"certificates"}
     of_actions = {"calibration"}

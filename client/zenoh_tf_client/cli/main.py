@@ -31,6 +31,7 @@ from zenoh_tf_client.cli import (
     query,
     replay,
     stamps,
+    urdf,
     view,
     write,
 )
@@ -142,7 +143,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, write, calibration, replay, certificates):
+    for family in (query, view, write, urdf, calibration, replay, certificates):
         family.add(commands, common)
     return parser
 
