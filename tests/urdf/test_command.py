@@ -52,7 +52,8 @@ def test_fixed_joints_become_static_links(tf: TransformClient) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == [
         "arm: 3 joints stored as static, root frame r1/base",
-        "7 joints that move: pan, elbow, slide, roll, left, right, knuckle_joint",
+        "7 joints that move with --joint-states: "
+        "pan, elbow, slide, roll, left, right, knuckle_joint",
     ]
     frame = tf.frame("r1/camera_optical")
     assert (frame.parent, frame.static, frame.authority) == ("r1/camera", True, "arm")
