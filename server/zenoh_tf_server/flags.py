@@ -14,6 +14,7 @@ from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
 from . import config_file, future_stamps, limits, logs, operations, security, sharing, state
+from .ros2 import settings as ros2
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -60,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
     future_stamps.add_flags(flags)
     state.add_flags(flags)
     sharing.add_flags(flags)
+    ros2.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -121,6 +123,7 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
         flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
     state.check(flags, options)
     sharing.check(flags, options)
+    ros2.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -152,4 +155,5 @@ def settings(options: argparse.Namespace) -> Settings:
         operations=operations.from_flags(options),
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
+        ros2=ros2.from_flags(options),
     )

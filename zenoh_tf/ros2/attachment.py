@@ -17,6 +17,13 @@ from typing import Final
 
 from ..errors import ProtocolError
 
+try:
+    import xxhash
+except ModuleNotFoundError:  # an optional extra
+    HAS_GIDS = False
+else:
+    HAS_GIDS = True
+
 _GID_BYTES: Final = 16
 _NOW: Final = struct.Struct("<qqB16s")
 #: With each field's name before it, and the name's length before that.
@@ -60,9 +67,7 @@ def encode(attachment: Attachment) -> bytes:
 def gid_of(token: str) -> bytes | None:
     """The id with which the publisher of a token marks its messages; None without the package
     `xxhash` (the extra ``zenoh-tf[ros2]``)."""
-    try:
-        import xxhash  # noqa: PLC0415 - an optional extra
-    except ModuleNotFoundError:
+    if not HAS_GIDS:
         return None
     digest: int = xxhash.xxh3_128_intdigest(token.encode())
     return digest.to_bytes(_GID_BYTES, "little")

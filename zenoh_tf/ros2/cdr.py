@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ def decode_tf_message(payload: bytes, max_rows: int = MAX_ROWS) -> TfMessage:
         LimitExceeded: It has more transforms; `field` is "rows".
     """
     if len(payload) > _HEADER + 4:
-        order = "big" if payload[1] == 0 else "little"
+        order: Literal["big", "little"] = "big" if payload[1] == 0 else "little"
         _check_rows(int.from_bytes(payload[_HEADER : _HEADER + 4], order), max_rows, len(payload))
     found = _decode_tf_message(payload)
     if len(found) == 2:

@@ -8,7 +8,7 @@ Two kinds of peers speak ROS 2 over Zenoh, and neither understands the other:
                          token   @/<zid>/@ros2_lv/MP/robot1§tf/tf2_msgs§msg§TFMessage/...
 
 A publisher that keeps its last messages for late subscribers (`/tf_static`) has one more token,
-`<data key>/@adv/pub/<zid>/<id>/_`. Whoever asks there gets the messages.
+`<data key>/@adv/pub/<zid>/<id>/_`. A query of that key is answered with the messages.
 
 Thread safety: all functions.
 """
