@@ -4,7 +4,7 @@ from array import array
 from dataclasses import dataclass, field
 from typing import Any
 
-from geometry_msgs.msg import Header  # type: ignore[import-not-found]
+from geometry_msgs.msg import Header
 
 
 @dataclass(slots=True)
