@@ -117,10 +117,14 @@ print(p.header.frame_id, p.header.stamp.secs, p.header.stamp.nsecs, p.pose.pose.
 """
 
 ENDS_AT_ONCE = """
-from zenoh_tf_client.tf2 import Buffer, Time, TransformBroadcaster, TransformStamped
+from zenoh_tf_client.tf2 import (
+    Buffer, MessageFilter, Time, TransformBroadcaster, TransformStamped
+)
 
 sent = TransformStamped()
 sent.header.frame_id, sent.header.stamp, sent.child_frame_id = "port", Time(1), "ship"
+held = MessageFilter(None, Buffer(), "never", 10)
+held.add(sent)
 waits = [Buffer().wait_for_transform_async("port", "never", Time()) for _ in range(3)]
 TransformBroadcaster().sendTransform(sent)
 """
