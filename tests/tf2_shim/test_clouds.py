@@ -134,6 +134,12 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "two of them": (lambda cloud: vars_of(cloud.fields[3], count=2), "z"),
     "no x": (lambda cloud: cloud.fields.pop(0), "x"),
     "outside of the point": (lambda cloud: vars_of(cloud.fields[3], offset=9), "z"),
+    "before the point": (lambda cloud: vars_of(cloud.fields[3], offset=-1), "z"),
+    "huge": (lambda cloud: vars_of(cloud, width=2**31, height=2**31), "data"),
+    "points without size": (
+        lambda cloud: vars_of(cloud, width=2**31, height=2**31, point_step=0, row_step=0),
+        "x",
+    ),
     "too short": (lambda cloud: cloud.data.pop(), "data"),
     "no data": (lambda cloud: vars_of(cloud, data=array("B")), "data"),
     "wider than a row": (lambda cloud: vars_of(cloud, height=2), "data"),

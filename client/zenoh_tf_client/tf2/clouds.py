@@ -80,10 +80,10 @@ def _coordinates(cloud: Any, data: NDArray[np.uint8]) -> list[NDArray[np.float32
                 field=name,
                 value=field.datatype,
             )
-        if field.offset + _FLOAT32_BYTES > cloud.point_step:
+        if not 0 <= field.offset <= cloud.point_step - _FLOAT32_BYTES:
             raise InvalidArgumentException(
-                f"field {name!r} of the cloud ends at byte {field.offset + _FLOAT32_BYTES} of "
-                f"points of {cloud.point_step} bytes",
+                f"field {name!r} of the cloud is at byte {field.offset} of points of "
+                f"{cloud.point_step} bytes",
                 field=name,
                 limit=cloud.point_step,
                 value=field.offset,
