@@ -24,8 +24,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 
 from ros2_robot import HASH, HUMBLE_HASH, TYPE, Node, open_session, tf_message
 
-MAX_ROWS = 1000
-
 
 class Bridge:
     """zenoh-bridge-ros2dds: keys without domain and type, no attachments."""
@@ -117,13 +115,18 @@ class Peer:
     def close_node(self, name: str) -> None:
         del self._nodes[name]
 
+    def reliable(self, name: str) -> None:
+        """Let a node's /tf wait where it would drop."""
+        tf = self._nodes[name]._tf
+        tf.publisher.undeclare()
+        tf.publisher = self._session.declare_publisher(
+            tf.key, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+
     def burst(self, name: str, messages: int, rows: int) -> None:
         """Send messages of as many rows, as fast as possible; none is dropped here."""
+        self.reliable(name)
         node, stamp_ns = self._nodes[name], time.time_ns()
-        node._tf.publisher.undeclare()
-        node._tf.publisher = self._session.declare_publisher(
-            node._tf.key, congestion_control=zenoh.CongestionControl.BLOCK
-        )
         for number in range(messages):
             stamp = stamp_ns + 1000 * number
             node.send([("map", f"part_{row}", stamp, (1, 2, 3, 0, 0, 0, 1)) for row in range(rows)])
