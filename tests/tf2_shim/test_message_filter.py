@@ -186,6 +186,12 @@ REFUSED: dict[str, Refused] = {
         tf2.InvalidArgumentException,
         "no frame",
     ),
+    "no text": (
+        lambda buffer: point(1, 5),  # type: ignore[arg-type]
+        FilterFailureReason.UNKNOWN,
+        tf2.InvalidArgumentException,
+        "must be a str",
+    ),
     "a wrong name": (
         lambda buffer: point(1, "/base"),
         FilterFailureReason.UNKNOWN,
@@ -207,6 +213,14 @@ def test_what_cannot_come_is_dropped_at_once(
     assert (got, given, type(raised)) == (message, reason, error)
     assert text in str(raised)
     assert held.stats()[reason.name.lower()] == 1
+
+
+def test_what_is_no_message_is_the_callers_error(make: Any) -> None:
+    held = make()
+    for message in (None, msg.PointStamped(header=msg.Header(stamp="now", frame_id="base"))):
+        with pytest.raises((AttributeError, TypeError)):
+            held.add(message)
+    assert held.stats()["received"] == held.stats()["held"] == 0
 
 
 def test_a_time_out(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:

@@ -57,6 +57,9 @@ def test_fixed_joints_become_static_links(tf: TransformClient) -> None:
     ]
     frame = tf.frame("r1/camera_optical")
     assert (frame.parent, frame.static, frame.authority) == ("r1/camera", True, "arm")
+    for prefix, authority in (("", "urdf"), ("/r2/", "urdf/r2")):
+        assert run(ARM, "--connect", tf.endpoint, "--prefix", prefix).returncode == 0
+        assert tf.frame(f"{prefix.strip('/')}/camera".lstrip("/")).authority == authority
     shift = tf.lookup_transform("r1/base", "r1/shoulder").transform.translation
     assert shift.tolist() == [0.0, 0.0, 0.4]
 

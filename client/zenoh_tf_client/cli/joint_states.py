@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from typing import Final, NoReturn
 
-from zenoh_tf.text import printable
+from zenoh_tf.text import printable, quoted
 from zenoh_tf_client.urdf.joint_states import JointStateFeed
 from zenoh_tf_client.urdf.kinematics import JointTransforms
 
@@ -64,9 +64,13 @@ def _problems(
         ("no_positions", "messages without positions are dropped"),
         ("no_stamp", "messages without a time (stamp 0) are dropped"),
         ("not_sent", f"messages are dropped: {feed.last_error}"),
-        ("unknown_joints", "joints that are not in the file are left out"),
-        ("not_numbers", "joints whose position is NaN or infinite are left out"),
-        ("beyond_limits", "positions beyond a joint's limits are published all the same"),
+        ("unknown_joints", "joints that the file has not are left out, such as"),
+        ("not_numbers", "positions that are NaN or infinite are left out, such as that of"),
+        (
+            "beyond_limits",
+            "positions beyond the limits are published all the same, such as that of",
+        ),
     ):
         if found[kind]:
-            yield kind, text
+            first = joints.first.get(kind)
+            yield kind, text if first is None else f"{text} {quoted(first)}"

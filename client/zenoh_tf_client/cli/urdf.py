@@ -58,7 +58,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="links that get no prefix, as several robots have them",
     )
     urdf.add_argument(
-        "--authority", metavar="NAME", default="urdf", help="name to publish as (default urdf)"
+        "--authority",
+        metavar="NAME",
+        help="name to publish as (default urdf, with a prefix urdf/PREFIX)",
     )
     urdf.add_argument(
         "--joint-states",
@@ -84,6 +86,8 @@ def _urdf(args: argparse.Namespace) -> int:
         robot = read(args.file)
     except OSError as error:
         raise CommandError(f"{args.file}: {error.strerror or error}") from error
+    if args.authority is None:
+        args.authority = "/".join(filter(None, ("urdf", args.prefix.strip("/"))))
     frame = FrameNames(args.prefix, filter(None, args.shared.split(",")))
     if args.only_print:
         _print(args, robot, frame, stored=False)

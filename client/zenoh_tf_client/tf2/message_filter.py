@@ -195,6 +195,8 @@ class TransformFilter:
         Args:
             message: Any message with a header.
         """
+        header = message.header
+        frame, stamp = header.frame_id, stamp_ns(header.stamp)
         held = _Held(message)
         oldest = None
         with self._changed:
@@ -212,15 +214,14 @@ class TransformFilter:
                 limit=self._queue_size,
             )
             self._report(oldest.message, FilterFailureReason.QUEUE_FULL, error)
-        header = message.header
-        if not header.frame_id:
+        if not frame:
             self._settle(
                 held, InvalidArgumentException("the message names no frame", field="frame_id")
             )
             return
         try:
             loop = wait_loop()
-            lookup = loop.start(self._wait(held, loop, header.frame_id, stamp_ns(header.stamp)))
+            lookup = loop.start(self._wait(held, loop, frame, stamp))
         except TransformException as unavailable:
             self._settle(held, unavailable)
             return

@@ -78,7 +78,7 @@ class _Plan:
     source: NDArray[np.intp]  # (n,) the position in the message that moves each of them
     multiplier: NDArray[np.float64]  # (n,)
     offset: NDArray[np.float64]  # (n,)
-    unknown: int
+    unknown: list[str]
     names: list[str]
     parent: NDArray[np.uint32]
     child: NDArray[np.uint32]
@@ -93,6 +93,8 @@ class JointTransforms:
         self._frame = frame
         self._plans: OrderedDict[tuple[str, ...], _Plan] = OrderedDict()
         self.counts = Counts()
+        #: The first joint that was counted, by the name of the counter.
+        self.first: dict[str, str] = {}
         turns = np.array([joint.kind != "prismatic" for joint in self._joints], bool)
         self._half_turn = np.where(turns, 0.5, 0.0)
         self._slide = np.where(turns, 0.0, 1.0)
@@ -129,24 +131,33 @@ class JointTransforms:
         plan = self._plan(tuple(names))
         counts = self.counts
         counts.messages += 1
-        counts.unknown_joints += plan.unknown
+        self._count("unknown_joints", plan.unknown)
         row = plan.row
         with np.errstate(over="ignore", invalid="ignore"):
             value = plan.multiplier * positions[plan.source] + plan.offset
         names_, parent, child = plan.names, plan.parent, plan.child
         finite = np.isfinite(value)
         if not finite.all():
-            counts.not_numbers += int(finite.size - np.count_nonzero(finite))
+            self._count("not_numbers", self._names(row[~finite]))
             row, value = row[finite], value[finite]
             names_, parent, child = self._columns(row)
         outside = (value < self._lower[row]) | (value > self._upper[row])
-        counts.beyond_limits += int(np.count_nonzero(outside))
+        if outside.any():
+            self._count("beyond_limits", self._names(row[outside]))
         counts.transforms += value.size
         half = (value * self._half_turn[row])[:, None]
         pose = np.empty((value.size, 7))
         pose[:, :3] = self._origin[row] + (value * self._slide[row])[:, None] * self._direction[row]
         pose[:, 3:] = self._turned[row] * np.sin(half) + self._rotation[row] * np.cos(half)
         return Moved(names_, parent, child, pose)
+
+    def _count(self, counter: str, joints: Sequence[str]) -> None:
+        if joints:
+            setattr(self.counts, counter, getattr(self.counts, counter) + len(joints))
+            self.first.setdefault(counter, joints[0])
+
+    def _names(self, rows: NDArray[np.intp]) -> list[str]:
+        return [self._joints[row].name for row in rows]
 
     def _plan(self, names: tuple[str, ...]) -> _Plan:
         plan = self._plans.get(names)
@@ -178,7 +189,7 @@ class JointTransforms:
             np.array(sources, np.intp),
             np.array(multipliers, np.float64),
             np.array(offsets, np.float64),
-            sum(name not in self._known for name in names),
+            [name for name in names if name not in self._known],
             *self._columns(at),
         )
 
