@@ -47,7 +47,8 @@ def tf_message(rows: Sequence[Row]) -> bytes:
 
 def rows_of(payload: bytes) -> list[Row]:
     """The rows of a tf2_msgs/TFMessage in CDR."""
-    (count,), at, rows = struct.unpack_from("<I", payload, 4), 8, []
+    (count,), at = struct.unpack_from("<I", payload, 4), 8
+    rows: list[Row] = []
     for _ in range(count):
         at += -(at - 4) % 4
         sec, nsec = struct.unpack_from("<iI", payload, at)

@@ -1,4 +1,5 @@
-# mypy: ignore-errors - the packages may be missing, and have no usable types
+# mypy: ignore-errors
+# The packages may be missing, and their types do not fit together.
 """A node of another project's ROS 2 package, in a process of its own.
 
     python tests/ros2/foreign.py pyzeros|sdk PORT
