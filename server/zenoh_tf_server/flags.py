@@ -111,6 +111,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         options.security = security.from_flags(options, options.access)
     except TransformException as error:
         flags.error(str(error))
+    if options.security.authenticates and not options.connect and ros2.from_flags(options).enabled:
+        flags.error(
+            "where clients must prove who they are, this server's router carries no ROS 2 keys: "
+            "join the robots' router with --connect"
+        )
     return options
 
 

@@ -114,7 +114,7 @@ def test_damaged_messages_of_ros_break_nothing() -> None:
             assert stats["puts"] + stats["bad_puts"] >= wanted[0]
             assert stats["bad_puts"] > MESSAGES // 20 and stats["puts"] > 100
             assert stats["dropped_by_queue"] == 0
-            # Who is right is heard beside it all.
+            # A good message is heard beside it all.
             good = message_of([("good", "frame", 5, [1.0, 0, 0, 0, 0, 0, 1])])
             key = KEYS[0].format(topic="tf", type=TF_MESSAGE.chunk, hash=TF_MESSAGE.hash)
             session.put(key, encode_tf_message(good))

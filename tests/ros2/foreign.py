@@ -1,3 +1,5 @@
+# mypy: ignore-errors
+# The packages may be missing, and their types do not fit together.
 """A node of another project's ROS 2 package, in a process of its own.
 
     python tests/ros2/foreign.py pyzeros|sdk PORT
@@ -35,7 +37,7 @@ def with_pyzeros(port: str) -> None:
 
     # No annotations as text: the package reads them when the class is made.
     @dataclass
-    class TFMessage(IdlStruct, typename="tf2_msgs/msg/TFMessage"):  # type: ignore[call-arg,misc]
+    class TFMessage(IdlStruct, typename="tf2_msgs/msg/TFMessage"):
         transforms: types.sequence[msgs.TransformStamped] = field(default_factory=list)
 
     async def run() -> None:
@@ -44,9 +46,10 @@ def with_pyzeros(port: str) -> None:
         async with afor.Scope():
             publisher = pyzeros.Pub(TFMessage, "/pyzeros/tf")
             subscriber = pyzeros.Sub(TFMessage, "/tf")
-            asyncio.ensure_future(publish(publisher))
+            publishing = asyncio.ensure_future(publish(publisher))
             async for message in subscriber.listen_reliable():
                 heard(message)
+                assert not publishing.done()
 
     async def publish(publisher: Any) -> None:
         while True:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import sys
 import threading
 import time
@@ -22,7 +21,7 @@ import zenoh.ext
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 
-from ros2_robot import HASH, HUMBLE_HASH, TYPE, Node, open_session, tf_message
+from ros2_robot import HASH, HUMBLE_HASH, TYPE, Node, open_session, rows_of, tf_message
 
 
 class Bridge:
@@ -67,25 +66,6 @@ class Bridge:
         if hasattr(self, "_kept"):
             self._kept.append(payload)
         self._static.put(payload)
-
-
-def rows_of(payload: bytes) -> list[Any]:
-    """A plain decoder of a TFMessage, for what others send."""
-    (count,), at, rows = struct.unpack_from("<I", payload, 4), 8, []
-    for _ in range(count):
-        at += -(at - 4) % 4
-        sec, nsec = struct.unpack_from("<iI", payload, at)
-        at, names = at + 8, []
-        for _ in range(2):
-            at += -(at - 4) % 4
-            (size,) = struct.unpack_from("<I", payload, at)
-            names.append(payload[at + 4 : at + 3 + size].decode())
-            at += 4 + size
-        at += -(at - 4) % 8
-        rows.append([*names, sec * 10**9 + nsec, list(struct.unpack_from("<7d", payload, at))])
-        at += 56
-    assert at == len(payload), (at, len(payload))
-    return rows
 
 
 class Peer:
