@@ -1,4 +1,4 @@
-"""Writes poses.json: where yourdfpy, another implementation, puts the links of arm.urdf.
+"""Writes poses.json: where yourdfpy, another implementation, puts the links of examples/arm.urdf.
 
 It needs more packages than the rest of the tests together, so its answers are kept:
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 #: Beyond the limits of some joints as well: these do not bound the kinematics.
 REACH = {"pan": 7.0, "elbow": 2.0, "slide": 0.4, "roll": 3.0, "left": 0.05}
 CASES = 10
@@ -22,7 +22,7 @@ CASES = 10
 def main() -> None:
     import yourdfpy  # type: ignore[import-not-found]  # noqa: PLC0415
 
-    robot = yourdfpy.URDF.load(str(HERE / "arm.urdf"), load_meshes=False)
+    robot = yourdfpy.URDF.load(str(HERE.parents[1] / "examples/arm.urdf"), load_meshes=False)
     random = np.random.default_rng(18)
     cases: list[dict[str, Any]] = []
     for _ in range(CASES):

@@ -15,7 +15,7 @@ from zenoh_tf_client import TransformClient
 
 from ..conftest import ServerProcess, free_endpoint
 
-ARM = Path(__file__).with_name("arm.urdf")
+ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 FLOATING = b"""<robot name="hover"><link name="world"/><link name="base"/><link name="mast"/>
 <joint name="fly" type="floating"><parent link="world"/><child link="base"/></joint>
 <joint name="mount" type="fixed"><parent link="base"/><child link="mast"/></joint></robot>"""

@@ -30,7 +30,7 @@ from zenoh_tf_client.urdf.kinematics import JointTransforms
 
 from ..conftest import ServerProcess, free_endpoint
 
-ARM = Path(__file__).with_name("arm.urdf")
+ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 CASES: list[dict[str, Any]] = json.loads(Path(__file__).with_name("poses.json").read_text())
 TYPE = "sensor_msgs::msg::dds_::JointState_"
 HASH = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"

@@ -22,7 +22,7 @@ from zenoh_tf_client.urdf import reader
 from zenoh_tf_client.urdf.kinematics import FrameNames, JointTransforms, Moved, fixed_transforms
 
 HERE = Path(__file__).parent
-ARM = HERE / "arm.urdf"
+ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 FRAMES = FrameNames("r1")
 CASES: list[dict[str, Any]] = json.loads((HERE / "poses.json").read_text())
 

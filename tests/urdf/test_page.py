@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 import shutil
@@ -22,6 +23,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/urdf.md").read_text()
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.M | re.S)
 LINES = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines()]
+#: Those that need each other.
+TRY_IT = [
+    line
+    for kind, block in BLOCKS
+    if kind == "sh" and "python" in block
+    for line in block.splitlines()
+]
+ALONE = [line for line in LINES if line not in TRY_IT]
 
 
 @pytest.fixture(scope="module")
@@ -31,19 +40,28 @@ def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerPr
     server.stop()
 
 
-def run(line: str, endpoint: str, folder: Path) -> str:
-    """What a line prints; one that follows a robot is interrupted."""
+def start(line: str, endpoint: str, folder: Path) -> subprocess.Popen[str]:
     command, *arguments = shlex.split(line)
-    assert command == "zenoh-tf"
-    shutil.copy(Path(__file__).with_name("arm.urdf"), folder / "robot.urdf")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "zenoh_tf_client", *arguments, "--connect", endpoint],
+    if command == "zenoh-tf":
+        arguments = ["-m", "zenoh_tf_client", *arguments]
+    else:
+        assert command == "python"
+    shutil.copy(ROOT / "examples/arm.urdf", folder / "robot.urdf")
+    with contextlib.suppress(FileExistsError):
+        (folder / "examples").symlink_to(ROOT / "examples")
+    return subprocess.Popen(
+        [sys.executable, *arguments, "--connect", endpoint],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         cwd=folder,
     )
-    follows = "--joint-states" in arguments
+
+
+def run(line: str, endpoint: str, folder: Path) -> str:
+    """What a line prints; one that follows a robot is interrupted."""
+    process = start(line, endpoint, folder)
+    follows = "--joint-states" in line
     if follows:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("listening to /")
@@ -54,8 +72,12 @@ def run(line: str, endpoint: str, folder: Path) -> str:
     return out
 
 
-@pytest.mark.parametrize("line", LINES)
-def test_every_documented_line(shared_server: ServerProcess, tmp_path: Path, line: str) -> None:
+def test_every_line_is_run() -> None:
+    assert len(LINES) == len({*LINES}) == len({*ALONE, *TRY_IT}) == 10
+
+
+@pytest.mark.parametrize("line", ALONE)
+def test_a_line_alone(shared_server: ServerProcess, tmp_path: Path, line: str) -> None:
     with shared_server.connect() as tf:
         tf.reset()
     if line.startswith("zenoh-tf lookup"):
@@ -64,6 +86,22 @@ def test_every_documented_line(shared_server: ServerProcess, tmp_path: Path, lin
     assert out
     if line == "zenoh-tf urdf robot.urdf":
         assert ("", out) in BLOCKS
+
+
+def test_without_a_robot(shared_server: ServerProcess, tmp_path: Path) -> None:
+    """An emulated arm, the command that follows it, and a question about both."""
+    *background, question = TRY_IT
+    with shared_server.connect() as tf:
+        tf.reset()
+        running = [start(line, shared_server.endpoint, tmp_path) for line in background]
+        while not tf.can_transform("base", "tool", timeout_s=1.0):
+            assert all(process.poll() is None for process in running)
+        assert tf.frame("knuckle").authority == "urdf"
+    assert run(question, shared_server.endpoint, tmp_path).startswith("tool in base\n")
+    for process in running:
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=40)
+        assert process.returncode in (0, -signal.SIGINT), errors
 
 
 def test_the_examples_of_the_help(shared_server: ServerProcess, tmp_path: Path) -> None:
