@@ -86,7 +86,7 @@ def test_every_import_works(line: str) -> None:
 
 
 def test_the_page_has_imports_to_check() -> None:
-    assert len(IMPORTS) == 5
+    assert len(IMPORTS) == 6
 
 
 COMMANDS = [code for code in CODE if code.startswith("zenoh-tf ")]

@@ -94,7 +94,7 @@ def nanoseconds(time: Any) -> int:
 
 def time_of(stamp_ns: int) -> Time:
     """Return a stamp in nanoseconds as a time."""
-    return Time(nanoseconds=stamp_ns)
+    return Time(*divmod(stamp_ns, _NS_PER_S))
 
 
 def stamp_ns(time: Any) -> int | None:
