@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._change_log import InterestReader as InterestReader
+from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._columns import columns_of as columns_of
 from zenoh_tf._columns import decode_tf_message as decode_tf_message
 from zenoh_tf._shared import LAYOUT as LAYOUT
