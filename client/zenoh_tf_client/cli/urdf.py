@@ -11,7 +11,7 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import joint_states, output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 from zenoh_tf_client.urdf.joint_states import JointStateFeed
 from zenoh_tf_client.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
 from zenoh_tf_client.urdf.reader import MOVING, UNSUPPORTED, Joint, Robot, read
@@ -23,13 +23,6 @@ Floating and planar joints are named and left out.
 With --joint-states it also listens to the robot until it is interrupted, and
 publishes the joints that move, with those that mimic them.
 """
-_EPILOG = """\
-examples:
-  zenoh-tf urdf robot.urdf --print
-  zenoh-tf urdf robot.urdf --prefix robot1 --shared map,world
-  zenoh-tf urdf robot.urdf --joint-states
-  zenoh-tf urdf robot.urdf --joint-states /robot1/joint_states --prefix robot1
-"""
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -38,8 +31,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common],
         help="store the links of a robot that a URDF file describes",
         description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **examples(
+            "zenoh-tf urdf robot.urdf --print",
+            "zenoh-tf urdf robot.urdf --prefix robot1 --shared map,world",
+            "zenoh-tf urdf robot.urdf --joint-states",
+            "zenoh-tf urdf robot.urdf --joint-states /robot1/joint_states --prefix robot1",
+        ),
     )
     urdf.add_argument("file", metavar="FILE", type=Path, help="URDF; expand xacro first")
     urdf.add_argument(
