@@ -24,6 +24,7 @@ from .primary import Primary
 from .replica_service import ReplicaService
 from .replies import Replies
 from .server import Settings
+from .shared_copies import SharedCopies
 from .workers import Workers
 
 
@@ -45,9 +46,9 @@ class ReplicaServer:
             sockets.start(session)
             primary = Primary(session, settings.tree)
             primary.wait(settings.replica_of, settings.security.credentials)
-            self.service = service = ReplicaService(
-                settings.tree, secrets.token_hex(8), limits, loop
-            )
+            own_id = secrets.token_hex(8)
+            copies = SharedCopies(settings.sharing, settings.tree, own_id)
+            self.service = service = ReplicaService(settings.tree, own_id, limits, loop, copies)
             stack.callback(service.close)
             service.start(primary)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
