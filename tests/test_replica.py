@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import threading
 import time
@@ -13,8 +14,9 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
-from zenoh_tf_client import Transaction, TransformClient
+from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.receipt import Receipt
+from zenoh_tf_client.shared_reads import Mode
 
 from .conftest import ServerProcess, StartServer, free_port, linux
 from .raw import raw
@@ -101,6 +103,28 @@ def test_a_client_reads_its_own_writes(near: TransformClient) -> None:
     assert near.replica_age_s < 5
     near.clear()
     assert near.frame(FRAMES[0]).samples == 0
+
+
+@pytest.mark.parametrize("reads", ["query", "auto"])
+def test_an_asynchronous_client_reads_its_own_writes(replica: ServerProcess, reads: Mode) -> None:
+    async def write_and_read() -> None:
+        async with await AsyncTransformClient.connect(replica.endpoint, reads=reads) as tf:
+            for stamp in range(1, 50):
+                await tf.set_transforms_xact(step(stamp))
+                found = await asyncio.gather(
+                    *(tf.lookup_latest_transform("map", name) for name in FRAMES)
+                )
+                assert {one.stamp_ns for one in found} == {stamp}
+            assert tf.reads == ("query" if reads == "query" else "shared")
+
+    asyncio.run(write_and_read())
+
+
+def test_a_mirror_near_a_replica(near: TransformClient) -> None:
+    with near.mirror() as m:
+        near.set_transforms_xact(step(5))
+        m.wait_for()
+        assert m.lookup_transform("map", FRAMES[0]).stamp_ns == 5
 
 
 def test_all_kinds_of_reads(primary: ServerProcess, near: TransformClient) -> None:
