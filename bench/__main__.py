@@ -18,8 +18,10 @@ CORE = {
 PARTS = CORE | {
     "embedded": "embedded:measure",
     "reads": "reads:measure",
+    "readers": "readers:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
+    "mirrors": "mirrors:measure",
     "async": "asynchronous:measure",
 }
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._change_log import InterestReader as InterestReader
+from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
@@ -34,11 +36,7 @@ NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 def columns_of(
     stampeds: Sequence[StampedTransform],
 ) -> tuple[
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
+    list[str], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.int64], NDArray[np.float64]
 ]: ...
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply

@@ -92,6 +92,8 @@ class _Copy:
             _Piece(number, after, until) for number, (after, until) in enumerate(pairwise(bounds))
         )
         self.loading = len(self.pieces)  # pieces that are not loaded yet
+        if plan.changes is not None:
+            self.replay.apply(plan.seq, *plan.changes)
 
     @property
     def is_complete(self) -> bool:
@@ -121,8 +123,10 @@ class Mirroring:
         self,
         make_tree: MakeTree = make_tree,
         max_waiting_bytes: int = MAX_WAITING_BYTES,
+        interest: wire.Interest | None = None,
     ) -> None:
         self._make_tree = make_tree
+        self._interest = interest
         self._max_waiting_bytes = max_waiting_bytes
         self._live: _Copy | None = None  # the last complete copy
         self._next: _Copy | None = None  # that replaces it
@@ -199,7 +203,8 @@ class Mirroring:
         """The requests to send now. Each is given once, until it is answered or has failed."""
         if self._wants_plan:
             # Until it is answered, nothing else is worth asking.
-            return [] if self._requests else [self._request("snapshot", None, {"v": wire.VERSION})]
+            body = wire.snapshot_request(None, self._interest)
+            return [] if self._requests else [self._request("snapshot", None, body)]
         copy = self._copy
         found: list[Request] = []
         if copy is None:
@@ -209,7 +214,7 @@ class Mirroring:
             asked = wire.SnapshotRequest(copy.instance, piece.number, piece.after, piece.until)
             found.append(self._request("snapshot", piece, wire.snapshot_request(asked)))
         if self._wants_missed and not self._requests:
-            body = wire.missed_request(copy.instance, copy.position + 1)
+            body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
             found.append(self._request("missed", None, body))
         return found
 

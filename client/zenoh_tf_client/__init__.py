@@ -12,6 +12,7 @@ from .broadcaster import Broadcaster
 from .client import TransformClient
 from .handle import Handle
 from .mirror import Mirror
+from .mirror_interest import OutsideInterest
 from .receipt import Receipt
 from .transaction import Transaction
 
@@ -25,6 +26,7 @@ __all__ = [
     "Credentials",
     "Handle",
     "Mirror",
+    "OutsideInterest",
     "Receipt",
     "Transaction",
     "TransformClient",

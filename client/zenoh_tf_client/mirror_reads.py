@@ -30,6 +30,13 @@ TAKEN: Final = (
     "chain",
 )
 
+#: Those that may ask the server instead.
+LATEST: Final = (
+    "lookup_latest_transform",
+    "lookup_latest_transform_xact",
+    "lookup_latest_transforms_xact",
+)
+
 
 class MirrorReads(ABC):
     """A base of `Mirror`, which has the tree."""

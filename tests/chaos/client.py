@@ -1,7 +1,8 @@
 """``python -m tests.chaos.client ENDPOINT SLOT START_S SEED FILE KIND``: runs transactions.
 
 KIND says how they read: ``query``, ``shared`` (the server's memory, and queries where that does
-not answer) or ``mirror``; a ``blind`` client does not read.
+not answer) or ``mirror``; a ``follower`` reads a mirror without asking the server whether it is
+current, and a ``blind`` client does not read.
 
 Writes a line of JSON to FILE before each transaction and one after it, so that a client that is
 killed leaves its open call in the file.
@@ -9,6 +10,7 @@ killed leaves its open call in the file.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -155,6 +157,60 @@ class MirrorClient(Client):
         return "mirror"
 
 
+class FollowerClient(MirrorClient):
+    """Reads a mirror by itself, and waits there for what it has written.
+
+    What it reads may be old, but must be the result of the first commits of the server's order,
+    each as a whole; never go back; and show its own writes.
+    """
+
+    _PAUSE_S = 0.01
+    _WAIT_S = 5.0
+
+    def _step(self, tf: TransformClient) -> str:
+        time.sleep(self._random.uniform(0, self._PAUSE_S))
+        return self._write_and_wait(tf) if self._random.random() < 0.2 else self._look()
+
+    def _look(self) -> str:
+        ends = self._random.sample(list(links.CHAINS), k=2)
+        before_ns = time.monotonic_ns()
+        self._write(invoked=before_ns, version=0, written=[])
+        reads: list[tuple[int, int, links.Seen]] = []
+        outcome = "committed"
+        try:
+            pairs = [("root", f"link{end}") for end in ends]
+            found = self._mirror.lookup_latest_transforms_xact(pairs)
+            after_ns = time.monotonic_ns()
+            for end, one in zip(ends, found, strict=True):
+                reads.append((before_ns, after_ns, links.decode(end, one.transform)))
+        except TransformException as error:
+            outcome = f"failed: {type(error).__name__}"
+        except ValueError as error:
+            outcome = f"inconsistent: {error}"
+        after_ns = time.monotonic_ns()
+        self._write(responded=after_ns, outcome=outcome, reads=reads, way="follower")
+        return outcome
+
+    def _write_and_wait(self, tf: TransformClient) -> str:
+        written = self._random.sample(range(links.LINKS), self._random.choice((1, 2, 3)))
+        version = self._version()
+        self._write(invoked=time.monotonic_ns(), version=version, written=written)
+        outcome, waited = "committed", False
+        try:
+            tf.set_transforms_xact(links.rows(written, version))
+        except OutcomeUnknown:
+            outcome = "unknown"
+        except TransformException as error:
+            outcome = f"failed: {type(error).__name__}"
+        responded_ns = time.monotonic_ns()
+        if outcome == "committed":
+            with contextlib.suppress(TransformException):  # another server, or a broken link
+                self._mirror.wait_for(tf.last_receipt, self._WAIT_S)
+                waited = True
+        self._write(responded=responded_ns, outcome=outcome, reads=[], waited=waited)
+        return outcome
+
+
 class BlindClient(Client):
     """Writes one link and reads nothing, so that no read set keeps a late write from running.
 
@@ -186,6 +242,7 @@ KINDS: dict[str, type[Client]] = {
     "query": Client,
     "shared": SharedClient,
     "mirror": MirrorClient,
+    "follower": FollowerClient,
     "blind": BlindClient,
 }
 

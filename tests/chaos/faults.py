@@ -52,6 +52,21 @@ FAULTS = [
         "return (lambda *a, **k: (__import__('threading').Timer(0.002, tree._commit_rows, a, k)"
         ".start(), __import__('numpy').ones(len(a[3]), 'uint8'))[1])(",
     ),
+    Fault(
+        "a lease outlives its server",
+        "self._keeper = LeaseKeeper(tree)",
+        "tree._begin_lease(60.0)",
+    ),
+    Fault(
+        "a snapshot has a number of its future",
+        "wire.SnapshotPlan(seq, ",
+        "wire.SnapshotPlan(seq + 20, ",
+    ),
+    Fault(
+        "the stream leaves commits out",
+        "self._clock_ns, changes)",
+        "self._clock_ns, changes if last % 20 else None)",
+    ),
 ]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..history.history import COMMITTED, CONFLICT, INCONSISTENT, History
+from ..history.history import COMMITTED, CONFLICT, FROM_A_MIRROR, INCONSISTENT, History
 from . import links
 from .client import TIMEOUT_S
 
@@ -34,6 +34,7 @@ class _Call:
     written: list[int] = field(default_factory=list)
     reads: list[tuple[int, int, links.Seen]] = field(default_factory=list)
     way: str = ""  # in which it could read
+    waited: bool = False  # for its own write, in its mirror
 
 
 @dataclass
@@ -108,6 +109,7 @@ def _calls(client: int, path: Path) -> Iterator[_Call]:
             begun["written"],
             reads,
             record.get("way", ""),
+            record.get("waited", False),
         )
         begun = None
     if begun:
@@ -132,9 +134,14 @@ class _Builder:
         self._transactions: list[tuple[int, int, int, int]] = []
         self._accesses: list[tuple[int, int, int, int]] = []
 
+    @staticmethod
+    def follower(client: int) -> int:
+        """The thread of a client's mirror."""
+        return -2 - client
+
     def add(
         self,
-        client: int,
+        thread: int,
         invoked_ns: int,
         responded_ns: int,
         outcome: int,
@@ -142,7 +149,7 @@ class _Builder:
         writes: list[tuple[int, int]],
     ) -> None:
         number = len(self._transactions)
-        self._transactions.append((client, invoked_ns, responded_ns, outcome))
+        self._transactions.append((thread, invoked_ns, responded_ns, outcome))
         read = {(0, seen.epoch) for seen in reads}
         for seen in reads:
             read |= {(link_number(seen.epoch, link), v) for link, v in seen.versions.items()}
@@ -160,6 +167,13 @@ class _Builder:
 def _add(builder: _Builder, call: _Call, outcome: str, seen_in: dict[tuple[int, int], int]) -> None:
     reads = [seen for _, _, seen in call.reads]
     epochs = {seen.epoch for seen in reads}
+    if call.way == "follower" and outcome == "committed":
+        # The checker puts it behind the transaction before it of its thread. Those are its earlier
+        # reads and the writes that it has waited for: all others get another thread.
+        builder.add(
+            builder.follower(call.client), FROM_A_MIRROR, call.responded_ns, COMMITTED, reads, []
+        )
+        return
     if outcome == "inconsistent":
         builder.add(call.client, call.invoked_ns, call.responded_ns, INCONSISTENT, [], [])
         return
@@ -169,7 +183,8 @@ def _add(builder: _Builder, call: _Call, outcome: str, seen_in: dict[tuple[int, 
         if call.version and epoch is None:
             return  # it read nothing and no read saw it, so its server is not known
         writes = _writes(call, epoch) if call.version and epoch else []
-        builder.add(call.client, call.invoked_ns, call.responded_ns, COMMITTED, reads, writes)
+        thread = builder.follower(call.client) if call.waited else call.client
+        builder.add(thread, call.invoked_ns, call.responded_ns, COMMITTED, reads, writes)
         return
     if outcome in ("unknown", "open") and call.version:
         was_seen = any((link, call.version) in seen_in for link in call.written)

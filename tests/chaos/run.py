@@ -37,7 +37,7 @@ _YEAR_NS = 365 * 86_400 * 10**9
 
 
 #: How transactions read.
-WAYS = ("query", "shared", "mirror")
+WAYS = ("query", "shared", "mirror", "follower")
 
 
 class Slot:

@@ -17,6 +17,7 @@ class Written(NamedTuple):
     reads: Versions
     writes: Versions
     outcome: int
+    thread: int | None
 
 
 def transaction(
@@ -24,15 +25,16 @@ def transaction(
     reads: Versions | None = None,
     writes: Versions | None = None,
     outcome: int = COMMITTED,
+    thread: int | None = None,
 ) -> Written:
-    return Written(*when, reads or {}, writes or {}, outcome)
+    return Written(*when, reads or {}, writes or {}, outcome, thread)
 
 
 def history(*transactions: Written, in_order: bool = True) -> History:
-    """Return a history in which every transaction has a thread of its own."""
+    """Return a history. A transaction without a thread has one of its own, by its number."""
     rows, accesses = [], []
-    for number, (invoked, responded, reads, writes, outcome) in enumerate(transactions):
-        rows.append((number, invoked, responded, outcome))
+    for number, (invoked, responded, reads, writes, outcome, thread) in enumerate(transactions):
+        rows.append((number if thread is None else thread, invoked, responded, outcome))
         accesses += [(number, 0, link, stamp) for link, stamp in reads.items()]
         accesses += [(number, 1, link, stamp) for link, stamp in writes.items()]
     return History(

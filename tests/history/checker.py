@@ -6,8 +6,12 @@ ww  a later version of a link follows the earlier one, if versions are written i
 wr  a transaction that reads a version follows the one that wrote it
 rw  a transaction that reads a version precedes all that wrote newer ones
 rt  a transaction precedes every one that started after it had ended (real time)
+so  a transaction precedes the next one of its thread if that reads a mirror (session order)
 
-The last two rules would need an edge for nearly every pair of transactions. Auxiliary nodes keep
+A transaction that reads a mirror has started at no known time, so that it may be old: it is only
+where its thread was before, or later.
+
+The rules rw and rt would need an edge for nearly every pair of transactions. Auxiliary nodes keep
 the graph small: a *gate* before each version of a link leads to its writer and to the next gate,
 and a chain of *time nodes*, one after each response, carries real time.
 """
@@ -23,11 +27,20 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from .history import COMMITTED, INCONSISTENT, OUTCOMES, Access, Column, History, Transaction
+from .history import (
+    COMMITTED,
+    FROM_A_MIRROR,
+    INCONSISTENT,
+    OUTCOMES,
+    Access,
+    Column,
+    History,
+    Transaction,
+)
 
-WW, WR, RW, RT = range(4)
-KINDS = ("ww", "wr", "rw", "rt")
-REAL_TIME = -1  # the link of a real-time edge
+WW, WR, RW, RT, SO = range(5)
+KINDS = ("ww", "wr", "rw", "rt", "so")
+NO_LINK = -1  # the link of an edge of real time or of a session
 
 
 class Dependency(NamedTuple):
@@ -39,7 +52,9 @@ class Dependency(NamedTuple):
     after: int
 
     def __str__(self) -> str:
-        why = "real time" if self.kind == RT else f"{KINDS[self.kind]} link {self.link}"
+        why = {RT: "real time", SO: "session"}.get(
+            self.kind, f"{KINDS[self.kind]} link {self.link}"
+        )
         return f"T{self.before} -[{why}]-> T{self.after}"
 
 
@@ -78,12 +93,13 @@ def find_anomaly(history: History) -> Anomaly | None:
 def describe(history: History, anomaly: Anomaly) -> str:
     """Return the anomaly and what each of its transactions read and wrote."""
     lines = [f"{anomaly.name}: {anomaly.text}"]
-    start = history.transactions[:, 1].min()
+    invoked_ns = history.transactions[:, 1]
+    start = invoked_ns[invoked_ns != FROM_A_MIRROR].min(initial=history.transactions[0, 2])
     for number in sorted(set(anomaly.transactions)):
         thread, invoked, responded, outcome = Transaction(*history.transactions[number].tolist())
+        called = "from a mirror" if invoked == FROM_A_MIRROR else f"{invoked - start}"
         lines.append(
-            f"T{number}: thread {thread}, {invoked - start} to {responded - start} ns, "
-            f"{OUTCOMES[outcome]}"
+            f"T{number}: thread {thread}, {called} to {responded - start} ns, {OUTCOMES[outcome]}"
         )
         for row in history.accesses[history.accesses[:, 0] == number].tolist():
             _, is_write, link, stamp = Access(*row)
@@ -128,8 +144,8 @@ def _cycle(history: History) -> Anomaly | None:
     if _smallest_component(graph.nodes, edges) is None:
         return None
     # A cycle of fewer kinds of edges is the simpler anomaly.
-    for kinds in ([WW], [WW, WR], [WW, WR, RW], [WW, WR, RW, RT]):
-        some = edges[:, np.isin(edges[1], kinds)]
+    for kinds in ([WW], [WW, WR], [WW, WR, RW], range(4), range(5)):
+        some = edges[:, np.isin(edges[1], list(kinds))]
         component = _smallest_component(graph.nodes, some)
         if component is not None:
             within = some[:, np.isin(some[0], component) & np.isin(some[3], component)]
@@ -154,6 +170,7 @@ def _graph(history: History) -> DependencyGraph:
             history.in_order,
         )
     _add_real_time(graph, transactions)
+    _add_sessions(graph, transactions)
     return graph
 
 
@@ -187,13 +204,21 @@ def _add_link(
 def _add_real_time(graph: DependencyGraph, transactions: Column) -> None:
     responses = np.sort(transactions[:, 2])
     time_nodes = graph.new_nodes(len(transactions))
-    graph.add(np.argsort(transactions[:, 2]), RT, REAL_TIME, time_nodes)
-    graph.add(time_nodes[:-1], RT, REAL_TIME, time_nodes[1:])
+    graph.add(np.argsort(transactions[:, 2]), RT, NO_LINK, time_nodes)
+    graph.add(time_nodes[:-1], RT, NO_LINK, time_nodes[1:])
     before = np.searchsorted(
         responses, transactions[:, 1], side="left"
     )  # responses before the call
     after = np.flatnonzero(before > 0)
-    graph.add(time_nodes[before[after] - 1], RT, REAL_TIME, after)
+    graph.add(time_nodes[before[after] - 1], RT, NO_LINK, after)
+
+
+def _add_sessions(graph: DependencyGraph, transactions: Column) -> None:
+    order = np.argsort(transactions[:, 0], kind="stable")  # within a thread, as they were run
+    before, after = order[:-1], order[1:]
+    is_next = transactions[before, 0] == transactions[after, 0]
+    is_next &= transactions[after, 1] == FROM_A_MIRROR
+    graph.add(before[is_next], SO, NO_LINK, after[is_next])
 
 
 def _smallest_component(nodes: int, edges: Column) -> Column | None:
@@ -239,11 +264,13 @@ def _path_back(
         before, kind, link = incoming[node]
         path.append((node, kind, link))
         node = before
-    return [(start, RT, REAL_TIME), *reversed(path)]
+    return [(start, RT, NO_LINK), *reversed(path)]
 
 
 def _name(steps: list[Dependency]) -> str:
     kinds = [step.kind for step in steps]
+    if SO in kinds:
+        return "a session goes back"
     if RT in kinds:
         return "stale read" if RW in kinds else "order against real time"
     if RW not in kinds:

@@ -9,6 +9,10 @@
 // between the trunk's top and the root: its first link's version says which is its parent. Other
 // names come and go (churn.hpp): their links have numbers from kLinks on.
 //
+// Half of the threads may read elsewhere: in the tree's memory as other processes map it, or in a
+// mirror. What a mirror shows may be old, so such a read has no earliest time (history.py), unless
+// a commit has found that it was current.
+//
 // Thread safety: each thread has its own record. The tree and the counter of stamps are shared.
 #include <algorithm>
 #include <array>
@@ -18,6 +22,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <random>
@@ -26,6 +31,8 @@
 #include <vector>
 
 #include "churn.hpp"
+#include "links.hpp"
+#include "mirror.hpp"
 #include "shared_tree.hpp"
 #include "tree.hpp"
 
@@ -33,23 +40,13 @@ using namespace ztf;
 
 namespace {
 
-constexpr int kLinks = 12;
-constexpr int kDigits = 13;
-constexpr Stamp kLastStamp = (1 << kDigits) - 1;
-
-constexpr int place_of(int link) { return link % 4 * kDigits; }
-constexpr int axis_of(int link) { return link / 4; }  // of Pose: x, y, z
-constexpr int kMovingLink = 8;
-// The frame above a link; frame 0 is the root. For the moving link its version decides.
-constexpr int parent_of(int link, Stamp moved) {
-  return link != kMovingLink ? link : moved / 4 % 2 == 0 ? 4 : 0;
-}
-
 // As in history.py.
 enum Outcome : std::int64_t { committed, conflict, late, nonsense, other };
 struct Transaction {
   std::int64_t thread, invoked_ns, responded_ns, outcome;
 };
+// As FROM_A_MIRROR in history.py: invoked_ns of what may be older than the call.
+constexpr std::int64_t kFromAMirror = std::numeric_limits<std::int64_t>::min();
 struct Access {
   std::int64_t transaction, is_write, link, stamp;
 };
@@ -67,25 +64,29 @@ std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
-// The links from a frame up to the root, as a set of bits.
-unsigned links_above(int frame, Stamp moved) {
-  unsigned links = 0;
-  for (; frame != 0; frame = parent_of(frame - 1, moved)) links |= 1u << (frame - 1);
-  return links;
-}
-
 struct World {
   World(const Options& options) : tree(options) {
     for (int frame = 0; frame <= kLinks; ++frame) names.push_back("frame" + std::to_string(frame));
-    commit((1u << kLinks) - 1, 0, {});
-    for (const std::string& name : names) ids.push_back(tree.find(name));
+    commit((1u << kLinks) - 1, 0, {}, {});
+    ids = ids_in(tree);
+    if (tree.change_log()) {
+      mirror = std::make_unique<Mirror>(tree);
+      mirror_ids = ids_in(mirror->tree());
+    }
     churn.emplace(tree, names[0]);
     if (!options.shared) return;
     tree.begin_lease(3'600'000'000'000);
     mapped = std::make_unique<SharedTree>(tree.descriptor());
   }
 
-  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads) {
+  [[nodiscard]] Ids ids_in(const Tree& of) const {
+    Ids found;
+    for (const std::string& name : names) found.push_back(of.find(name));
+    return found;
+  }
+
+  // `read_ids`: the ids that the read set has.
+  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads, const Ids& read_ids) {
     written[static_cast<std::size_t>(stamp)] = links;
     std::vector<std::string_view> frames(names.begin(), names.end()), read_names;
     std::vector<Version> read_versions;
@@ -103,8 +104,8 @@ struct World {
     if (stamp % 2) std::reverse(rows.begin(), rows.end());  // rows come in any order
     if (reads)
       for (const ReadVersion& read : *reads) {
-        const auto id = std::find(ids.begin(), ids.end(), read.frame);
-        read_names.push_back(names[static_cast<std::size_t>(id - ids.begin())]);
+        const auto id = std::find(read_ids.begin(), read_ids.end(), read.frame);
+        read_names.push_back(names[static_cast<std::size_t>(id - read_ids.begin())]);
         read_versions.push_back(read.version);
       }
     std::vector<std::uint8_t> stored(rows.size());
@@ -123,8 +124,9 @@ struct World {
   Tree tree;
   std::unique_ptr<SharedTree> mapped;  // the tree as other processes see it, if it is shared
   std::atomic<std::int64_t> mapped_reads{0};
+  std::unique_ptr<Mirror> mirror;  // if the tree has a change log
   std::vector<std::string> names;
-  std::vector<FrameId> ids;
+  Ids ids, mirror_ids;
   std::optional<Churn> churn;
   std::atomic<Stamp> clock{1};
   std::atomic<std::int64_t> left;  // transactions still to run
@@ -132,37 +134,21 @@ struct World {
   std::array<std::atomic<unsigned>, kLastStamp + 1> written{};
 };
 
-// The links between two frames: on the source's side, and on the target's, which count negative.
-struct Between {
-  unsigned down, up;
-  [[nodiscard]] unsigned all() const { return down | up; }
-};
-
-struct Question {
-  Question(const World& world, Op op, int target_frame, int source_frame)
-      : query{.op = op,
-              .target = world.ids[static_cast<std::size_t>(target_frame)],
-              .source = world.ids[static_cast<std::size_t>(source_frame)]},
-        target(target_frame),
-        source(source_frame) {}
-  [[nodiscard]] Between links(Stamp moved) const {
-    const unsigned above_target = links_above(target, moved),
-                   above_source = links_above(source, moved);
-    return {above_source & ~above_target, above_target & ~above_source};
-  }
-  Query query;
-  int target, source;
-};
-
 class Client {
  public:
-  Client(World& world, int thread, unsigned seed) : world_(world), thread_(thread), random_(seed) {}
+  Client(World& world, int thread, unsigned seed)
+      : world_(world),
+        thread_(thread),
+        reads_mirror_(world.mirror && thread % 2 != 0),
+        ids_(reads_mirror_ ? world.mirror_ids : world.ids),
+        random_(seed) {}
 
   void run() {
     while (world_.left.fetch_sub(1) > 0) {
       const unsigned dice = random_() % 100;
       begin();
-      if (random_() % 10 < 4) {
+      has_committed_ = false;
+      if (!reads_mirror_ && random_() % 10 < 4) {
         step_churn();
       } else if (dice < 22) {
         if (!write(nullptr)) return;
@@ -181,6 +167,11 @@ class Client {
             3, reads);
       }
       transactions.back().responded_ns = now_ns();
+      if (!reads_mirror_) continue;
+      if (has_committed_)
+        world_.mirror->wait();  // so the next read shows this commit
+      else
+        transactions.back().invoked_ns = kFromAMirror;
     }
   }
 
@@ -199,7 +190,7 @@ class Client {
   Question some_pair(Op op) {
     const int target = static_cast<int>(random_() % (kLinks + 1));
     const int other = static_cast<int>(random_() % kLinks);
-    return {world_, op, target, other + (other >= target)};
+    return {ids_, op, target, other + (other >= target)};
   }
 
   // Returns false when the stamps are used up, which ends the history.
@@ -214,14 +205,17 @@ class Client {
     for (unsigned n = 1 + random_() % 4; n > 0; --n) links |= 1u << random_() % kLinks;
     for (int link = 0; link < kLinks; ++link)
       if (links >> link & 1) note(true, link, stamp);
-    transactions.back().outcome = world_.commit(links, stamp, reads);
+    const Outcome outcome = world_.commit(links, stamp, reads, ids_);
+    transactions.back().outcome = outcome;
+    has_committed_ = outcome == committed;
     return true;
   }
 
-  // Calls read(tree). Half of the threads read as another process does, and ask the tree itself
-  // where that gives no answer.
+  // Calls read(tree). Threads that read as another process does ask the tree itself where that
+  // gives no answer.
   template <class Read>
   void read(Read&& read) {
+    if (reads_mirror_) return read(world_.mirror->tree());
     if (world_.mapped && thread_ % 2 != 0) {
       try {
         read(*world_.mapped);
@@ -308,6 +302,9 @@ class Client {
 
   World& world_;
   const int thread_;
+  const bool reads_mirror_;
+  const Ids& ids_;              // of the tree that is read
+  bool has_committed_ = false;  // in this transaction
   std::mt19937 random_;
 };
 
@@ -318,15 +315,16 @@ void put(std::FILE* file, const T* values, std::size_t n) {
 
 }  // namespace
 
-// driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]
+// driver MODE CACHE_NS SEED THREADS TRANSACTIONS READS FILE
 int main(int argc, char** argv) {
-  if (argc != 7 && argc != 8)
-    fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS FILE [shared]");
+  if (argc != 8) fail("usage: driver MODE CACHE_NS SEED THREADS TRANSACTIONS READS FILE");
   const std::string mode = argv[1];
   // Names have no room all at a time, so that ids pass on often, and some commits are rejected.
   Options options{.cache_ns = std::stoull(argv[2]),
                   .max_frames = kLinks + 1 + 3 * Churn::kNames / 2};
-  options.shared = argc == 8;
+  const std::string reads = argv[6];
+  options.shared = reads == "shared";
+  if (reads == "mirror") options.max_log_bytes = 64 << 20;
   if (mode == "optimistic")
     options.concurrency = Concurrency::optimistic;
   else if (mode == "2pl")
@@ -357,7 +355,7 @@ int main(int argc, char** argv) {
     sizes[0] += static_cast<std::int64_t>(client.transactions.size());
     sizes[1] += static_cast<std::int64_t>(client.accesses.size());
   }
-  std::FILE* const file = std::fopen(argv[6], "wb");
+  std::FILE* const file = std::fopen(argv[7], "wb");
   if (!file) fail("cannot open the file");
   put(file, sizes, 2);
   for (const Client& client : clients)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .history import Concurrency
+from .history import Concurrency, Reads
 
 #: As many histories as a fault may take to show.
 HISTORIES = 12
@@ -18,6 +18,7 @@ class Fault(NamedTuple):
     file: str
     old: str
     new: str
+    reads: Reads = "tree"  # how half of the threads must read for it to be found
 
 
 FAULTS = [
@@ -207,6 +208,50 @@ FAULTS = [
         "tree_names.cpp",
         "if (names_.hidden(ring.parent(first + i))) ring.store_parent(first + i, 0);",
         "",
+    ),
+    Fault(
+        "a commit's number is drawn before its locks",
+        EVERYWHERE[:2],
+        "tree_write.cpp",
+        "    FrameList all;\n",
+        "    ticket.draw();\n    FrameList all;\n",
+        "mirror",
+    ),
+    Fault(
+        "a commit's number is drawn after what was read is compared",
+        EVERYWHERE[:2],
+        "tree_write.cpp",
+        "      ticket.draw();\n      plan.validate_read_set(locks);\n",
+        "      plan.validate_read_set(locks);\n",
+        "mirror",
+    ),
+    Fault(
+        "a mirror applies a message in two halves",
+        EVERYWHERE,
+        "change_replay.cpp",
+        "void ChangeReplay::apply(const ChangeColumns& changes) {\n",
+        """void ChangeReplay::apply(const ChangeColumns& changes) {
+  thread_local bool is_half = false;
+  if (const std::size_t n = changes.kind.size() / 2; n > 0 && !is_half) {
+    ChangeColumns half = changes;
+    half.kind = half.kind.first(n);
+    half.frame = half.frame.first(n);
+    half.version = half.version.first(n);
+    is_half = true;
+    apply(half);
+    is_half = false;
+  }
+""",
+        "mirror",
+    ),
+    Fault(
+        "a mirror says early that a commit is there",
+        EVERYWHERE,
+        "change_replay.cpp",
+        "    find_names(changes.names);\n",
+        "    tree_.replayed_.store(changes.last, std::memory_order_release);\n"
+        "    find_names(changes.names);\n",
+        "mirror",
     ),
 ]
 

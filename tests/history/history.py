@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
+#: Where half of the threads read: in the tree, its memory as other processes map it, or a mirror.
+Reads = Literal["tree", "shared", "mirror"]
 Column = NDArray[np.int64]
 
+#: The call of a transaction that read a mirror: what it read may be old, so it has no earliest
+#: time. It follows the transaction before it of its thread.
+FROM_A_MIRROR = int(np.iinfo(np.int64).min)
 #: Transactions of one history. The driver has 8191 stamps, which suffice for them.
 TRANSACTIONS = 16_000
 
@@ -60,7 +65,7 @@ class Run(NamedTuple):
     in_order: bool
     seed: int
     threads: int
-    shared: bool = False  # half of the threads read through a mapped region
+    reads: Reads = "tree"
 
 
 def runs(concurrency: Concurrency, n: int) -> Iterator[Run]:
@@ -70,9 +75,8 @@ def runs(concurrency: Concurrency, n: int) -> Iterator[Run]:
 
 def record(driver: Path, run: Run, file: Path) -> History:
     cache_ns = 0 if run.in_order else 64
-    arguments: list[object] = [run.concurrency, cache_ns, run.seed, run.threads, TRANSACTIONS, file]
-    if run.shared:
-        arguments.append("shared")
+    arguments: list[object] = [run.concurrency, cache_ns, run.seed, run.threads, TRANSACTIONS]
+    arguments += [run.reads, file]
     subprocess.run([driver, *map(str, arguments)], check=True, timeout=60)
     return load(file, run.in_order)
 
@@ -111,6 +115,7 @@ def liveliness(history: History) -> Liveliness:
             known = (neighbour >= 0) & (neighbour < len(writers))
             reader, writer = readers[known], writers[neighbour[known]]
             overlap = (invoked[reader] < responded[writer]) & (invoked[writer] < responded[reader])
+            overlap &= invoked[reader] != FROM_A_MIRROR
             contended[reader[overlap & (reader != writer)]] = True
     return Liveliness(
         committed=len(np.unique(transaction[wrote])),

@@ -13,7 +13,16 @@ import pytest
 
 from .builds import build_driver
 from .checker import describe, find_anomaly
-from .history import TRANSACTIONS, Concurrency, Liveliness, Run, liveliness, record, runs
+from .history import (
+    TRANSACTIONS,
+    Concurrency,
+    Liveliness,
+    Reads,
+    Run,
+    liveliness,
+    record,
+    runs,
+)
 
 MODES: tuple[Concurrency, ...] = ("optimistic", "2pl", "giant")
 HISTORIES = ceil(int(os.environ.get("ANOMALIES", "96000")) / TRANSACTIONS / len(MODES))
@@ -36,24 +45,21 @@ def driver() -> Path:
     return build_driver()
 
 
-@pytest.mark.parametrize(
-    "shared",
-    [
-        False,
-        pytest.param(True, marks=pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")),
-    ],
-)
+NEEDS_MEMFD = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
+
+
+@pytest.mark.parametrize("reads", ["tree", pytest.param("shared", marks=NEEDS_MEMFD), "mirror"])
 @pytest.mark.parametrize("concurrency", MODES)
 def test_histories_are_strictly_serializable(
-    driver: Path, concurrency: Concurrency, shared: bool, tmp_path: Path
+    driver: Path, concurrency: Concurrency, reads: Reads, tmp_path: Path
 ) -> None:
     seen = Liveliness(0, 0, 0)
     for run in runs(concurrency, HISTORIES):
-        history = record(driver, run._replace(shared=shared), tmp_path / "history")
+        history = record(driver, run._replace(reads=reads), tmp_path / "history")
         anomaly = find_anomaly(history)
         assert anomaly is None, f"{run}\n{describe(history, anomaly)}"
         seen += liveliness(history)
-    print(f"\n{HISTORIES * TRANSACTIONS} transactions, {concurrency}: {seen}")
+    print(f"\n{HISTORIES * TRANSACTIONS} transactions, {concurrency}, {reads}: {seen}")
     assert proves_something(seen, HISTORIES), seen
 
 

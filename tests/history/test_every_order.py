@@ -7,16 +7,24 @@ from itertools import permutations
 
 from .by_hand import Versions, Written, history, transaction
 from .checker import find_anomaly
-from .history import COMMITTED, CONFLICT
+from .history import COMMITTED, CONFLICT, FROM_A_MIRROR
 
 LINKS = 2
+Threads = dict[int | None, list[Written]]
 
 
-def is_possible(order: tuple[Written, ...], in_order: bool) -> bool:
+def is_possible(order: tuple[Written, ...], threads: Threads, in_order: bool) -> bool:
     """True if each transaction, run in this order, reads the newest versions of that moment."""
     latest_call_ns = 0
     newest: Versions = {}
+    done: list[Written] = []
     for one in order:
+        done.append(one)
+        if one.invoked_ns == FROM_A_MIRROR:
+            of_thread = threads[one.thread]
+            place = next(i for i, other in enumerate(of_thread) if other is one)
+            if place > 0 and not any(other is of_thread[place - 1] for other in done):
+                return False
         if one.responded_ns < latest_call_ns:
             return False
         latest_call_ns = max(latest_call_ns, one.invoked_ns)
@@ -38,7 +46,8 @@ def some_transactions(rng: random.Random) -> list[Written]:
     if rng.random() < 0.5:
         rng.shuffle(stamps)
     newest: Versions = {}
-    found = []
+    before: Versions = {}
+    found: list[Written] = []
     for index, stamp in enumerate(stamps):
         reads = {
             link: newest.get(link, 0) for link in rng.sample(range(LINKS), rng.randint(0, LINKS))
@@ -48,8 +57,17 @@ def some_transactions(rng: random.Random) -> list[Written]:
                 reads[link] = rng.choice([0, *stamps])
         writes = rng.sample(range(LINKS), rng.randint(0, LINKS))
         outcome = CONFLICT if rng.random() < 0.1 else COMMITTED
-        when = (4 * index - rng.randint(0, 8), 4 * index + rng.randint(0, 8))
-        found.append(transaction(when, reads, dict.fromkeys(writes, stamp), outcome))
+        called_ns = 4 * index - rng.randint(0, 8)
+        thread = None
+        if rng.random() < 0.4:
+            thread = -rng.randint(1, 2)
+            if rng.random() < 0.7:
+                writes, called_ns = [], FROM_A_MIRROR
+                if found and rng.random() < 0.5:  # the state before the last transaction
+                    reads = {link: before.get(link, 0) for link in reads}
+        when = (called_ns, 4 * index + rng.randint(0, 8))
+        found.append(transaction(when, reads, dict.fromkeys(writes, stamp), outcome, thread))
+        before = dict(newest)
         if outcome == COMMITTED:
             newest.update({link: max(newest.get(link, 0), stamp) for link in writes})
     return found
@@ -61,7 +79,12 @@ def test_no_anomaly_is_found_where_an_order_is_possible_and_one_where_none_is() 
     for _ in range(1500):
         transactions = some_transactions(rng)
         in_order = rng.random() < 0.5
-        possible = any(is_possible(order, in_order) for order in permutations(transactions))
+        threads: Threads = {}
+        for one in transactions:
+            threads.setdefault(one.thread, []).append(one)
+        possible = any(
+            is_possible(order, threads, in_order) for order in permutations(transactions)
+        )
         anomaly = find_anomaly(history(*transactions, in_order=in_order))
         assert (anomaly is None) == possible, (in_order, transactions, anomaly)
         orders[possible] += 1

@@ -28,7 +28,8 @@ pytestmark = pytest.mark.timeout(600)
 def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
     driver = build_faulty_driver(fault)
     for concurrency in fault.modes:
-        for run in runs(concurrency, HISTORIES):
+        for plain in runs(concurrency, HISTORIES):
+            run = plain._replace(reads=fault.reads)
             history = record(driver, run, tmp_path / "history")
             if anomaly := find_anomaly(history):
                 print(f"\n{run}\n{describe(history, anomaly)}")

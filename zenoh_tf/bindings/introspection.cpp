@@ -4,6 +4,7 @@
 
 #include "ask_server.hpp"
 #include "budget.hpp"
+#include "change_replay.hpp"
 
 namespace ztf {
 
@@ -103,7 +104,7 @@ nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
   out["samples"] = has_data ? (info.is_static ? 1 : info.samples) : 0;
   out["oldest_stamp_ns"] = stamp(info.is_static ? info.newest : info.oldest);
   out["newest_stamp_ns"] = stamp(info.newest);
-  out["version"] = info.version;
+  out["version"] = info.version & kServerVersion;
   out["rewritten"] = load(events.rewritten);
   out["dropped"] = load(events.dropped);
   out["evicted"] = info.evicted;

@@ -251,6 +251,7 @@ class Tree {
   friend class WriteLocks;
   friend class ChangeReplay;
   friend class SnapshotReader;
+  friend class InterestReader;
 
   template <class Guard>
   Reader<Guard, FrameAccess> reader(Guard& guard) const noexcept;
@@ -304,6 +305,9 @@ class Tree {
   RingArena ring_arena_;
   FrameEvents* const events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
+  // By frame: how often its history was changed otherwise than by newer samples of the same parent.
+  // Written under the frame's write lock.
+  const ZeroedArray<std::atomic<std::uint32_t>> edits_;
   TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
   std::atomic<bool>& ever_reparented_;  // some frame once had samples of two parents
