@@ -66,8 +66,9 @@ def test_garbage_harms_nobody(replica: ServerProcess) -> None:
     body = wire.one_read("map", FRAMES[0], wire.OP_COMMON, wire.NO_STAMP)
     request = wire.pack(body | wire.least("x", 1))
     payloads = [b"", b"\xc1", b"\x80", request[:-1], request + b"\0", b"\xdf" + b"\xff" * 9]
+    values: tuple[object, ...] = (None, -1, 1.5, "x", [], b"")
     for name in ("least_seq", "least_instance"):
-        payloads += [wire.pack(body | {name: value}) for value in (None, -1, 1.5, "x", [], b"")]
+        payloads += [wire.pack(body | {name: value}) for value in values]
     payloads += [request[:i] + bytes((255 - request[i],)) + request[i + 1 :] for i in range(90)]
     with raw(replica.endpoint) as wires, replica.connect(10) as tf:
         router = str(next(iter(wires.session.info.routers_zid())))

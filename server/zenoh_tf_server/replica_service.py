@@ -72,7 +72,7 @@ class ReplicaService:
         Raises:
             TransformException: There is none in time.
         """
-        self._feed = MirrorFeed(source, self._take, self._copies.make_tree)
+        self._feed = MirrorFeed(source, self._take, make_tree=self._copies.make_tree)
         self._feed.wait_for_copy(_COPY_TIMEOUT_S)
 
     def close(self) -> None:
