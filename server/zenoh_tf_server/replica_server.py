@@ -16,6 +16,7 @@ from contextlib import ExitStack
 from zenoh_tf import keys
 
 from . import network
+from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .free_memory import FreeMemory
 from .link_sockets import LinkSockets
@@ -60,6 +61,10 @@ class ReplicaServer:
             memory = FreeMemory()
             stack.callback(memory.close)
             memory.start()
+            abandoned = AbandonedKeys(settings.tree, service.authorities)
+            stack.callback(abandoned.close)
+            clients.when_gone(abandoned.client_gone)
+            abandoned.start(session)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
             #: The key of a query family.

@@ -136,6 +136,10 @@ class ReplicaService:
         """Those of the current copy's clients."""
         return self._current.clocks
 
+    def authorities(self) -> list[str]:
+        """The names of those that have published to the primary."""
+        return [record["name"] for record in self.info_requests.authorities()]
+
     def stats(self) -> dict[str, int]:
         """The counters of the tree and of the server."""
         return self._current.stats()
