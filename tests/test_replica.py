@@ -197,6 +197,36 @@ def test_transactions_of_clients_everywhere(primary: ServerProcess, replica: Ser
         assert pose.translation[0] == 3 * rounds
 
 
+@pytest.mark.parametrize("reads", ["query", "auto"])
+def test_a_transaction_of_one_read_is_validated(
+    primary: ServerProcess, replica: ServerProcess, reads: Mode
+) -> None:
+    """What a replica answers may be old, so also this one asks the primary."""
+    with primary.connect(10) as far, replica.connect(10, reads=reads) as tf:
+        tf.set_transforms_xact(step(1))
+        assert seen(tf) == 1
+        with pytest.raises(TransactionConflict), tf.transaction() as tx:
+            tx.lookup_latest_transform_xact("map", FRAMES[0])
+            far.set_transforms_xact(step(2))
+        with tf.transaction() as tx:
+            assert tx.lookup_latest_transform_xact("map", FRAMES[0]).stamp_ns == 2
+
+
+def test_an_asynchronous_transaction_of_one_read_is_validated(
+    primary: ServerProcess, replica: ServerProcess
+) -> None:
+    async def read(far: TransformClient) -> None:
+        async with await AsyncTransformClient.connect(replica.endpoint, reads="query") as tf:
+            await tf.set_transforms_xact(step(1))
+            with pytest.raises(TransactionConflict):
+                async with tf.transaction() as tx:
+                    await tx.lookup_latest_transform_xact("map", FRAMES[0])
+                    far.set_transforms_xact(step(2))
+
+    with primary.connect(10) as far:
+        asyncio.run(read(far))
+
+
 def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformClient) -> None:
     """It refuses the read, and the client asks the primary."""
     near.set_transforms_xact(step(1))

@@ -96,6 +96,8 @@ class Exchange:
         self.router: Callable[[], str | None] = lambda: None
         #: What answers reads in place of the server; None if there is none.
         self.replica: Replica | None = None
+        #: A replica has been there, so a read may be older than what another client has seen.
+        self.reads_may_be_old = False
         #: How old the last reply may be, in seconds; None if it was the server's own.
         self.replica_age_s: float | None = None
         #: What reads of a replica must see; None if the client has written nothing.
@@ -173,6 +175,7 @@ class Exchange:
             reply = yield Ask(near["hello"], wire.pack(request.body()), timeout_s)
             if not isinstance(reply, NoReply) and "error" not in reply:
                 value = request.parse(reply)
+                self.reads_may_be_old = True
                 found = Replica(near, parse_server_info(value, time.monotonic_ns()))
         self.replica = found
         return found
