@@ -135,8 +135,12 @@ class Exchange:
             reply = yield from self._query(self._keys["info"], payload, timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
-            note = "; the replica there answers reads only" if self.replica is not None else ""
-            raise ServerUnavailable(reply.reason + note)
+            if self.replica is None:
+                raise ServerUnavailable(reply.reason)
+            raise ServerUnavailable(
+                f"the primary of tree {self._tree!r} does not answer: writes fail until it is "
+                f"back; the replica at {self._address} answers reads"
+            )
         self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
         access = value.get("access")
