@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import threading
 import time
 from collections.abc import Callable
 from itertools import pairwise
@@ -10,7 +12,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import ServerProcess, StartServer
+from tests.mirror_process import MirrorProcess
 from tests.tcp_proxy import TcpProxy
+from tests.test_mirror_equal import NAMES, Traffic, wait_until_quiet
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import (
     ConnectivityException,
@@ -342,3 +346,70 @@ def test_a_restarted_server(start_server: StartServer) -> None:
             robot(other, 2)
             m.wait_for(other.last_receipt, DEADLINE_S)
             assert m.lookup_transform("map", "gripper").stamp_ns == 2
+
+
+def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> None:
+    """It holds up nobody, and is right again soon; its stream is shared with one that goes on."""
+    pair = ("map", "gripper")
+    robot(client, 1)
+    with (
+        server.connect() as other,
+        other.mirror([pair], max_delay_s=0) as m,
+        MirrorProcess(server.endpoint, "pair", *pair) as stopped,
+    ):
+        assert client.stats()["interests"] == 1
+        stopped.freeze()
+        for stamp in range(2, 400):
+            robot(client, stamp)
+        m.wait_for(client.last_receipt)
+        assert m.lookup_transform(*pair).stamp_ns == 399
+        stopped.go_on()
+        expected = {name: client.frame(name).version for name in m.frames()}
+        wait(lambda: stopped.ask()["versions"] == expected, "it does not catch up")
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_equal_to_the_mirror_of_everything(start_server: StartServer, seed: int) -> None:
+    """Random writes of several clients: names come and go, time is set back, the tree is cleared,
+    frames are reparented. What a mirror of pairs answers is what the other one answers."""
+    server = start_server(
+        *("--max-frames", "400", "--time-jump", "clear", "--max-samples-per-frame", "20")
+    )
+    chance = random.Random(seed)
+    clients = [server.connect(20) for _ in range(2)]
+    traffics = [Traffic(tf, seed + i) for i, tf in enumerate(clients)]
+    threads = [threading.Thread(target=traffic.run, args=(400,)) for traffic in traffics]
+    pairs = [(chance.choice(NAMES), chance.choice(NAMES)) for _ in range(3)]
+    with server.connect(20) as tf:
+        mirrors = [
+            clients[0].mirror(pairs, max_delay_s=0),
+            clients[1].mirror([(b, a) for a, b in pairs]),
+            tf.mirror([("map", name) for name in NAMES]),
+        ]
+        full = tf.mirror()
+        for thread in threads:
+            thread.start()
+        while any(thread.is_alive() for thread in threads):
+            for m in mirrors:
+                for a, b in pairs:
+                    m.can_transform(a, b)
+            time.sleep(0.02)
+        for thread in threads:
+            thread.join()
+        wait_until_quiet(tf)
+        tf.set_transform(stamped("last", 1), static=True)
+        stamps = np.array(sorted(set().union(*(traffic.stamps for traffic in traffics))))
+        for m in (full, *mirrors):
+            m.wait_for(tf.last_receipt, DEADLINE_S)
+        for m in mirrors:
+            for name in m.frames():
+                mine, whole = m.frame(name), full.frame(name)
+                for fact in ("parent", "authority", "static", "samples", "version"):
+                    assert getattr(mine, fact) == getattr(whole, fact), (name, fact)
+            for a, b in pairs:
+                here, there = m.sample(a, b, stamps), full.sample(a, b, stamps)
+                for stamp in stamps[here.ok != there.ok].tolist():
+                    # Samples of several parents may make a way that leads outside.
+                    assert not {*full.chain(a, b, stamp)} <= {*m.frames()}
+    for client in clients:
+        client.close()

@@ -28,7 +28,7 @@ T = TypeVar("T")
 _LOWEST_HZ: Final = 0.001
 _HIGHEST_HZ: Final = 1000.0
 #: How long the server gathers changes of the pairs' frames, if not said otherwise, and at most.
-_DELAY_S: Final = 0.03
+_DELAY_S: Final = 0.05
 _LONGEST_DELAY_S: Final = 10.0
 #: Errors that may be due to frames that the mirror has not.
 _EXPLAINED: Final = (LookupException, ConnectivityException)
