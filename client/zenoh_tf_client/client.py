@@ -254,9 +254,8 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         Example:
             ``with tf.mirror([("map", "gripper")]) as m: m.lookup_transform("map", "gripper")``
         """
-        return Mirror(
-            self._connection, self._reads, timeout_s, interest_of(pairs, max_delay_s, max_rate_hz)
-        )
+        interest = interest_of(pairs, max_delay_s, max_rate_hz)
+        return Mirror(self._connection, self._reads, timeout_s, interest)
 
     @property
     def replica_age_s(self) -> float | None:
