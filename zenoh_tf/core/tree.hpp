@@ -168,6 +168,10 @@ class Tree {
 
   // Sets `frames` to those from target to source over their common ancestor.
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
+  // Returns the frames from each start up to its root, each once, as of one instant. A frame's
+  // parent is that of its link at a time, if it has one, else of its newest.
+  [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
+                                                 Stamp stamp) const;
   // Returns the parent at a time, or of the newest sample for kNoStamp; 0 if there is none.
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
