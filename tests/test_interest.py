@@ -55,6 +55,7 @@ def test_questions_about_other_frames(client: TransformClient) -> None:
             lambda: m.lookup_latest_transforms_xact([("arm", "gripper"), ("odom", "arm")]),
             lambda: m.frame("odom"),
             lambda: m.parent("odom"),
+            lambda: m.explain("gripper", "odom"),
             lambda: m.run_transaction(lambda tx: tx.lookup_transform("map", "gripper")),
         ):
             with pytest.raises(OutsideInterest) as caught:

@@ -9,7 +9,14 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import FrameInfo, LatestTransform, StampedTransform, TransformArray, Velocity
+from zenoh_tf import (
+    Explanation,
+    FrameInfo,
+    LatestTransform,
+    StampedTransform,
+    TransformArray,
+    Velocity,
+)
 
 from ..mirror import Mirror
 from ..receipt import Receipt
@@ -232,3 +239,7 @@ class AsyncMirror:
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """As `Mirror.chain`."""
         return self._mirror.chain(target, source, stamp_ns)
+
+    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+        """As `Mirror.explain`."""
+        return self._mirror.explain(target, source, stamp_ns)
