@@ -160,8 +160,6 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
         "state_dir": "a replica stores nothing: give --state-dir to the primary",
         "no_admin": "a replica takes no writes: give --no-admin to the primary",
         "one_authority_per_frame": "a replica takes no writes: give this flag to the primary",
-        "share_dir": "a replica does not share its tree",
-        "share_group": "a replica does not share its tree",
         "ros2": "a replica takes no writes: give --ros2 to the primary",
         "ros2_publish": "give --ros2-publish to the primary",
     }
