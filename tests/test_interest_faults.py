@@ -130,8 +130,10 @@ def test_garbage_on_the_stream(server: ServerProcess, client: TransformClient) -
             (reply,) = attacker.session.get(
                 keys.operation("main", "snapshot"), payload=wire.pack(body)
             )
-            error = wire.decode_error(wire.unpack(reply.err.payload.to_bytes())["error"])
-            assert isinstance(error, ProtocolError)
+            refusal = reply.err
+            assert refusal is not None
+            error = wire.unpack(refusal.payload.to_bytes())["error"]
+            assert isinstance(wire.decode_error(error), ProtocolError)
         robot(client, 2)
         m.wait_for(timeout_s=DEADLINE_S)
         assert m.lookup_transform(*pair).stamp_ns == 2
