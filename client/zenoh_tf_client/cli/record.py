@@ -119,7 +119,7 @@ def _print(args: argparse.Namespace, counters: Counters, spent_s: float) -> None
         output.print_json({**summary, **asdict(counters), "seconds": round(spent_s, 3)})
         return
     print(
-        f"{counters.transforms:,} transforms and {counters.static:,} static links in {spent_s:.1f} "
+        f"{counters.transforms:,} transforms and {counters.static:,} static ones in {spent_s:.1f} "
         f"s written to {args.file} ({size:,} bytes)"
     )
     for count, what in (
