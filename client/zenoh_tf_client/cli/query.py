@@ -28,7 +28,7 @@ from zenoh_tf.text import quoted
 from zenoh_tf_client.cli import output, recordings, stamps
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.cli.progress import Progress
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
 _TIMES: Final = (
     "nanoseconds; seconds, as 1700000000.5 or 12s; or with a sign: +1.5s after the first sample, "
@@ -43,25 +43,21 @@ _MAX_ROWS: Final = 10_000_000
 _NO_CLOCK_NS: Final = -(1 << 62)
 _COLUMNS: Final = ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
 
-_EPILOG: Final = """\
-examples:
-  zenoh-tf query run.mcap
-  zenoh-tf query run.mcap map base --at +10s
-  zenoh-tf query run.mcap map base --every 20ms --csv > base.csv
-  zenoh-tf query run.mcap map base --every 20ms --npz base.npz
-"""
-
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     query = commands.add_parser(
         "query",
         parents=[common],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
         help="ask a recording, without a server",
         description="Print the pose of SOURCE in TARGET from a recording: at a time, or at many.\n"
         "Without --at and --every: at the latest common time. Without frames: what\n"
         "frames there are. Needs no server, and the libraries of zenoh-tf[recordings].",
-        epilog=_EPILOG,
+        **examples(
+            "zenoh-tf query run.mcap",
+            "zenoh-tf query run.mcap map base --at +10s",
+            "zenoh-tf query run.mcap map base --every 20ms --csv > base.csv",
+            "zenoh-tf query run.mcap map base --every 20ms --npz base.npz",
+        ),
     )
     recordings.add_file(query)
     query.add_argument(
