@@ -295,7 +295,7 @@ def test_it_ends_by_itself(server: ServerProcess, zenoh_tf: Run, tmp_path: Path)
     done = zenoh_tf("--connect", server.endpoint, "record", str(path), "--duration", "0.5")
     assert done.returncode == 0
     assert done.stderr == f"recording to {path} until Ctrl-C\n"
-    assert done.stdout.startswith("0 transforms and 0 static links in ")
+    assert done.stdout.startswith("0 transforms and 0 static ones in ")
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None and summary.statistics is not None
