@@ -204,8 +204,9 @@ class MirrorFeed:
                 receiver = self._receiver
                 with contextlib.suppress(zenoh.ZError):  # undeclared
                     self._listen_to(receiver)
-                if receiver is self._receiver:  # no other one has taken its place
-                    break
+                with self._changed:  # in which `_listen_anew` replaces it
+                    if receiver is self._receiver:
+                        break
         except ServerUnavailable:  # the connection is closed
             pass
         finally:
@@ -249,10 +250,10 @@ class MirrorFeed:
 
     def _listen_anew(self) -> None:
         log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
-        with contextlib.suppress(ServerUnavailable, zenoh.ZError):
+        with contextlib.suppress(ServerUnavailable, zenoh.ZError), self._changed:
             self._receiver = self._source.subscribe(RingChannel(_RING_MESSAGES))
-            if self._closed:  # meanwhile
-                self.close()
+        if self._closed:  # meanwhile
+            self.close()
 
     def _received(self, data: bytes) -> None:
         with self._changed:
@@ -374,10 +375,10 @@ class MirrorFeed:
         self._unknown += 1
         if self._unknown < _MAX_UNKNOWN:
             return error
-        what = "mirrors" if self._interest is None else "mirrors of some frames"
         return ServerUnavailable(
-            f"the server of tree {self._source.tree!r} offers no {what}: it is older than this "
-            "client; look transforms up by query, or update the server"
+            f"the server of tree {self._source.tree!r} offers no mirrors"
+            f"{' of some frames' if self._interest else ''}: it is older than this client; look "
+            "transforms up by query, or update the server"
         )
 
     def _is_final(self) -> bool:
