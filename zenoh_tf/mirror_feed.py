@@ -1,7 +1,6 @@
 """Feeds a mirror: listens to the stream of a tree's server, and asks for what is missing.
 
-Mirrors of clients and replicas of servers share it. `Source` is what each of them adds: how it
-listens and asks.
+Mirrors of clients and replicas of servers share it; each adds a `Source`, which listens and asks.
 
 One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
@@ -38,7 +37,7 @@ from .errors import (
     TimeoutException,
     TransformException,
 )
-from .mirroring import MakeTree, Mirroring, Request, make_tree
+from .mirroring import MakeTree, Mirroring, Observer, Request, make_tree
 from .server_clock import COMPARISONS, ServerClock, now_ns
 from .tree import TransformTree
 
@@ -92,12 +91,12 @@ class Source(Protocol):
     def calls(self) -> AbstractContextManager[None]:
         """To be entered while a message is waited for."""
 
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
-        """Listen to the stream, in place of an earlier call. Returns the channel's receiver, which
-        raises ZError when the source listens no more."""
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
+        """Listen to the stream."""
 
-    def unsubscribe(self) -> bool:
-        """Listen no more; never raises. False: the process is forked, and has no threads."""
+    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
+        """Undeclare a subscriber; never raises. False: the process is forked, and has no
+        threads."""
 
     def ask(self, operation: str, body: wire.Message) -> wire.Message:
         """Send a request, and return the reply, or raise its error."""
@@ -115,6 +114,7 @@ class MirrorFeed:
         on_copy: Callable[[TransformTree | None, str], None],
         interest: wire.Interest | None = None,
         make_tree: MakeTree = make_tree,
+        observer: Observer | None = None,
     ) -> None:
         """Begin to listen. `on_copy` is told each new copy of the tree and its instance, before
         `state` has it, and None at the end.
@@ -125,7 +125,7 @@ class MirrorFeed:
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring(make_tree, interest=interest)
+        self._mirroring = Mirroring(make_tree, interest=interest, observer=observer)
         self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
@@ -138,7 +138,7 @@ class MirrorFeed:
         self._has_warned = False
         self._is_silent = True  # since the last look; read and written without the lock
         self._clock = ServerClock()
-        self._receiver = source.subscribe(RingChannel(_RING_MESSAGES))
+        self._subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
         self._thread = threading.Thread(target=self._listen, name="mirror", daemon=True)
         self._thread.start()
         self._in_thread(self._watch)
@@ -189,7 +189,7 @@ class MirrorFeed:
 
     def close(self) -> None:
         """Listen no more. May be called again."""
-        if not self._source.unsubscribe():
+        if not self._source.unsubscribe(self._subscriber):
             return
         self._closed = True
         if threading.current_thread() is not self._thread:
@@ -201,12 +201,11 @@ class MirrorFeed:
         """Apply messages until the mirror or the connection is closed."""
         try:
             while not self._closed:
-                receiver = self._receiver
+                subscriber = self._subscriber
                 with contextlib.suppress(zenoh.ZError):  # undeclared
-                    self._listen_to(receiver)
-                with self._changed:  # in which `_listen_anew` replaces it
-                    if receiver is self._receiver:
-                        break
+                    self._listen_to(subscriber.handler)
+                if subscriber is self._subscriber:  # no other one has taken its place
+                    break
         except ServerUnavailable:  # the connection is closed
             pass
         finally:
@@ -233,7 +232,7 @@ class MirrorFeed:
                 return
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
-            if self._interest is not None and silent_periods and self._compare_clocks():
+            if self._interest and silent_periods and self._compare_clocks():
                 self._begin_anew()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
                 if self._compare_clocks():
@@ -246,14 +245,16 @@ class MirrorFeed:
         with self._changed:
             if self.state.synced:  # else a request is under way, or waits
                 self._mirroring.restart()
-            self._proceed()
+                self._proceed()
 
     def _listen_anew(self) -> None:
         log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
-        with contextlib.suppress(ServerUnavailable, zenoh.ZError), self._changed:
-            self._receiver = self._source.subscribe(RingChannel(_RING_MESSAGES))
-        if self._closed:  # meanwhile
-            self.close()
+        old = self._subscriber
+        with contextlib.suppress(ServerUnavailable, zenoh.ZError):
+            self._subscriber = self._source.subscribe(RingChannel(_RING_MESSAGES))
+            self._source.unsubscribe(old)  # now that the thread finds the other one
+            if self._closed:  # meanwhile
+                self.close()
 
     def _received(self, data: bytes) -> None:
         with self._changed:
@@ -376,9 +377,8 @@ class MirrorFeed:
         if self._unknown < _MAX_UNKNOWN:
             return error
         return ServerUnavailable(
-            f"the server of tree {self._source.tree!r} offers no mirrors"
-            f"{' of some frames' if self._interest else ''}: it is older than this client; look "
-            "transforms up by query, or update the server"
+            f"the server of tree {self._source.tree!r} offers no mirrors, or none of some frames: "
+            "it is older than this client; look transforms up by query, or update it"
         )
 
     def _is_final(self) -> bool:
