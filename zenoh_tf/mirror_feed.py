@@ -38,7 +38,7 @@ from .errors import (
     TimeoutException,
     TransformException,
 )
-from .mirroring import MakeTree, Mirroring, Request, make_tree
+from .mirroring import MakeTree, Mirroring, Observer, Request, make_tree
 from .server_clock import COMPARISONS, ServerClock, now_ns
 from .tree import TransformTree
 
@@ -114,6 +114,7 @@ class MirrorFeed:
         on_copy: Callable[[TransformTree | None, str], None],
         interest: wire.Interest | None = None,
         make_tree: MakeTree = make_tree,
+        observer: Observer | None = None,
     ) -> None:
         """Begin to listen. `on_copy` is told each new copy of the tree and its instance, before
         `state` has it, and None at the end.
@@ -124,7 +125,7 @@ class MirrorFeed:
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring(make_tree, interest=interest)
+        self._mirroring = Mirroring(make_tree, interest=interest, observer=observer)
         self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
