@@ -95,8 +95,7 @@ class Source(Protocol):
         """Listen to the stream."""
 
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
-        """Undeclare a subscriber; never raises. False: the process is forked, and has no
-        threads."""
+        """Undeclare a subscriber; never raises. False: the process is forked."""
 
     def ask(self, operation: str, body: wire.Message) -> wire.Message:
         """Send a request, and return the reply, or raise its error."""
