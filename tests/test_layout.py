@@ -24,6 +24,7 @@ EXTRAS = {
     "prometheus_client": "zenoh_tf_server",
     "rosbags": "zenoh_tf_client",
     "scipy": "zenoh_tf",
+    "viser": "zenoh_tf_client",
 }
 
 

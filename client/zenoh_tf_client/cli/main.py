@@ -32,6 +32,7 @@ from zenoh_tf_client.cli import (
     replay,
     stamps,
     view,
+    viewer,
     write,
 )
 from zenoh_tf_client.cli.connection import add_credentials
@@ -142,7 +143,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, write, calibration, replay, certificates):
+    for family in (query, view, viewer, write, calibration, replay, certificates):
         family.add(commands, common)
     return parser
 
