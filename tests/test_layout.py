@@ -21,6 +21,8 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
 EXTRAS = {
     "cryptography": "zenoh_tf_client",
+    "foxglove": "zenoh_tf_client",
+    "matplotlib": "zenoh_tf_client",
     "prometheus_client": "zenoh_tf_server",
     "rosbags": "zenoh_tf_client",
     "scipy": "zenoh_tf",

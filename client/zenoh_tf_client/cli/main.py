@@ -27,7 +27,9 @@ from zenoh_tf_client import environment
 from zenoh_tf_client.cli import (
     calibration,
     certificates,
+    foxglove,
     output,
+    plot,
     query,
     replay,
     stamps,
@@ -143,7 +145,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, viewer, write, calibration, replay, certificates):
+    for family in (query, view, viewer, foxglove, plot, write, calibration, replay, certificates):
         family.add(commands, common)
     return parser
 

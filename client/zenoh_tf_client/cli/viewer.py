@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from zenoh_tf_client.cli import output
+from zenoh_tf_client.cli import output, ranges
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.cli.types import Commands
@@ -45,7 +45,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     view.add_argument(
         "--at",
         metavar="S",
-        type=_seconds,
+        type=ranges.seconds,
         default=0.0,
         help="seconds after the recording's first sample to begin at (default 0)",
     )
@@ -57,27 +57,27 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     view.add_argument(
         "--stale",
         metavar="S",
-        type=_seconds,
+        type=ranges.seconds,
         default=1.0,
         help="mark links without a sample for this many seconds (default 1)",
     )
     view.add_argument(
         "--trail",
         metavar="S",
-        type=_seconds,
+        type=ranges.seconds,
         help="seconds that trails go back (default 10; of a recording: to its begin)",
     )
     view.add_argument(
         "--axes",
         metavar="M",
-        type=_metres,
+        type=ranges.metres,
         default=0.2,
         help="length of the frames' axes in metres (default 0.2)",
     )
     view.add_argument(
         "--max-frames",
         metavar="N",
-        type=_count,
+        type=ranges.frames,
         default=300,
         help="most frames that are drawn (default 300); the page says how many more there are",
     )
@@ -90,7 +90,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     view.add_argument(
         "--port",
         metavar="N",
-        type=_port,
+        type=ranges.port,
         default=8080,
         help="port to listen on (default 8080); if it is taken, the next free one",
     )
@@ -146,8 +146,7 @@ def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> Source:
 
 
 def _greet(args: argparse.Namespace, port: int) -> None:
-    host = f"[{args.host}]" if ":" in args.host else args.host
-    url = f"http://{host}:{port}"
+    url = ranges.url("http", args.host, port)
     what = args.tree if args.file is None else str(args.file)
     if args.json:
         output.print_json({"url": url, "showing": what})
@@ -155,37 +154,3 @@ def _greet(args: argparse.Namespace, port: int) -> None:
         if port != args.port:
             print(f"port {args.port} is not free")
         print(f"showing {what} at {url} (Ctrl-C ends it)", flush=True)
-
-
-def _seconds(text: str) -> float:
-    return _number(text, 0.0, "seconds")
-
-
-def _metres(text: str) -> float:
-    return _number(text, 0.001, "metres")
-
-
-def _number(text: str, least: float, unit: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not least <= value < 1e6:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a number of {unit} of at least {least:g} and below 1e6"
-        )
-    return value
-
-
-def _count(text: str) -> int:
-    return _whole(text, 1, 10_000)
-
-
-def _port(text: str) -> int:
-    return _whole(text, 1, 65_535)
-
-
-def _whole(text: str, least: int, most: int) -> int:
-    if not text.isdecimal() or not least <= int(text) <= most:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {least} to {most:,}")
-    return int(text)

@@ -48,11 +48,15 @@ class RecordedSource:
             raise CommandError(f"{path}: no transforms")
         firsts = [int(times[0]) for times in self._stamps_ns.values()] or [0]
         lasts = [int(times[-1]) for times in self._stamps_ns.values()] or [0]
-        self.range_ns: tuple[int, int] | None = (min(firsts), max(lasts))
+        self.range_ns = (min(firsts), max(lasts))
 
     @property
     def lookups(self) -> Lookups:
         return self._tree
+
+    def chain(self, target: str, source: str, time_ns: int) -> list[str]:
+        """The frames from target to source at a time. Raises as `TransformTree.chain`."""
+        return self._tree.chain(target, source, time_ns)
 
     def names(self) -> list[str]:
         return self._names

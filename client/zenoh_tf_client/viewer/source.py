@@ -55,8 +55,9 @@ class Lookups(Protocol):
 class Source(Protocol):
     """A tree to look at. Only the viewer's thread calls it."""
 
-    #: The times that can be chosen, in nanoseconds; None: only now.
-    range_ns: tuple[int, int] | None
+    @property
+    def range_ns(self) -> tuple[int, int] | None:
+        """The times that can be chosen, in nanoseconds; None: only now."""
 
     @property
     def lookups(self) -> Lookups: ...
