@@ -18,6 +18,7 @@ CORE = {
 PARTS = CORE | {
     "embedded": "embedded:measure",
     "reads": "reads:measure",
+    "readers": "readers:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
     "async": "asynchronous:measure",

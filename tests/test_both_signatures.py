@@ -31,7 +31,15 @@ PAIRS: list[tuple[type, type]] = [
 ]
 #: These ask nobody.
 PLAIN = {
-    AsyncTransformClient: {"batch", "transaction", "endpoint", "tree", "reads", "last_receipt"},
+    AsyncTransformClient: {
+        "batch",
+        "transaction",
+        "endpoint",
+        "tree",
+        "reads",
+        "last_receipt",
+        "replica_age_s",
+    },
     AsyncTransaction: {"set_transform", "set_transforms_xact"},
     AsyncBroadcaster: {"authority"},
 }

@@ -24,9 +24,13 @@ EXTRAS = {
     "foxglove": "zenoh_tf_client",
     "matplotlib": "zenoh_tf_client",
     "prometheus_client": "zenoh_tf_server",
-    "rosbags": "zenoh_tf_client",
+    "foxglove_schemas_protobuf": "zenoh_tf",
+    "mcap": "zenoh_tf",
+    "mcap_protobuf": "zenoh_tf",
+    "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "viser": "zenoh_tf_client",
+    "xxhash": "zenoh_tf",
 }
 
 

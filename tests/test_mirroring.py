@@ -16,7 +16,7 @@ from zenoh_tf_server.recent_messages import RecentMessages
 SETTINGS = wire.TreeSettings(round(CACHE_S * 1e9), 64, 16, 255, 1000)
 
 
-def mirror_tree(settings: wire.TreeSettings) -> TransformTree:
+def mirror_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
     assert settings == SETTINGS
     return make_tree(max_log_bytes=1 << 16)  # so that `state` can read it
 

@@ -8,6 +8,8 @@
     tf/v1/{tree}/hello             query   the server's id, limits and clock; the client's rights
     tf/v1/{tree}/snapshot          query   all frames and histories, in pieces
     tf/v1/{tree}/missed            query   messages of the stream that were missed
+    tf/v1/{tree}/at/{router}/lookup   query   the same of a replica, for clients of its router;
+    tf/v1/{tree}/at/{router}/...              also batch, info and hello
     tf/v1/{tree}/commit/{authority}   query   the same as above; writes of a server that has
     tf/v1/{tree}/batch/{authority}    query   access rules, which work on keys
     tf/v1/{tree}/admin/{what}         query
@@ -41,6 +43,9 @@ OPERATIONS: Final = (
     "snapshot",
     "missed",
 )
+
+#: The families that a replica answers, which change nothing.
+NEAR_OPERATIONS: Final = ("lookup", "batch", "info", "hello")
 
 #: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
 TAKES_PARTS: Final = "parts"
@@ -118,6 +123,11 @@ def operation(tree: str, name: str) -> str:
             field="operation",
         )
     return f"{prefix(tree)}/{name}"
+
+
+def near_operation(tree: str, router: str, name: str) -> str:
+    """The key of a query family of the replica for the clients of one router, by its Zenoh id."""
+    return f"{prefix(tree)}/at/{router}/{name}"
 
 
 def keyed_operation(tree: str, name: str, subject: str) -> str:

@@ -236,6 +236,14 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         return Mirror(self._connection, self._reads, timeout_s)
 
     @property
+    def replica_age_s(self) -> float | None:
+        """Returns how old the last answer of the service may be, in seconds.
+
+        It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
+        """
+        return self._connection.replica_age_s
+
+    @property
     def last_receipt(self) -> Receipt | None:
         """Returns the `Receipt` of this client's last write that the server has replied to.
 

@@ -15,12 +15,13 @@ from zenoh_tf.errors import (
     ServerUnavailable,
     TimeoutException,
 )
+from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.text import quoted
 
 from . import lookup_requests
 from .connection import Connection
-from .mirror_feed import MirrorFeed
 from .mirror_reads import TAKEN, MirrorReads
+from .mirror_source import MirrorSource
 from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites
 from .receipt import Receipt
 from .request import Request
@@ -74,12 +75,12 @@ class Mirror(MirrorReads):
         self._current: TransformTree | None = None  # None: closed, or forked
         weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
 
-        def on_copy(tree: TransformTree | None) -> None:
+        def on_copy(tree: TransformTree | None, instance: str) -> None:
             mirror = weak_self()
             if mirror is not None:
                 mirror._take(tree)
 
-        self._feed = feed = MirrorFeed(connection, on_copy)
+        self._feed = feed = MirrorFeed(MirrorSource(connection), on_copy)
         self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False

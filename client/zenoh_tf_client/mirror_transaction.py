@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from typing import Final, TypeVar
 
 from zenoh_tf import TransformTree
+from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.shared_tree import AskServer
 
 from .connection import Connection
-from .mirror_feed import MirrorFeed
 from .receipt import Receipt
 from .request import Read, Rows, VersionedRead
 from .shared_reads import SharedReads, read_tree

@@ -79,6 +79,15 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "dropped_by_queue": _counter(
         "puts_dropped", "published messages dropped because too many of an authority were waiting"
     ),
+    "replica_age_s": _gauge(
+        "replica_age_seconds", "of a replica: how old the state that it serves may be"
+    ),
+    "replica_seq": _gauge(
+        "replica_seq", "of a replica: the last commit of the primary that it has"
+    ),
+    "replica_snapshots": _counter(
+        "replica_snapshots", "of a replica: copies of the primary's tree that were begun"
+    ),
     "stream_messages": _counter("stream_messages", "messages published for mirrors"),
     "stream_message_bytes": _counter("stream_message_bytes", "bytes of these messages"),
     "stream_gaps": _counter(
@@ -88,6 +97,27 @@ FROM_STATS: Final[dict[str, Metric]] = {
         "stream_kept_bytes", "bytes of published messages, kept for mirrors that missed some"
     ),
     "change_log_bytes": _gauge("change_log_bytes", "bytes of changes that wait to be published"),
+    "ros2_messages": _counter("ros2_messages", "messages of ROS 2 that were received (`--ros2`)"),
+    "ros2_bad_keys": _counter("ros2_bad_keys", "messages dropped as their key is not of ROS 2"),
+    "ros2_bad_attachments": _counter(
+        "ros2_bad_attachments", "messages of ROS 2 whose attachment was not understood"
+    ),
+    "ros2_publishers": _gauge("ros2_publishers", "publishers of transforms on ROS 2"),
+    "ros2_static_links": _gauge(
+        "ros2_static_links", "static transforms of ROS 2, counted for each publisher"
+    ),
+    "ros2_statics_dropped": _counter(
+        "ros2_statics_dropped", "static links removed because their publisher was gone"
+    ),
+    "ros2_unanswered": _counter(
+        "ros2_unanswered", "times that a publisher did not tell its static transforms in time"
+    ),
+    "ros2_published_messages": _counter(
+        "ros2_published_messages", "messages published on ROS 2 (`--ros2-publish`)"
+    ),
+    "ros2_published_transforms": _counter(
+        "ros2_published_transforms", "transforms in these messages"
+    ),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
     "bad_puts": _counter("puts_refused", "published messages that were refused"),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import zenoh
 
-from zenoh_tf import connect_failure, zenoh_config
+from zenoh_tf import connect_failure, wire, zenoh_config
 from zenoh_tf.errors import AccessDenied
 
 from .limits import Limits
@@ -43,10 +44,13 @@ def open_session(
     limits: Limits,
     security: Security = OPEN,
     tree: str = "main",
+    *,
+    gossip: bool = False,
 ) -> zenoh.Session:
     """Open a session: a client of `connect` if that is not empty, else a router on `listen`.
 
-    `security` says who may use the router, and `tree` for which keys.
+    `security` says who may use the router, and `tree` for which keys. `gossip`: the router tells
+    peers of each other, which ROS 2 nodes rely on.
 
     Raises:
         NetworkError: The endpoints cannot be reached or listened on.
@@ -70,6 +74,8 @@ def open_session(
             )
         # The stream of changes is of this priority: a burst must not be dropped at once.
         config.insert_json5("transport/link/tx/queue/size/data_low", "16")
+        if gossip and not connect:
+            config.insert_json5("scouting/gossip/enabled", "true")
         config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -80,6 +86,35 @@ def open_session(
             if isinstance(failure, AccessDenied):
                 raise NetworkError(f"cannot connect: {failure}") from error
         raise NetworkError(_message(str(error), listen, connect)) from error
+
+
+def open_replica_session(
+    listen: Sequence[str], primary: Sequence[str], limits: Limits, security: Security
+) -> zenoh.Session:
+    """Open a router on `listen` that links itself to that at `primary`, now and whenever it has
+    lost the link.
+
+    Raises:
+        NetworkError: The endpoints cannot be listened on.
+    """
+    try:
+        config = zenoh_config.router(
+            listen,
+            max_sessions=limits.connections,
+            max_message_bytes=_RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES),
+            security=security.replica_settings(),
+        )
+        for key, value in {
+            "connect/endpoints": list(primary),
+            "connect/exit_on_failure": False,
+            "connect/timeout_ms": -1,
+            "connect/retry": _RETRY,
+            "scouting/delay": 0,
+        }.items():
+            config.insert_json5(key, json.dumps(value))
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise NetworkError(_message(str(error), listen, ())) from error
 
 
 def certificates(session: zenoh.Session) -> Callable[[str], str | None]:

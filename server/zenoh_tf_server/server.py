@@ -11,9 +11,9 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from typing import Literal
 
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, keys
 
-from . import network, operations, sharing, tree_claim
+from . import network, operations, ros2, sharing, tree_claim
 from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .event_reports import EventReports
@@ -26,6 +26,7 @@ from .local_requests import LocalRequests
 from .outbox_links import OutboxLinks
 from .replies import Replies
 from .request_guard import RequestGuard
+from .ros2.settings import Settings as Ros2Settings
 from .security import OPEN, Security
 from .service import Service
 from .sharing import Sharing
@@ -54,10 +55,15 @@ class Settings:
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
     sharing: sharing.Settings = field(default_factory=sharing.Settings)
+    ros2: Ros2Settings = field(default_factory=Ros2Settings)
+    replica_of: Sequence[str] = ()  # endpoints of the primary's network
 
 
 class Server:
     """Serves from construction to `close`. Raises NetworkError, StateError or TreeTaken."""
+
+    #: Of a replica: how old what is served may be, in seconds.
+    age_s: float | None = None
 
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
@@ -85,13 +91,20 @@ class Server:
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
             session = network.open_session(
-                settings.listen, settings.connect, limits, settings.security, settings.tree
+                settings.listen,
+                settings.connect,
+                limits,
+                settings.security,
+                settings.tree,
+                gossip=settings.ros2.enabled,
             )
             stack.callback(session.close)
             listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
             self.session = session
+            #: The key of a query family.
+            self.key = functools.partial(keys.operation, settings.tree)
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
             sockets = LinkSockets()
@@ -140,10 +153,11 @@ class Server:
             )
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
+            ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
             self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
-            workers.start(session, settings.tree)
+            workers.start(session, self.key)
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()

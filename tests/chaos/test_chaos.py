@@ -24,7 +24,7 @@ LONG = int(os.environ.get("CHAOS", "0"))
 SEED = seed(LONG)
 SHORT = 1000
 #: A faulty server is given so many runs of so many transactions.
-FAULTY_RUNS, FAULTY = 6, 3000
+FAULTY_RUNS, FAULTY = 12, 3000
 CLIENTS = 7
 SOUND_SERVER = [sys.executable, "-m", "zenoh_tf_server"]
 #: The kinds of faults that a run must have seen, of all that run.py has.

@@ -19,8 +19,8 @@ import pytest
 from zenoh_tf_client.cli.main import main
 from zenoh_tf_client.cli.viewer import _EXAMPLES
 
-from ..cli.test_replay import write
-from ..conftest import ServerProcess, free_port
+from ..conftest import ServerProcess, free_endpoint, free_port
+from ..recordings.files import write
 
 PAGE = (Path(__file__).parents[2] / "docs/view.md").read_text()
 MODULE = ("-m", "zenoh_tf_client")
@@ -54,6 +54,14 @@ def started(*args: str, cwd: Path | None = None) -> Iterator[tuple[subprocess.Po
             yield process, line
         finally:
             process.kill()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    log = tmp_path_factory.mktemp("server") / "log"
+    server = ServerProcess(log, free_endpoint(), "main", ())
+    yield server
+    server.stop()
 
 
 @pytest.fixture(scope="module")

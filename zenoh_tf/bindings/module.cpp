@@ -15,4 +15,5 @@ NB_MODULE(_core, m) {
   ztf::bind_change_replay(m);
   ztf::bind_message_size(m);
   ztf::bind_join_buffers(m);
+  ztf::bind_cdr(m);
 }

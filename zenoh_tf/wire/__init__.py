@@ -68,6 +68,14 @@ from .lookup import (
     parse_one_read,
     parse_read_set,
 )
+from .replica import (
+    LEAST_INSTANCE,
+    LEAST_SEQ,
+    REPLICA,
+    least,
+    parse_replica,
+    with_field,
+)
 from .stream import (
     Changes,
     Frames,
@@ -93,6 +101,8 @@ from .stream import (
 __all__ = [
     "F64",
     "I64",
+    "LEAST_INSTANCE",
+    "LEAST_SEQ",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
     "NO_STAMP",
@@ -102,6 +112,7 @@ __all__ = [
     "OP_FULL",
     "OP_LATEST",
     "OP_LATEST_XACT",
+    "REPLICA",
     "VERSION",
     "AnswerRow",
     "Changes",
@@ -129,6 +140,7 @@ __all__ = [
     "error_reply",
     "flag",
     "integer",
+    "least",
     "lookup_body",
     "lookup_reply",
     "missed_reply",
@@ -149,6 +161,7 @@ __all__ = [
     "parse_one_answer",
     "parse_one_read",
     "parse_read_set",
+    "parse_replica",
     "parse_snapshot_piece",
     "parse_snapshot_plan",
     "parse_snapshot_request",
@@ -163,4 +176,5 @@ __all__ = [
     "stream_body",
     "text",
     "unpack",
+    "with_field",
 ]

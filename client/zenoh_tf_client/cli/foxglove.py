@@ -10,6 +10,7 @@ from zenoh_tf_client.cli import output, ranges
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.viewer.live import LiveSource
 
 _EXAMPLES: Final = """\
 examples:
@@ -62,8 +63,6 @@ def _foxglove(args: argparse.Namespace) -> int:
             "this command sends through foxglove-sdk, which is not installed; "
             "install it with: pip install 'zenoh-tf[foxglove]'"
         ) from error
-    from zenoh_tf_client.viewer.live import LiveSource  # noqa: PLC0415 - only used here
-
     with connect(args) as tf, tf.mirror() as mirror:
         bridge = FoxgloveBridge(LiveSource(mirror), f"zenoh-tf {args.tree}", args.host, args.port)
         with contextlib.closing(bridge):

@@ -28,9 +28,11 @@ from zenoh_tf_client.cli import (
     calibration,
     certificates,
     foxglove,
+    lookups,
     output,
     plot,
     query,
+    record,
     replay,
     stamps,
     view,
@@ -45,7 +47,7 @@ from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 # argparse takes a time such as "-1s" for an option, too.
 _NEGATIVE_TIME = re.compile(r"-(\d+\.?\d*|\.\d+)(s|ns)")
-_TIME_OPTIONS = ("--at", "--stamp")
+_TIME_OPTIONS = ("--at", "--stamp", "--start", "--end")
 
 _EPILOG = """\
 exit codes: 0 done, 1 rejected or failed, 2 wrong usage
@@ -145,7 +147,10 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, viewer, foxglove, plot, write, calibration, replay, certificates):
+    for family in (
+        *(lookups, view, viewer, foxglove, plot, write, calibration),
+        *(query, record, replay, certificates),
+    ):
         family.add(commands, common)
     return parser
 

@@ -12,6 +12,7 @@ from zenoh_tf_client.cli import output, ranges, stamps
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.viewer import recorded
 from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
@@ -31,7 +32,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Draw the position and rotation of SOURCE in TARGET over time, and how old the "
         "newest sample of the oldest link was. From a server: for some seconds from now on, the "
         "newest sample of each link. From a recording: all of it, interpolated. Times without an "
-        "answer are shaded red. Needs the library of zenoh-tf[plot].",
+        "answer are shaded red. Needs the library of zenoh-tf[plot], and for FILE those of "
+        "zenoh-tf[recordings].",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -58,7 +60,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=Path("plot.png"),
         help="the file to write: .png, .svg or .pdf (default plot.png)",
     )
-    plot.set_defaults(run=_plot)
+    plot.set_defaults(run=_plot, topics=None)
 
 
 def _plot(args: argparse.Namespace) -> int:
@@ -86,9 +88,7 @@ def _plot(args: argparse.Namespace) -> int:
 
 def _history(args: argparse.Namespace) -> PairHistory:
     if args.file is not None:
-        from zenoh_tf_client.viewer.recorded import RecordedSource  # noqa: PLC0415
-
-        return replayed(RecordedSource(args.file), args.target, args.source)
+        return replayed(recorded(args), args.target, args.source)
     with connect(args) as tf, tf.mirror() as mirror:
         return follow(mirror, args.target, args.source, args.seconds)
 

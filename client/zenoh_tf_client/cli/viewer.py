@@ -6,15 +6,15 @@ import argparse
 import contextlib
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from zenoh_tf_client.cli import output, ranges
+from zenoh_tf_client.cli import output, ranges, recordings
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.cli.types import Commands
-
-if TYPE_CHECKING:
-    from zenoh_tf_client.viewer.source import Source
+from zenoh_tf_client.viewer.live import LiveSource
+from zenoh_tf_client.viewer.recorded import RecordedSource
+from zenoh_tf_client.viewer.source import Source
 
 _EXAMPLES: Final = """\
 examples:
@@ -31,7 +31,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="show the tree in 3D, in a browser",
         description="Show the tree in a browser: frames, links, stale ones, and where frames have "
         "been. Without FILE it follows a server through a mirror. Runs until Ctrl-C. Needs the "
-        "library of zenoh-tf[viewer]; nothing comes from the internet.",
+        "library of zenoh-tf[viewer], and for FILE those of "
+        "zenoh-tf[recordings]; nothing comes from the internet.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -94,7 +95,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=8080,
         help="port to listen on (default 8080); if it is taken, the next free one",
     )
-    view.set_defaults(run=_view)
+    view.set_defaults(run=_view, topics=None)
 
 
 def _view(args: argparse.Namespace) -> int:
@@ -136,13 +137,17 @@ def _view(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> Source:
     if args.file is not None:
-        from zenoh_tf_client.viewer.recorded import RecordedSource  # noqa: PLC0415
-
-        return RecordedSource(args.file)
-    from zenoh_tf_client.viewer.live import LiveSource  # noqa: PLC0415
-
+        return recorded(args)
     tf = stack.enter_context(connect(args))
     return LiveSource(stack.enter_context(tf.mirror()))
+
+
+def recorded(args: argparse.Namespace) -> RecordedSource:
+    """The recording that `args.file` names."""
+    with recordings.opened(args) as recording:
+        source = RecordedSource(recording)
+        recordings.warn(recording)
+    return source
 
 
 def _greet(args: argparse.Namespace, port: int) -> None:

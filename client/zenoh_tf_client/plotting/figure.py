@@ -73,14 +73,14 @@ def _shade(axes: Any, history: PairHistory) -> None:
 
 
 def _angles(rotations: Any) -> Any:
-    """Roll, pitch and yaw (n, 3) in radians about the fixed axes x, y, z, without jumps."""
+    """Roll, pitch and yaw (n, 3) in radians about the fixed axes x, y, z; NaN between two of them
+    that are a half turn or more apart, so that no line is drawn there."""
     x, y, z, w = rotations.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     angles = np.stack([roll, pitch, yaw], axis=1)
-    known = ~np.isnan(angles[:, 0])
-    angles[known] = np.unwrap(angles[known], axis=0)
+    angles[1:][np.abs(np.diff(angles, axis=0)) > np.pi] = np.nan
     return angles
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import TransformException, TransformTree
+from zenoh_tf import LimitExceeded, TransformTree
+from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording, RecordingError
+from zenoh_tf.recordings.blocks import blocks
+from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.recording import open_recording
 from zenoh_tf_client.viewer.source import Link, Lookups
 
+#: Rows that are read at a time.
+_BLOCK_ROWS = 100_000
 #: The rate of a link is that of its samples in this long before the time.
 _RATE_NS = 5 * 10**9
 
@@ -20,32 +23,19 @@ _RATE_NS = 5 * 10**9
 class RecordedSource:
     """A recording; what is shown at a time is what its samples say about that time."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, recording: Recording) -> None:
         """Read a recording.
 
         Raises:
-            CommandError: It cannot be read, or has no transforms.
+            CommandError: It is damaged, has no transforms, or too many.
         """
-        # No sample is too old, and none is one too many.
-        self._tree = TransformTree(cache_time_s=1e9, max_samples_per_frame=1 << 30)
-        #: The stamps of each dynamic link, sorted; its history tells only the first and last one.
-        self._stamps_ns: dict[str, NDArray[np.int64]] = {}
-        stamps: dict[str, list[int]] = {}
-        with open_recording(path) as recording:
-            for message in recording.messages():
-                try:
-                    self._tree.set_transforms_xact(
-                        message.transforms, authority=message.topic, static=message.static
-                    )
-                except TransformException:
-                    continue
-                for stamped in () if message.static else message.transforms:
-                    stamps.setdefault(stamped.child_frame, []).append(stamped.stamp_ns)
-        for name, times in stamps.items():
-            self._stamps_ns[name] = np.unique(np.array(times, np.int64))
+        self._tree = TransformTree(**OPTIONS, max_memory_bytes=MAX_MEMORY_BYTES)
+        try:
+            #: The stamps of each dynamic link, sorted; its history tells only the first and last.
+            self._stamps_ns = _read(recording, self._tree)
+        except (RecordingError, LimitExceeded) as error:
+            raise CommandError(str(error)) from error
         self._names = self._tree.frames()
-        if not self._names:
-            raise CommandError(f"{path}: no transforms")
         firsts = [int(times[0]) for times in self._stamps_ns.values()] or [0]
         lasts = [int(times[-1]) for times in self._stamps_ns.values()] or [0]
         self.range_ns = (min(firsts), max(lasts))
@@ -88,3 +78,19 @@ class RecordedSource:
 
     def trouble(self) -> str | None:
         return None
+
+
+def _read(recording: Recording, tree: TransformTree) -> dict[str, NDArray[np.int64]]:
+    """Commit a recording. Returns the stamps of each frame whose link is not static, sorted."""
+    found: dict[str, list[NDArray[np.int64]]] = {}
+    for block in blocks(recording.messages(), _BLOCK_ROWS):
+        for rows in valid_commits(recording, tree, block):
+            if block.static:
+                continue
+            order = np.argsort(rows.child, kind="stable")
+            children, begins = np.unique(rows.child[order], return_index=True)
+            parts = np.split(rows.stamp[order].astype(np.int64), begins[1:])
+            for child, stamps_ns in zip(children.tolist(), parts, strict=True):
+                # The tree drops a slash at the begin of a name, as tf2 does.
+                found.setdefault(rows.names[child].removeprefix("/"), []).append(stamps_ns)
+    return {name: np.unique(np.concatenate(parts)) for name, parts in found.items()}
