@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client.viewer import scene
+from zenoh_tf_client.viewer.panel import Panel
 from zenoh_tf_client.viewer.source import Link
 from zenoh_tf_client.viewer.viewer import Options, Viewer, close_server, open_server
 
@@ -116,7 +118,8 @@ def test_another_fixed_frame(viewer: Viewer, tree: Tree) -> None:
     np.testing.assert_allclose(nodes["map"].frame.position, (0, 1, 0), atol=1e-12)
 
 
-def test_names_with_slashes_are_no_paths(viewer: Viewer, tree: Tree) -> None:
+def test_any_name(viewer: Viewer, tree: Tree) -> None:
+    """A slash in a node's name would make it another one's child."""
     names = ["robot", "robot/arm", "robot%2Farm", "robot//arm", "..", "a b", "\u00e4\u202e"]
     for name in names:
         tree.set("map", name, 1)
@@ -124,7 +127,7 @@ def test_names_with_slashes_are_no_paths(viewer: Viewer, tree: Tree) -> None:
     assert set(nodes) == {"map", *names}
     paths = [node.frame.name for node in nodes.values()]
     assert len(set(paths)) == len(paths)
-    assert all(path.count("/") == 2 for path in paths)
+    assert all(re.fullmatch(r"/frames/\d+", path) for path in paths)
     assert "\u202e" not in nodes["\u00e4\u202e"].label.text
 
 
@@ -143,12 +146,34 @@ def test_stale_links_are_marked(viewer: Viewer, tree: Tree) -> None:
 def test_frames_come_and_go(viewer: Viewer, tree: Tree) -> None:
     assert step(viewer) == {}
     tree.set("map", "base", 1)
-    handle = step(viewer)["base"].frame
+    tree.set("map", "other", 2)
+    node = step(viewer)["base"]
     tree.lookups.remove_frame("base")
-    assert set(step(viewer)) == {"map"}
-    assert handle._impl.removed
-    tree.set("map", "base", 1)
-    assert set(step(viewer)) == {"map", "base"}
+    assert set(step(viewer)) == {"map", "other"}
+    assert not node.frame.visible
+    tree.set("map", "new", 3)
+    nodes = step(viewer)
+    assert set(nodes) == {"map", "other", "new"}
+    assert nodes["new"].frame.visible
+    assert nodes["new"].label.text == "new"
+    np.testing.assert_allclose(nodes["new"].frame.position, (3, 0, 0), atol=1e-12)
+    for callback in nodes["new"].frame._impl.click_cb or ():
+        callback.callback(None)  # what viser's thread does
+    step(viewer)
+    assert viewer.panel.selected == "new"
+
+
+def test_nothing_grows_as_frames_come_and_go(viewer: Viewer, tree: Tree) -> None:
+    sockets: Any = viewer._server.gui._websock_interface
+    kept = sockets._broadcast_buffer.message_from_id  # what new pages get
+    sizes = []
+    for number in range(60):
+        tree.set("map", f"object {number}", 1)
+        step(viewer)
+        tree.lookups.remove_frame(f"object {number}")
+        step(viewer)
+        sizes.append(len(kept))
+    assert max(sizes[5:]) <= sizes[5] + 2
 
 
 def test_a_limit_of_frames(server: Any, tree: Tree) -> None:
@@ -217,6 +242,18 @@ def test_trails_and_trouble(viewer: Viewer, tree: Tree) -> None:
     assert len(viewer.scene._trails.points) == 0
 
 
+def test_a_recording_plays_to_its_end(server: Any) -> None:
+    panel = Panel(server, range_ns=(5 * S, 7 * S), at_s=0.5, axes_m=0.2, trail_s=math.inf)
+    assert panel.time_ns(1.0) == 5 * S + S // 2  # it does not play
+    assert panel.trail_s == 60.0
+    panel._play.value = True
+    panel._speed.value = "2 x"
+    assert panel.time_ns(0.25) == 6 * S
+    assert panel.time_ns(10.0) == 7 * S
+    assert not panel._play.value
+    server.gui.reset()
+
+
 def test_nothing_is_sent_when_nothing_changes(viewer: Viewer, tree: Tree) -> None:
     tree.set("map", "base", 1)
     node = step(viewer)["base"]
@@ -239,7 +276,6 @@ def test_nothing_is_sent_when_nothing_changes(viewer: Viewer, tree: Tree) -> Non
 def test_the_scene_cannot_be_shared(server: Any) -> None:
     """Neither by the button, nor by the message that it would send."""
     assert server.request_share_url() is None
-    theme = server.gui._websock_interface  # the theme is a message that new pages get
-    messages = [m for m in theme._broadcast_buffer.message_from_id.values()]
+    messages = server.gui._websock_interface._broadcast_buffer.message_from_id.values()
     shown = [m.show_share_button for m in messages if hasattr(m, "show_share_button")]
     assert shown == [False]

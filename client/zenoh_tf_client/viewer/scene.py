@@ -1,7 +1,9 @@
 """Draws frames, links and trails through viser; sends only what has changed.
 
-viser's quaternions are (w, x, y, z), and ``/`` in the name of a node makes it the child of another
-one. Every frame's node is given its pose in the fixed frame, so a new parent changes no node.
+viser's quaternions are (w, x, y, z). Every frame's node is given its pose in the fixed frame, so a
+new parent changes no node. Nodes have numbers in place of names: a ``/`` in a node's name would
+make it the child of another one, and viser keeps something of every name that a node has ever had.
+The node of a frame that is gone is hidden, and serves the next new frame.
 """
 
 from __future__ import annotations
@@ -9,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
-from urllib.parse import quote
 
 import numpy as np
 import viser
@@ -42,6 +43,7 @@ _LABEL_CHARS: Final = 60
 class _Node:
     """What viser draws of one frame."""
 
+    name: str
     frame: Any
     label: Any
     pose: NDArray[np.float64]
@@ -49,11 +51,6 @@ class _Node:
     text: str
     named: bool
     axes_m: float
-
-
-def node_name(frame: str) -> str:
-    """Return the name of a frame's node: no two frames have the same, and none has a ``/``."""
-    return f"/frames/{quote(frame, safe='')}"
 
 
 def label_text(link: Link, stale: bool) -> str:
@@ -96,6 +93,7 @@ class Scene:
         self._scene = server.scene
         self._on_click = on_click
         self._nodes: dict[str, _Node] = {}
+        self._hidden: list[_Node] = []
         self._scene.add_grid(
             "/grid",
             infinite_grid=True,
@@ -130,7 +128,9 @@ class Scene:
             selected: The frame whose origin is marked, and whose name is drawn.
         """
         for gone in self._nodes.keys() - placement.rows.keys():
-            self._nodes.pop(gone).frame.remove()
+            node = self._nodes.pop(gone)
+            node.frame.visible = False
+            self._hidden.append(node)
         ends, colours = [], []
         for name, pose in zip(placement.names, placement.poses, strict=True):
             link = links[name]
@@ -157,12 +157,6 @@ class Scene:
         """Draw line segments (n, 2, 3), in metres."""
         self._trails.draw(segments, np.full(segments.shape, TRAIL, np.uint8))
 
-    def clear(self) -> None:
-        """Remove all frames, as before another fixed frame."""
-        for node in self._nodes.values():
-            node.frame.remove()
-        self._nodes.clear()
-
     def _draw_frame(
         self,
         name: str,
@@ -175,7 +169,7 @@ class Scene:
     ) -> None:
         node = self._nodes.get(name)
         if node is None:
-            node = self._nodes[name] = self._added(name, pose, colour, text)
+            node = self._nodes[name] = self._new(name)
         if not np.array_equal(node.pose, pose):
             node.pose = pose
             node.frame.position = pose[:3]
@@ -195,11 +189,16 @@ class Scene:
             node.frame.axes_radius = axes_m / 25
             node.frame.origin_radius = axes_m / 8
 
-    def _added(self, name: str, pose: NDArray[np.float64], colour: Colour, text: str) -> _Node:
-        path = node_name(name)
-        frame = self._scene.add_frame(
-            path, position=pose[:3], wxyz=pose[_WXYZ], origin_color=colour
-        )
-        frame.on_click(lambda _: self._on_click(name))
-        label = self._scene.add_label(f"{path}/name", text, anchor="bottom-left")
-        return _Node(frame, label, pose, colour, text, named=True, axes_m=0.0)
+    def _new(self, name: str) -> _Node:
+        """A node for a frame, whose state is unlike that of any frame."""
+        if self._hidden:
+            node = self._hidden.pop()
+            node.name = name
+            node.frame.visible = True
+            return node
+        path = f"/frames/{len(self._nodes)}"
+        frame = self._scene.add_frame(path)
+        label = self._scene.add_label(f"{path}/name", "", anchor="bottom-left")
+        node = _Node(name, frame, label, np.full(7, np.nan), (0, 0, 0), "", True, 0.0)
+        frame.on_click(lambda _: self._on_click(node.name))
+        return node

@@ -178,11 +178,8 @@ class Viewer:
         self.panel.offer([*self._links], fixed)
 
     def _draw(self) -> Placement:
-        fixed = self.panel.fixed or ""
-        if fixed != self._fixed:
-            self._fixed = fixed
-            self.scene.clear()
-        placement = place(self._source.lookups, self._links, fixed)
+        self._fixed = self.panel.fixed or ""
+        placement = place(self._source.lookups, self._links, self._fixed)
         self.scene.draw(
             placement,
             self._links,
