@@ -154,7 +154,7 @@ def test_what_it_prints(recording: Path, tmp_path: Path, capsys: Any) -> None:
     assert code == 0
     first, second = text.splitlines()
     assert re.fullmatch(
-        rf"{re.escape(out)}: 4,000 lookups over 8.0 s, age \S+ ms \(median\), 2.0 s at most", first
+        rf"{re.escape(out)}: 2,000 lookups over 8.0 s, age \S+ ms \(median\), 2.0 s at most", first
     )
     assert re.match(r"\d+ lookups without an answer; the last: extrapolation into the past", second)
     args = ("plot", "base_link", "camera", str(recording), "--out", out, "--json")

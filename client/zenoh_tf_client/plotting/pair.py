@@ -19,7 +19,7 @@ from zenoh_tf_client.viewer.source import Source
 
 _PERIOD_S: Final = 0.02
 #: Times at which a recording is asked.
-_TIMES: Final = 4_000
+_TIMES: Final = 2_000
 _NO_POSE: Final = [float("nan")] * 7
 
 
