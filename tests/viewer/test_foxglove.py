@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import signal
 import struct
 import time
 from collections.abc import Iterator
@@ -183,6 +184,17 @@ def test_garbage_harms_nobody(url: str, tf: TransformClient) -> None:
             socket.send(garbage)
             with app(url) as other:
                 App(other).wait_for("base")
+
+
+def test_it_is_interrupted_while_the_app_is_connected(shared_server: ServerProcess) -> None:
+    where = ("--connect", shared_server.endpoint, "--port", str(free_port()), "--json")
+    with started("foxglove", *where) as (process, line):
+        with app(json.loads(line)["url"]) as socket:
+            App(socket)
+            process.send_signal(signal.SIGINT)
+            output, errors = process.communicate(timeout=20)
+        assert process.returncode == -signal.SIGINT
+        assert (output, errors) == ("", "interrupted\n")
 
 
 def test_a_port_that_is_taken(
