@@ -21,6 +21,7 @@ PARTS = CORE | {
     "readers": "readers:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
+    "mirrors": "mirrors:measure",
     "async": "asynchronous:measure",
 }
 

@@ -2,9 +2,11 @@
 
     python examples/ros2_robot.py --connect tcp/127.0.0.1:7447 --namespace robot1
 
-It drives in a circle: `odom -> base_link` moves on /tf, and a laser and a camera are fixed on
+It drives in a circle: `map -> odom -> base_link` on /tf, and a laser and a camera are fixed on
 /tf_static. Keys, tokens, attachments and messages are those of rmw_zenoh: the tests use this file
 as their robot. It needs eclipse-zenoh only, of any version from 1.5 on.
+
+With --listen it sends nothing, and prints what it hears on /tf.
 """
 
 from __future__ import annotations
@@ -41,6 +43,27 @@ def tf_message(rows: Sequence[Row]) -> bytes:
             data += bytes(-len(data) % 4) + struct.pack("<I", len(text)) + text
         data += bytes(-len(data) % 8) + struct.pack("<7d", *pose)
     return b"\0\1\0\0" + data
+
+
+def rows_of(payload: bytes) -> list[Row]:
+    """The rows of a tf2_msgs/TFMessage in CDR."""
+    (count,), at = struct.unpack_from("<I", payload, 4), 8
+    rows: list[Row] = []
+    for _ in range(count):
+        at += -(at - 4) % 4
+        sec, nsec = struct.unpack_from("<iI", payload, at)
+        at, names = at + 8, []
+        for _ in range(2):
+            at += -(at - 4) % 4
+            (size,) = struct.unpack_from("<I", payload, at)
+            names.append(payload[at + 4 : at + 3 + size].decode())
+            at += 4 + size
+        at += -(at - 4) % 8
+        pose = struct.unpack_from("<7d", payload, at)
+        rows.append((names[0], names[1], sec * 10**9 + nsec, pose))
+        at += 56
+    assert at == len(payload), "bytes behind the last row"
+    return rows
 
 
 def gid_of(token: str) -> bytes:
@@ -127,32 +150,56 @@ class Node:
         self._static.send(tf_message(rows))
 
 
+def drive(session: zenoh.Session, options: argparse.Namespace) -> None:
+    node = Node(session, options.namespace, options.domain, humble=options.humble)
+    now_ns = time.time_ns()
+    node.send_static(
+        [
+            ("base_link", "laser", now_ns, (0.2, 0, 0.3, 0, 0, 0, 1)),
+            ("base_link", "camera", now_ns, (0.1, 0, 0.5, 0, 0, 0, 1)),
+        ]
+    )
+    print("driving; Ctrl-C stops", flush=True)
+    began_s = time.monotonic()
+    while (elapsed_s := time.monotonic() - began_s) < options.seconds:
+        angle = 0.5 * elapsed_s
+        half = (angle + math.pi / 2) / 2
+        pose = (math.cos(angle), math.sin(angle), 0, 0, 0, math.sin(half), math.cos(half))
+        now_ns = time.time_ns()
+        start = ("map", "odom", now_ns, (options.at, 0, 0, 0, 0, 0, 1))
+        node.send([start, ("odom", "base_link", now_ns, pose)])
+        time.sleep(1 / options.rate)
+
+
+def listen(session: zenoh.Session, options: argparse.Namespace) -> None:
+    path = f"{options.namespace}/tf" if options.namespace else "tf"
+    key = f"{options.domain}/{path}/{TYPE}/{HUMBLE_HASH if options.humble else HASH}"
+    heard: dict[str, Row] = {}
+
+    def hear(sample: zenoh.Sample) -> None:
+        for row in rows_of(sample.payload.to_bytes()):
+            if row[1] not in heard:
+                print(f"{row[0]} -> {row[1]}", flush=True)
+            heard[row[1]] = row
+
+    session.declare_subscriber(key, hear)
+    time.sleep(min(options.seconds, 1e6))
+    print(json.dumps(heard))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="An emulated ROS 2 robot that drives in a circle.")
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447", metavar="ENDPOINT")
     parser.add_argument("--namespace", default="", help="such as robot1 (default: none)")
-    parser.add_argument("--domain", type=int, default=0)
+    parser.add_argument("--domain", type=int, default=0, help="the ROS domain (default: 0)")
     parser.add_argument("--humble", action="store_true", help="as ROS 2 Humble does")
-    parser.add_argument("--rate", type=float, default=50.0, help="of /tf, in Hz")
+    parser.add_argument("--at", type=float, default=0.0, help="x of its start in the map, metres")
+    parser.add_argument("--rate", type=float, default=50.0, help="of /tf, in Hz (default: 50)")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after this time")
+    parser.add_argument("--listen", action="store_true", help="print what is heard on /tf instead")
     options = parser.parse_args()
     with open_session(options.connect) as session:
-        node = Node(session, options.namespace, options.domain, humble=options.humble)
-        now_ns = time.time_ns()
-        node.send_static(
-            [
-                ("base_link", "laser", now_ns, (0.2, 0, 0.3, 0, 0, 0, 1)),
-                ("base_link", "camera", now_ns, (0.1, 0, 0.5, 0, 0, 0, 1)),
-            ]
-        )
-        print("driving; Ctrl-C stops", flush=True)
-        began_s = time.monotonic()
-        while (elapsed_s := time.monotonic() - began_s) < options.seconds:
-            angle = 0.5 * elapsed_s
-            half = (angle + math.pi / 2) / 2
-            pose = (math.cos(angle), math.sin(angle), 0, 0, 0, math.sin(half), math.cos(half))
-            node.send([("odom", "base_link", time.time_ns(), pose)])
-            time.sleep(1 / options.rate)
+        (listen if options.listen else drive)(session, options)
 
 
 if __name__ == "__main__":

@@ -27,8 +27,10 @@ EXTRAS = {
     "foxglove_schemas_protobuf": "zenoh_tf",
     "mcap": "zenoh_tf",
     "mcap_protobuf": "zenoh_tf",
+    "rich": "zenoh_tf_client",
     "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
+    "shtab": "zenoh_tf_client",
     "viser": "zenoh_tf_client",
     "xxhash": "zenoh_tf",
 }

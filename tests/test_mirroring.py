@@ -51,7 +51,7 @@ class Server:
     def reply(self, request: Request) -> wire.Message:
         body = wire.unpack(wire.pack(request.body))
         if request.operation == "missed":
-            instance, first = wire.parse_missed_request(body)
+            instance, first, _ = wire.parse_missed_request(body)
             if instance != self.instance:
                 return self._error()
             fields = wire.missed_reply(self.recent.since(first, 2000), self.last)

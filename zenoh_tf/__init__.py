@@ -31,6 +31,7 @@ from zenoh_tf.errors import (
     TransactionConflict,
     TransformException,
 )
+from zenoh_tf.explanation import Explanation, LinkReport
 from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
@@ -43,6 +44,7 @@ __all__ = [
     "BackwardExtrapolationException",
     "ClientInfo",
     "ConnectivityException",
+    "Explanation",
     "ExtrapolationException",
     "ForwardExtrapolationException",
     "FrameChange",
@@ -50,6 +52,7 @@ __all__ = [
     "InvalidArgumentException",
     "LatestTransform",
     "LimitExceeded",
+    "LinkReport",
     "LookupException",
     "NoDataForExtrapolationException",
     "NotDurable",

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._change_log import InterestReader as InterestReader
+from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._columns import columns_of as columns_of
 from zenoh_tf._columns import decode_tf_message as decode_tf_message
+from zenoh_tf._columns import decode_tf_messages as decode_tf_messages
 from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
@@ -356,6 +359,7 @@ class Tree:
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
+    def _ancestor_records(self, target: str, source: str, stamp_ns: int | None) -> Any: ...
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
 
@@ -363,8 +367,7 @@ class WakeQueue:
     """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""
 
     def take(self) -> list[int] | None:
-        """Blocks until rows are woken, and looks them up again. Returns the tokens of the
-        `ParkedLookups` that are complete now, each once; None after `close`."""
+        """Waits, looks woken rows up again, returns tokens of complete `ParkedLookups`, or None."""
     def close(self) -> None: ...
 
 class ParkedLookups:

@@ -16,6 +16,7 @@
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
     tf/v1/{tree}/stream/{instance}    put  what commits change, from the server
+    tf/v1/{tree}/stream/{instance}/{interest}   put   the same of an interest (`wire.Interest`)
     tf/v1/{tree}/server/{instance}    liveliness token of the server
     tf/v1/{tree}/client/{client}      liveliness token of a client
 
@@ -169,14 +170,17 @@ def put_kind(key: str) -> str | None:
     return kind if kind in ("set", "static") else None
 
 
-def stream(tree: str, instance: str) -> str:
-    """The key on which a server instance publishes what commits change."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/stream/{escape(instance, 'instance')}"
+def stream(tree: str, instance: str, interest: str = "") -> str:
+    """The key on which a server instance publishes what commits change, or of an interest's id."""
+    key = f"{PREFIX}/{escape(tree, 'tree')}/stream/{escape(instance, 'instance')}"
+    return f"{key}/{interest}" if interest else key
 
 
-def streams(tree: str) -> str:
-    """The key expression of the streams of a tree's servers, one after another."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/stream/*"
+def streams(tree: str, interest: str = "") -> str:
+    """The key expression of the streams of a tree's servers, one after another; "*": of all
+    interests."""
+    key = f"{PREFIX}/{escape(tree, 'tree')}/stream/*"
+    return f"{key}/{interest}" if interest else key
 
 
 def server(tree: str, instance: str) -> str:

@@ -113,6 +113,7 @@ class MirrorFeed:
         self,
         source: Source,
         on_copy: Callable[[TransformTree | None, str], None],
+        interest: wire.Interest | None = None,
         make_tree: MakeTree = make_tree,
         observer: Observer | None = None,
     ) -> None:
@@ -125,7 +126,8 @@ class MirrorFeed:
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring(make_tree, observer=observer)
+        self._mirroring = Mirroring(make_tree, interest=interest, observer=observer)
+        self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
         self._closed = False
@@ -231,12 +233,20 @@ class MirrorFeed:
                 return
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
+            if self._interest is not None and silent_periods and self._compare_clocks():
+                self._begin_anew()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
                 if self._compare_clocks():
                     self._listen_anew()
                     silent_periods = 0
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
                 self._compare_clocks()
+
+    def _begin_anew(self) -> None:
+        with self._changed:
+            if self.state.synced:  # else a request is under way, or waits
+                self._mirroring.restart()
+            self._proceed()
 
     def _listen_anew(self) -> None:
         log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
@@ -309,6 +319,8 @@ class MirrorFeed:
         try:
             reply = self._source.ask(request.operation, dict(request.body))
             if is_plan:
+                if self._interest is not None and "kind" not in reply:
+                    raise ServerUnavailable("the server knows no interests")
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
                 self._clock.compared(instance, begin_ns, clock_ns)
         except Exception as error:
@@ -363,9 +375,10 @@ class MirrorFeed:
         self._unknown += 1
         if self._unknown < _MAX_UNKNOWN:
             return error
+        what = "mirrors" if self._interest is None else "mirrors of some frames"
         return ServerUnavailable(
-            f"the server of tree {self._source.tree!r} offers no mirrors: it is older than "
-            "this client; look transforms up by query, or update the server"
+            f"the server of tree {self._source.tree!r} offers no {what}: it is older than this "
+            "client; look transforms up by query, or update the server"
         )
 
     def _is_final(self) -> bool:

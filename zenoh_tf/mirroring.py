@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from . import wire
 from ._core import ChangeReplay
@@ -76,14 +76,15 @@ class Observer(Protocol):
 MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
 
 
-def make_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
-    """An empty tree with the settings of a server's."""
+def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> TransformTree:
+    """An empty tree with the settings of a server's, and further options."""
     return TransformTree(
         settings.cache_ns / 1e9,
         max_frames=settings.max_frames,
         max_samples_per_frame=settings.max_samples_per_frame,
         max_name_bytes=settings.max_name_bytes,
         max_depth=settings.max_depth,
+        **options,
     )
 
 
@@ -113,6 +114,8 @@ class _Copy:
             _Piece(number, after, until) for number, (after, until) in enumerate(pairwise(bounds))
         )
         self.loading = len(self.pieces)  # pieces that are not loaded yet
+        if plan.changes is not None:
+            self.replay.apply(plan.seq, *plan.changes)
 
     @property
     def is_complete(self) -> bool:
@@ -146,10 +149,12 @@ class Mirroring:
         self,
         make_tree: MakeTree = make_tree,
         max_waiting_bytes: int = MAX_WAITING_BYTES,
+        interest: wire.Interest | None = None,
         observer: Observer | None = None,
     ) -> None:
         self._observer = observer
         self._make_tree = make_tree
+        self._interest = interest
         self._max_waiting_bytes = max_waiting_bytes
         self._live: _Copy | None = None  # the last complete copy
         self._next: _Copy | None = None  # that replaces it
@@ -226,7 +231,8 @@ class Mirroring:
         """The requests to send now. Each is given once, until it is answered or has failed."""
         if self._wants_plan:
             # Until it is answered, nothing else is worth asking.
-            return [] if self._requests else [self._request("snapshot", None, {"v": wire.VERSION})]
+            body = wire.snapshot_request(None, self._interest)
+            return [] if self._requests else [self._request("snapshot", None, body)]
         copy = self._copy
         found: list[Request] = []
         if copy is None:
@@ -236,7 +242,7 @@ class Mirroring:
             asked = wire.SnapshotRequest(copy.instance, piece.number, piece.after, piece.until)
             found.append(self._request("snapshot", piece, wire.snapshot_request(asked)))
         if self._wants_missed and not self._requests:
-            body = wire.missed_request(copy.instance, copy.position + 1)
+            body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
             found.append(self._request("missed", None, body))
         return found
 

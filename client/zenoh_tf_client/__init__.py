@@ -6,18 +6,21 @@ from zenoh_tf.credentials import Credentials
 from .aio.batch import AsyncBatch
 from .aio.broadcaster import AsyncBroadcaster
 from .aio.client import AsyncTransformClient
+from .aio.mirror import AsyncMirror
 from .aio.transaction import AsyncTransaction
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client import TransformClient
 from .handle import Handle
 from .mirror import Mirror
+from .mirror_interest import OutsideInterest
 from .receipt import Receipt
 from .transaction import Transaction
 
 __all__ = [
     "AsyncBatch",
     "AsyncBroadcaster",
+    "AsyncMirror",
     "AsyncTransaction",
     "AsyncTransformClient",
     "Batch",
@@ -25,6 +28,7 @@ __all__ = [
     "Credentials",
     "Handle",
     "Mirror",
+    "OutsideInterest",
     "Receipt",
     "Transaction",
     "TransformClient",

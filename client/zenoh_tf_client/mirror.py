@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
-from zenoh_tf import LatestTransform, TransformTree
+from zenoh_tf import LatestTransform, TransformTree, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ServerRestarted,
@@ -20,9 +20,10 @@ from zenoh_tf.text import quoted
 
 from . import lookup_requests
 from .connection import Connection
+from .mirror_interest import interested
 from .mirror_reads import TAKEN, MirrorReads
 from .mirror_source import MirrorSource
-from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites
+from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites, reads_by_query
 from .receipt import Receipt
 from .request import Request
 from .session_calls import raise_if_forked
@@ -51,13 +52,20 @@ class Mirror(MirrorReads):
         ``with tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
     """
 
-    def __init__(self, connection: Connection, reads: SharedReads, timeout_s: float) -> None:
+    def __init__(
+        self,
+        connection: Connection,
+        reads: SharedReads,
+        timeout_s: float,
+        interest: wire.Interest | None = None,
+    ) -> None:
         """Use `TransformClient.mirror` instead.
 
         Args:
             connection: The connection to the server.
             reads: How transactions read that do not read here.
             timeout_s: How long to wait for the first copy, in seconds.
+            interest: What to follow; None for everything.
 
         Raises:
             ServerUnavailable: See `TransformClient.mirror`, also for the others.
@@ -72,6 +80,7 @@ class Mirror(MirrorReads):
             )
         self._connection = connection
         self._reads = reads
+        self._interest = interest
         self._current: TransformTree | None = None  # None: closed, or forked
         weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
 
@@ -80,7 +89,7 @@ class Mirror(MirrorReads):
             if mirror is not None:
                 mirror._take(tree)
 
-        self._feed = feed = MirrorFeed(MirrorSource(connection), on_copy)
+        self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
         self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False
@@ -282,15 +291,18 @@ class Mirror(MirrorReads):
         def begin() -> Transaction:
             nonlocal attempt
             attempt += 1
-            return self._transaction(after_conflict=attempt > 1)
+            return self._transaction(attempt)
 
         return repeat(begin, function, attempts)
 
-    def _transaction(self, *, after_conflict: bool) -> Transaction:
+    def _transaction(self, attempt: int) -> Transaction:
         """A transaction that reads here; after a conflict, once the mirror has what it was in
         conflict with. If that takes long, it reads by query."""
         raise_if_forked()
-        if after_conflict:
+        interest = self._interest
+        if reads_by_query(interest, attempt):
+            return Transaction(self._connection, self._reads)
+        if attempt > 1:
             try:
                 self.wait_for(timeout_s=CATCH_UP_S)
             except (TimeoutException, ServerRestarted):
@@ -299,7 +311,7 @@ class Mirror(MirrorReads):
         if state.tree is None:
             raise ServerUnavailable("the mirror is closed")
         return MirrorTransaction(
-            self._connection, self._reads, state.tree, state.instance, self._own_writes
+            self._connection, self._reads, state.tree, state.instance, self._own_writes, interest
         )
 
     # --- where it reads
@@ -318,6 +330,8 @@ class Mirror(MirrorReads):
 
     def _take(self, tree: TransformTree | None) -> None:
         """Read in another tree, or in none; see `mirror_reads`."""
+        if tree is not None and self._interest is not None:
+            tree = interested(tree, self._interest)
         self._current = tree
         for name in TAKEN:
             if tree is None:

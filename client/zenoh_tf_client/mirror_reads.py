@@ -13,7 +13,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import FrameInfo, StampedTransform, TransformArray, TransformTree, Velocity
+from zenoh_tf import (
+    Explanation,
+    FrameInfo,
+    StampedTransform,
+    TransformArray,
+    TransformTree,
+    Velocity,
+)
 
 #: The methods that the mirror takes from its tree.
 TAKEN: Final = (
@@ -28,6 +35,14 @@ TAKEN: Final = (
     "frame",
     "parent",
     "chain",
+    "explain",
+)
+
+#: Those that may ask the server instead.
+LATEST: Final = (
+    "lookup_latest_transform",
+    "lookup_latest_transform_xact",
+    "lookup_latest_transforms_xact",
 )
 
 
@@ -121,3 +136,7 @@ class MirrorReads(ABC):
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """As `TransformTree.chain`."""
         return self._tree.chain(target, source, stamp_ns)
+
+    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+        """As `TransformTree.explain`."""
+        return self._tree.explain(target, source, stamp_ns)

@@ -21,8 +21,9 @@ from .session_calls import SessionCalls, is_forked
 class MirrorSource:
     """The `zenoh_tf.mirror_feed.Source` of a client."""
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, interest: wire.Interest | None = None) -> None:
         self._connection = connection
+        self._key = keys.streams(connection.tree, interest.id if interest else "")
         self._subscriber: zenoh.Subscriber[Any] | None = None
         connection.calls.add_owner(self)
 
@@ -40,9 +41,7 @@ class MirrorSource:
         """Listen to the stream; see `Source`."""
         connection, old = self._connection, self._subscriber
         with connection.calls:
-            self._subscriber = connection.session.declare_subscriber(
-                keys.streams(connection.tree), channel
-            )
+            self._subscriber = connection.session.declare_subscriber(self._key, channel)
         if old is not None:
             undeclare_unless_closed(old.undeclare, connection.calls)
         return self._subscriber.handler

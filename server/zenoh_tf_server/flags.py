@@ -118,6 +118,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         options.security = security.from_flags(options, options.access)
     except TransformException as error:
         flags.error(str(error))
+    if options.security.authenticates and not options.connect and ros2.from_flags(options).enabled:
+        flags.error(
+            "where clients must prove who they are, this server's router carries no ROS 2 keys: "
+            "join the robots' router with --connect"
+        )
     return options
 
 
@@ -155,8 +160,8 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
         "state_dir": "a replica stores nothing: give --state-dir to the primary",
         "no_admin": "a replica takes no writes: give --no-admin to the primary",
         "one_authority_per_frame": "a replica takes no writes: give this flag to the primary",
-        "share_dir": "a replica does not share its tree",
-        "share_group": "a replica does not share its tree",
+        "ros2": "a replica takes no writes: give --ros2 to the primary",
+        "ros2_publish": "give --ros2-publish to the primary",
     }
     for name, reason in reasons.items():
         if getattr(options, name):

@@ -150,15 +150,12 @@ class Ingest:
 
     def _hold_back(self, authorities: set[str]) -> None:
         """Wait while one of the queues presses; not for long, as others wait behind it."""
-        until_s = time.monotonic() + _HOLD_BACK_ALONE_S
+        until_s = time.monotonic() + _HOLD_BACK_S
         with self._lock:
-            while not self._closing and any(
-                self._queues.is_full_for(each, _PRESSING) for each in authorities
-            ):
-                left_s = until_s - time.monotonic()
-                if left_s <= 0:
+            while not self._closing and time.monotonic() < until_s:
+                if not any(self._queues.is_full_for(each, _PRESSING) for each in authorities):
                     return
-                self._lock.wait(min(left_s, _HOLD_BACK_S / 5))
+                self._lock.wait(_HOLD_BACK_S / 5)
 
     def authorities(self) -> set[str]:
         """Those that have published, of whose keys at most `_KNOWN_KEYS` are remembered."""

@@ -209,6 +209,27 @@ class Limits:
         "bytes of the stream's latest messages, kept for mirrors that missed some",
         "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
     )
+    interests: int = _limit(
+        1024,
+        "interests of mirrors (`tf.mirror(pairs)`, `max_rate_hz`), counted for each client; a "
+        "client may hold as many as are left free",
+        "the mirror is refused with `ServerBusy`",
+    )
+    interest_pairs: int = _limit(
+        1000,
+        "pairs of frames in one interest",
+        "the mirror is refused",
+    )
+    interest_frames: int = _limit(
+        200_000,
+        "frames that mirrors with an interest have, summed over all interests",
+        "the mirror is refused, or gets nothing more",
+    )
+    interest_bytes: int = _limit(
+        256 << 10,
+        "bytes of an interest's latest messages, kept for mirrors that missed some",
+        "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
+    )
     removed_statics: int = _limit(
         10_000,
         "static links remembered as removed, which broadcasters do not announce again",

@@ -96,6 +96,10 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "stream_kept_bytes": _gauge(
         "stream_kept_bytes", "bytes of published messages, kept for mirrors that missed some"
     ),
+    "interests": _gauge("interests", "interests of mirrors that do not want all frames"),
+    "interest_frames": _gauge("interest_frames", "frames of these, summed over all interests"),
+    "interest_messages": _counter("interest_messages", "messages published for these mirrors"),
+    "interest_message_bytes": _counter("interest_message_bytes", "bytes of these messages"),
     "change_log_bytes": _gauge("change_log_bytes", "bytes of changes that wait to be published"),
     "ros2_messages": _counter("ros2_messages", "messages of ROS 2 that were received (`--ros2`)"),
     "ros2_bad_keys": _counter("ros2_bad_keys", "messages dropped as their key is not of ROS 2"),

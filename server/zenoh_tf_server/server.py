@@ -20,6 +20,7 @@ from .event_reports import EventReports
 from .free_memory import FreeMemory
 from .future_stamps import FutureStamps
 from .ingest import Ingest
+from .interests import Interests
 from .limits import Limits
 from .link_sockets import LinkSockets
 from .local_requests import LocalRequests
@@ -170,8 +171,13 @@ class Server:
         stream.start(self.session, settings.tree)
         self.service.add_counters(stream.counters)
         self.service.last_seq = stream.last_seq
+        interests = Interests(tree, self.instance, limits)
+        stack.callback(interests.close)
+        interests.start(self.session, settings.tree)
+        self.service.add_counters(interests.counters)
+        self.clients.when_gone(interests.client_gone)
         cache_ns = round(settings.cache_time_s * 1e9)
-        snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
+        snapshots = Snapshots(tree, stream, interests, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
     def _start_upkeep(self, settings: Settings, ingest: Ingest, stack: ExitStack) -> None:

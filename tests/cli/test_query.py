@@ -122,6 +122,19 @@ def test_frames_without_knowing_any(zenoh_tf: Run, recording: Path) -> None:
     assert {frame["name"] for frame in frames} == {"odom", "base", "camera", "odom2", "base2"}
 
 
+def test_a_recording_that_begins_at_zero(zenoh_tf: Run, tmp_path: Path) -> None:
+    """As those of simulators do."""
+    log: Log = [(1.0, "/tf", [("a", "b", 0.0, 1.0), ("a", "b", 2.0, 3.0)])]
+    path = str(write(tmp_path / "log", log))
+    assert succeeds(zenoh_tf("query", path)).startswith("0.000000000 s to 2.000000000 s (2.0 s)\n")
+    rows = succeeds(zenoh_tf("query", path, "a", "b", "--every", "1s", "--csv")).splitlines()
+    assert [row.split(",")[:2] for row in rows[1:]] == [
+        ["0", "1.0"],
+        ["1000000000", "2.0"],
+        ["2000000000", "3.0"],
+    ]
+
+
 def test_chosen_topics(zenoh_tf: Run, recording: Path) -> None:
     answer = zenoh_tf("query", str(recording), "--topic", "/robot2/tf", "--json")
     assert {frame["name"] for frame in document(answer)["frames"]} == {"odom2", "base2"}

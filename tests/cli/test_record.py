@@ -295,7 +295,7 @@ def test_it_ends_by_itself(server: ServerProcess, zenoh_tf: Run, tmp_path: Path)
     done = zenoh_tf("--connect", server.endpoint, "record", str(path), "--duration", "0.5")
     assert done.returncode == 0
     assert done.stderr == f"recording to {path} until Ctrl-C\n"
-    assert done.stdout.startswith("0 transforms and 0 static links in ")
+    assert done.stdout.startswith("0 transforms and 0 static ones in ")
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None and summary.statistics is not None
@@ -331,7 +331,11 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
     command = [sys.executable, "-c", code, "--connect", server.endpoint, "record", str(path)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         deadline_s = time.monotonic() + TIMEOUT_S
-        stamp_ns = 0
+        client.set_transform(StampedTransform("a", "b", 0, pose(1.0)))
+        while recorded(path) < 1:
+            assert process.poll() is None
+            time.sleep(0.05)
+        stamp_ns = 1
         generator = np.random.default_rng(18)  # what cannot be compressed
         while process.poll() is None:
             x = float(generator.random())
@@ -342,4 +346,4 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
         told = process.stderr.read()
     assert process.returncode == 1
     assert f"{path}: cannot be written: File too large; what it has can be read" in told
-    assert TransformTree.from_recording(path).frame("b").samples > 10
+    assert recorded(path) >= 1

@@ -247,6 +247,8 @@ def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
     for path in (tmp_path / "nothing.mcap", text, broken, tmp_path):
         line = refusal(zenoh_tf("replay", str(path)))
         assert str(path) in line
+    line = refusal(zenoh_tf("replay", str(write(tmp_path / "good")), "--topic", "/robot9/tf"))
+    assert "none of the chosen topics has transforms" in line
 
 
 def test_a_recording_without_transforms(zenoh_tf: Run, tmp_path: Path) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf_client import TransformClient
 
 from ..conftest import START_TIMEOUT_S, ServerProcess, free_endpoint
@@ -23,9 +26,12 @@ AHEAD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 class Peer:
     """A process of tests/ros2/peer.py; each command is a method, which returns the answer."""
 
-    def __init__(self, endpoint: str, mode: str = "peer", python: str = sys.executable) -> None:
+    def __init__(self, endpoint: str, mode: str = "peer", path: Path | None = None) -> None:
+        """`path`: a folder with packages that come before the installed ones."""
+        environment = dict(os.environ) if path is None else os.environ | {"PYTHONPATH": str(path)}
         self.process = subprocess.Popen(
-            [python, Path(__file__).with_name("peer.py"), endpoint, mode],
+            [sys.executable, Path(__file__).with_name("peer.py"), endpoint, mode],
+            env=environment,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -99,3 +105,15 @@ def authorities(tf: TransformClient) -> dict[str, Any]:
 def wait_for_authority(tf: TransformClient, name: str) -> Any:
     """The record of an authority, once there is one."""
     return wait_for(lambda: authorities(tf).get(name))
+
+
+def message_of(rows: Sequence[tuple[str, str, int, Sequence[float]]]) -> TfMessage:
+    """The message of some rows: parent, child, stamp in ns, pose."""
+    names = list(dict.fromkeys(name for row in rows for name in row[:2]))
+    return TfMessage(
+        names,
+        np.array([names.index(row[0]) for row in rows], np.uint32),
+        np.array([names.index(row[1]) for row in rows], np.uint32),
+        np.array([row[2] for row in rows], np.int64),
+        np.array([row[3] for row in rows], np.float64).reshape(-1, 7),
+    )

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import sys
 import threading
 import time
@@ -22,9 +21,7 @@ import zenoh.ext
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 
-from ros2_robot import HASH, HUMBLE_HASH, TYPE, Node, open_session, tf_message
-
-MAX_ROWS = 1000
+from ros2_robot import HASH, HUMBLE_HASH, TYPE, Node, open_session, rows_of, tf_message
 
 
 class Bridge:
@@ -71,25 +68,6 @@ class Bridge:
         self._static.put(payload)
 
 
-def rows_of(payload: bytes) -> list[Any]:
-    """A plain decoder of a TFMessage, for what others send."""
-    (count,), at, rows = struct.unpack_from("<I", payload, 4), 8, []
-    for _ in range(count):
-        at += -(at - 4) % 4
-        sec, nsec = struct.unpack_from("<iI", payload, at)
-        at, names = at + 8, []
-        for _ in range(2):
-            at += -(at - 4) % 4
-            (size,) = struct.unpack_from("<I", payload, at)
-            names.append(payload[at + 4 : at + 3 + size].decode())
-            at += 4 + size
-        at += -(at - 4) % 8
-        rows.append([*names, sec * 10**9 + nsec, list(struct.unpack_from("<7d", payload, at))])
-        at += 56
-    assert at == len(payload), (at, len(payload))
-    return rows
-
-
 class Peer:
     """Runs the commands."""
 
@@ -117,13 +95,18 @@ class Peer:
     def close_node(self, name: str) -> None:
         del self._nodes[name]
 
+    def reliable(self, name: str) -> None:
+        """Let a node's /tf wait where it would drop."""
+        tf = self._nodes[name]._tf
+        tf.publisher.undeclare()
+        tf.publisher = self._session.declare_publisher(
+            tf.key, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+
     def burst(self, name: str, messages: int, rows: int) -> None:
         """Send messages of as many rows, as fast as possible; none is dropped here."""
+        self.reliable(name)
         node, stamp_ns = self._nodes[name], time.time_ns()
-        node._tf.publisher.undeclare()
-        node._tf.publisher = self._session.declare_publisher(
-            node._tf.key, congestion_control=zenoh.CongestionControl.BLOCK
-        )
         for number in range(messages):
             stamp = stamp_ns + 1000 * number
             node.send([("map", f"part_{row}", stamp, (1, 2, 3, 0, 0, 0, 1)) for row in range(rows)])

@@ -25,6 +25,8 @@ from zenoh_tf.ros2.cdr import (
     encode_tf_message,
 )
 
+from .conftest import message_of
+
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
 NAMES = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
@@ -66,17 +68,6 @@ def rows_of(message: TfMessage) -> list[tuple[str, str, int, list[float]]]:
             strict=True,
         )
     ]
-
-
-def message_of(rows: list[tuple[str, str, int, list[float]]]) -> TfMessage:
-    names = list(dict.fromkeys(name for row in rows for name in row[:2]))
-    return TfMessage(
-        names,
-        np.array([names.index(row[0]) for row in rows], np.uint32),
-        np.array([names.index(row[1]) for row in rows], np.uint32),
-        np.array([row[2] for row in rows], np.int64),
-        np.array([row[3] for row in rows], np.float64).reshape(-1, 7),
-    )
 
 
 TF_ROWS = st.lists(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -225,3 +226,56 @@ def test_statics_from_before_the_server_and_a_publisher_that_stalls(
         assert position(tf, "base", "late") == [1.0, 0.0, 0.0]
         names = authorities(tf)
         assert names["ros2:0/robot0"].stored == 2 and names["ros2:0/robot1"].stored == 1
+
+
+def test_a_router_that_restarts_takes_no_statics_away(
+    start_server: StartServer, start_peer: StartPeer
+) -> None:
+    endpoint = free_endpoint()
+    router = start_peer(endpoint, "router")
+    robot = start_peer(endpoint)
+    robot.node("n", "router")
+    robot.send_static("n", [("base", "kept", 1, AHEAD)])
+    flags = ("--ros2", "--connect", endpoint, "--ros2-static-grace", "20")
+    server = start_server(*flags, endpoint=endpoint)
+    with server.connect() as tf:
+        position(tf, "base", "kept")
+        router.kill()
+        start_peer(endpoint, "router")
+        robot.send_static("n", [("base", "new", 1, AHEAD)])
+        assert position(tf, "base", "new", 40.0) == [1.0, 0.0, 0.0]
+        assert tf.stats()["ros2_statics_dropped"] == 0
+        assert authorities(tf)["ros2:0/router/robot"].stored == 2
+
+
+class WithoutHashes(ServerProcess):
+    """A server without the extra ``zenoh-tf[ros2]``."""
+
+    START = (
+        "-c",
+        "import sys; sys.modules['xxhash'] = None; from zenoh_tf_server.main import main; main()",
+    )
+
+
+def test_without_the_extra_a_topic_with_one_publisher_tells_the_node(
+    tmp_path: Path, start_peer: StartPeer
+) -> None:
+    server = WithoutHashes(tmp_path / "server.log", free_endpoint(), "main", ("--ros2",))
+    try:
+        peers = [start_peer(server.endpoint) for _ in range(3)]
+        peers[0].node("n", "alone")
+        for number in (1, 2):
+            peers[number].node("n", "shared", 0, f"node{number}")
+        with server.connect() as tf:
+            wait_for(lambda: tf.stats()["ros2_publishers"] == 6)
+            for number, peer in enumerate(peers):
+                peer.send_static("n", [(f"base{number}", f"arm{number}", 1, AHEAD)])
+                peer.send("n", [(f"odom{number}", f"base{number}", time.time_ns(), AHEAD)])
+                position(tf, f"odom{number}", f"arm{number}")
+            names = set(authorities(tf))
+            assert "ros2:0/alone/robot" in names
+            # Their static transforms carry the session, their /tf only an id.
+            assert {"ros2:0/shared/node1", "ros2:0/shared/node2"} < names
+            assert len([name for name in names if name.startswith("ros2:0/shared/tf#")]) == 2
+    finally:
+        server.stop()

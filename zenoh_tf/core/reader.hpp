@@ -85,6 +85,34 @@ class Reader {
     return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
   }
 
+  // Calls visit(id, frame, parent, version) for the frames from each start up to its root, each
+  // frame once. The links are those at `stamp`, and the newest where a frame has none at that time;
+  // kNoStamp means the newest ones.
+  template <class Visit>
+  bool visit_ancestors(std::span<const FrameId> starts, Stamp stamp, Visit visit) {
+    FrameList seen;
+    for (FrameId id : starts) {
+      for (std::uint32_t depth = 0; id != 0 && depth <= max_depth_; ++depth) {
+        if (std::find(seen.begin(), seen.end(), id) != seen.end()) break;
+        seen.push_back(id);
+        const Frame& frame = *access_.frame(id);
+        id = id_of(&frame);  // of mapped memory that makes no sense it is another one
+        PathStep step{&frame, 0, {}};
+        if (!guard_.read_version(frame, step.version)) return false;
+        FrameId parent = 0;
+        if (stamp != kNoStamp) {
+          const LinkLookup link = SelectAt{stamp}(access_, frame, step.interval);
+          if (link.status == LinkLookup::Status::ok) parent = link.parent;
+        }
+        if (parent == 0) parent = LatestLink(frame).parent;
+        visit(id, frame, parent, step.version);
+        if (!guard_.validate({&step, 1})) return false;
+        id = parent;
+      }
+    }
+    return true;
+  }
+
   // Answers the rows of a block that one chain serves, and marks the others as unanswered. If there
   // is no chain at the first row's time, reports only that row's failure.
   bool answer_block(SampleBlock& block) {

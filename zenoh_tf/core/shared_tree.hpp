@@ -86,6 +86,8 @@ class SharedTree {
                           std::size_t max_reads = static_cast<std::size_t>(-1)) const;
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
+  [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
+                                                 Stamp stamp) const;
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
   [[nodiscard]] const FrameEvents& events(FrameId id) const noexcept { return events_[id]; }

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .container import Channel, RawMessage
-from .decoders import decoder
+from .container import RawMessage, channel
 from .errors import missing_library
 
 
@@ -27,9 +26,9 @@ class BagFile:
         self._reader.open()
         encoding = "ros1" if ros1 else "cdr"
         self._channels = {
-            connection.id: Channel(connection.topic, decode)
+            connection.id: found
             for connection in self._reader.connections
-            if (decode := decoder(connection.msgtype, encoding))
+            if (found := channel(connection.topic, connection.msgtype, encoding))
         }
         self._connections = [c for c in self._reader.connections if c.id in self._channels]
         self.message_count = sum(c.msgcount for c in self._connections)

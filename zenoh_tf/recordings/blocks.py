@@ -1,4 +1,4 @@
-"""Joins messages into blocks of many rows, which are committed at once.
+"""Blocks of many rows, which are committed at once.
 
 The rows of a commit count as simultaneous. So a commit has only static or only dynamic rows, and
 ends before a child that changes its parent: else a tree could see a loop that never was.
@@ -6,17 +6,13 @@ ends before a child that changes its parent: else a tree could see a loop that n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..ros2.cdr import TfMessage
-from .recording import Message
-
-#: Sets of names whose indexes are kept; most publishers send the same frames again and again.
-_MAX_SETS: Final = 10_000
 
 
 class Block(NamedTuple):
@@ -53,58 +49,20 @@ def with_own_names(rows: TfMessage) -> TfMessage:
     return TfMessage(names, parent, child, rows.stamp, rows.pose)
 
 
-class _Names:
-    """Gives each frame one index in all blocks."""
-
-    def __init__(self) -> None:
-        self.all: list[str] = []
-        self._index: dict[str, int] = {}
-        self._of_set: dict[tuple[str, ...], NDArray[np.uint32]] = {}
-
-    def indexes(self, names: list[str]) -> NDArray[np.uint32]:
-        """The index in all blocks of each name of a message."""
-        key = tuple(names)
-        found = self._of_set.get(key)
-        if found is None:
-            found = np.fromiter(map(self._add, names), np.uint32, len(names))
-            if len(self._of_set) < _MAX_SETS:
-                self._of_set[key] = found
-        return found
-
-    def _add(self, name: str) -> int:
-        index = self._index.setdefault(name, len(self.all))
-        if index == len(self.all):
-            self.all.append(name)
-        return index
-
-
-def join(parts: list[TfMessage], names: _Names | None = None) -> TfMessage:
-    """The rows of several messages as one."""
-    names = names or _Names()
-    indexes = [names.indexes(part.names) for part in parts]
+def join(parts: Sequence[TfMessage]) -> TfMessage:
+    """The rows of several messages, at least one, as one."""
+    index: dict[str, int] = {}
+    in_all = [
+        np.fromiter((index.setdefault(name, len(index)) for name in part.names), np.uint32)
+        for part in parts
+    ]
     return TfMessage(
-        names.all,
-        np.concatenate([index[part.parent] for index, part in zip(indexes, parts, strict=True)]),
-        np.concatenate([index[part.child] for index, part in zip(indexes, parts, strict=True)]),
+        [*index],
+        np.concatenate([at[part.parent] for at, part in zip(in_all, parts, strict=True)]),
+        np.concatenate([at[part.child] for at, part in zip(in_all, parts, strict=True)]),
         np.concatenate([part.stamp for part in parts]),
         np.concatenate([part.pose for part in parts]),
     )
-
-
-def blocks(messages: Iterable[Message], rows: int) -> Iterator[Block]:
-    """Join messages until they have this many rows, or static and dynamic ones would mix."""
-    names = _Names()
-    parts: list[TfMessage] = []
-    count, static = 0, False
-    for message in messages:
-        if parts and (message.static != static or count >= rows):
-            yield Block(join(parts, names), static, len(parts))
-            parts, count = [], 0
-        static = message.static
-        parts.append(message.rows)
-        count += len(message.rows.stamp)
-    if parts:
-        yield Block(join(parts, names), static, len(parts))
 
 
 def commits(block: Block) -> Iterator[Block]:

@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Protocol
 
-from .decoders import Decode
+from .decoders import Decode, decoder
+
+#: The last part of a topic whose transforms hold at all times.
+_STATIC_TOPIC: Final = "tf_static"
 
 
-class Channel(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Channel:
     """A topic with transforms, and how its messages are decoded."""
 
     topic: str
     decode: Decode
+
+    static: bool  # its links hold at all times
+
+
+def channel(topic: str, message_type: str, encoding: str) -> Channel | None:
+    """A channel with messages of a type in an encoding; None if it has no transforms."""
+    decode = decoder(message_type, encoding)
+    if decode is None:
+        return None
+    return Channel(topic, decode, topic.rsplit("/", 1)[-1] == _STATIC_TOPIC)
 
 
 class RawMessage(NamedTuple):

@@ -1,7 +1,7 @@
 """Messages with transforms as columns: ROS 2 and ROS 1 TFMessage, Foxglove's FrameTransforms.
 
-A decoder takes the bytes of a message and returns `TfMessage`, the columns of a commit. Bytes that
-are no such message raise an exception of any kind.
+A decoder takes the bytes of many messages and returns their rows as the columns of a commit.
+Messages that cannot be decoded have no rows, and are counted.
 """
 
 from __future__ import annotations
@@ -9,13 +9,24 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ..ros2.cdr import TfMessage, decode_tf_message
+from .._core import decode_tf_messages
+from ..ros2.cdr import TfMessage
+from .errors import reason
 
-Decode = Callable[[bytes], TfMessage]
+
+class Decoded(NamedTuple):
+    """The rows of many messages."""
+
+    rows: TfMessage
+    malformed: int  # messages that cannot be decoded
+    first_fault: str  # what is wrong with the first of them
+
+
+Decode = Callable[[list[bytes]], Decoded]
 
 #: The last two are of ROS 1, before and after 2013; its bags and MCAP files spell them differently.
 _TF_MESSAGES: Final = frozenset(
@@ -38,16 +49,51 @@ def decoder(message_type: str, encoding: str) -> Decode | None:
     """
     kinds: dict[str, Decode] = {}
     if message_type in _TF_MESSAGES:
-        kinds = {"cdr": decode_tf_message, "ros1": decode_ros1}
+        kinds = {"cdr": _cdr, "ros1": _each(_ros1)}
     elif message_type == _FRAME_TRANSFORMS:
-        kinds = {"protobuf": decode_frame_transforms, "json": decode_json}
+        kinds = {"protobuf": _each(_frame_transforms), "json": _each(_json)}
     elif message_type == _FRAME_TRANSFORM:
-        kinds = {"protobuf": decode_frame_transform, "json": decode_json_one}
+        kinds = {"protobuf": _each(_frame_transform), "json": _each(_json_one)}
     return kinds.get(encoding)
 
 
-def _columns(rows: list[tuple[str, str, int, Any]]) -> TfMessage:
-    """Rows of (parent, child, stamp in ns, pose of seven numbers) as columns."""
+def _cdr(messages: list[bytes]) -> Decoded:
+    """tf2_msgs/TFMessage of ROS 2."""
+    found = decode_tf_messages(messages)
+    malformed, field, expected = found[5:]
+    fault = f"CDR field {field} must be {expected}" if malformed else ""
+    return Decoded(TfMessage(*found[:5]), malformed, fault)
+
+
+_MAX_STAMP: Final = 1 << 63
+#: (parent, child, stamp in ns, pose of seven numbers)
+_Row = tuple[str, str, int, tuple[float, ...]]
+
+
+def _each(decode: Callable[[bytes], list[_Row]]) -> Decode:
+    """A decoder from one that decodes a message, and may raise any exception."""
+
+    def decode_all(messages: list[bytes]) -> Decoded:
+        rows: list[_Row] = []
+        malformed, fault = 0, ""
+        for data in messages:
+            try:
+                found = decode(data)
+                if any(abs(stamp_ns) >= _MAX_STAMP for _, _, stamp_ns, _ in found):
+                    raise ValueError("a stamp is beyond 64 bits of nanoseconds")
+            except ImportError:
+                raise
+            except Exception as error:
+                malformed += 1
+                fault = fault or reason(error)
+                continue
+            rows += found
+        return Decoded(_columns(rows), malformed, fault)
+
+    return decode_all
+
+
+def _columns(rows: list[_Row]) -> TfMessage:
     index: dict[str, int] = {}
     for parent, child, _, _ in rows:
         index.setdefault(parent, len(index))
@@ -67,7 +113,7 @@ _LENGTH: Final = struct.Struct("<I")
 _POSE: Final = struct.Struct("<7d")
 
 
-def decode_ros1(data: bytes) -> TfMessage:
+def _ros1(data: bytes) -> list[_Row]:
     """A tf2_msgs/TFMessage as ROS 1 serializes it: as CDR, but packed and with `seq`."""
     (count,) = _LENGTH.unpack_from(data)
     at = _LENGTH.size
@@ -78,7 +124,7 @@ def decode_ros1(data: bytes) -> TfMessage:
         child, at = _text(data, at)
         rows.append((parent, child, seconds * 10**9 + rest, _POSE.unpack_from(data, at)))
         at += _POSE.size
-    return _columns(rows)
+    return rows
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
@@ -90,25 +136,25 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     return data[at + _LENGTH.size : end].decode(), end
 
 
-def decode_frame_transforms(data: bytes) -> TfMessage:
+def _frame_transforms(data: bytes) -> list[_Row]:
     """A foxglove.FrameTransforms in protobuf."""
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import (  # noqa: PLC0415 - an extra
         FrameTransforms,
     )
 
-    return _columns([_protobuf_row(row) for row in FrameTransforms.FromString(data).transforms])
+    return [_protobuf_row(row) for row in FrameTransforms.FromString(data).transforms]
 
 
-def decode_frame_transform(data: bytes) -> TfMessage:
+def _frame_transform(data: bytes) -> list[_Row]:
     """A foxglove.FrameTransform in protobuf."""
     from foxglove_schemas_protobuf.FrameTransform_pb2 import (  # noqa: PLC0415 - an extra
         FrameTransform,
     )
 
-    return _columns([_protobuf_row(FrameTransform.FromString(data))])
+    return [_protobuf_row(FrameTransform.FromString(data))]
 
 
-def _protobuf_row(row: Any) -> tuple[str, str, int, Any]:
+def _protobuf_row(row: Any) -> _Row:
     at, turn = row.translation, row.rotation
     # A message that is left out is all zeros, which is no rotation.
     rotation = (turn.x, turn.y, turn.z, turn.w) if row.HasField("rotation") else _IDENTITY
@@ -120,21 +166,22 @@ def _protobuf_row(row: Any) -> tuple[str, str, int, Any]:
     )
 
 
-def decode_json(data: bytes) -> TfMessage:
+def _json(data: bytes) -> list[_Row]:
     """A foxglove.FrameTransforms in JSON."""
-    return _columns([_json_row(row) for row in json.loads(data)["transforms"]])
+    return [_json_row(row) for row in json.loads(data)["transforms"]]
 
 
-def decode_json_one(data: bytes) -> TfMessage:
+def _json_one(data: bytes) -> list[_Row]:
     """A foxglove.FrameTransform in JSON."""
-    return _columns([_json_row(json.loads(data))])
+    return [_json_row(json.loads(data))]
 
 
-def _json_row(row: dict[str, Any]) -> tuple[str, str, int, Any]:
+def _json_row(row: dict[str, Any]) -> _Row:
     time, at, turn = row["timestamp"], row.get("translation"), row.get("rotation")
-    translation = tuple(at[axis] for axis in "xyz") if at else (0.0, 0.0, 0.0)
-    rotation = tuple(turn[axis] for axis in "xyzw") if turn else _IDENTITY
+    translation = tuple(float(at[axis]) for axis in "xyz") if at else (0.0, 0.0, 0.0)
+    rotation = tuple(float(turn[axis]) for axis in "xyzw") if turn else _IDENTITY
     parent, child = row["parent_frame_id"], row["child_frame_id"]
     if type(parent) is not str or type(child) is not str:
         raise ValueError("a frame id is no text")
-    return parent, child, time["sec"] * 10**9 + time["nsec"], (*translation, *rotation)
+    stamp_ns = int(time["sec"]) * 10**9 + int(time["nsec"])
+    return parent, child, stamp_ns, (*translation, *rotation)

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InvalidArgumentException, LimitExceeded
 from ..ros2.cdr import TfMessage
-from .blocks import Block, blocks, commits, slice_rows, with_own_names
+from .blocks import Block, commits, slice_rows, with_own_names
 from .recording import Recording
 
 if TYPE_CHECKING:
     from ..tree import TransformTree
 
-#: Rows of one commit. A commit has costs of its own, which 100,000 rows share.
-_BLOCK_ROWS: Final = 100_000
 #: Most bytes of all samples of a tree from a recording, unless the caller says otherwise.
 MAX_MEMORY_BYTES: Final = 4 << 30
 #: Options of a tree that keeps a recording as a whole: the most that the core allows.
@@ -39,7 +37,7 @@ def load(
         LimitExceeded: The tree's memory is full, or it has too many frames.
     """
     done = 0
-    for block in blocks(recording.messages(), _BLOCK_ROWS):
+    for block in recording.blocks():
         for _ in valid_commits(recording, tree, block):
             pass
         done += block.messages

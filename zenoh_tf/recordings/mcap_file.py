@@ -16,8 +16,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
-from .container import Channel, RawMessage
-from .decoders import decoder
+from .container import Channel, RawMessage, channel
 from .errors import missing_library
 
 #: Larger records are taken for damage: a recorder closes a chunk after some MB.
@@ -89,9 +88,9 @@ class McapFile:
     def _use_index(self, summary: Any) -> None:
         for schema in summary.schemas.values():
             self._schemas[schema.id] = schema.name
-        for channel in summary.channels.values():
-            self._add_channel(channel)
-        wanted = {number for number, channel in self._channels.items() if channel}
+        for record in summary.channels.values():
+            self._add_channel(record)
+        wanted = {number for number, found in self._channels.items() if found}
         self._chunks = sorted(
             (
                 chunk
@@ -144,9 +143,9 @@ class McapFile:
             elif isinstance(record, kinds.Channel):
                 self._add_channel(record)
             elif isinstance(record, kinds.Message) and (
-                channel := self._channels.get(record.channel_id)
+                of := self._channels.get(record.channel_id)
             ):
-                loose.append(RawMessage(record.log_time, channel, record.data))
+                loose.append(RawMessage(record.log_time, of, record.data))
             if len(loose) >= _UNCHUNKED:
                 yield min(map(_log_time, loose)), loose
                 loose = []
@@ -155,9 +154,10 @@ class McapFile:
 
     # --- both
 
-    def _add_channel(self, channel: Any) -> None:
-        decode = decoder(self._schemas.get(channel.schema_id, ""), channel.message_encoding)
-        self._channels[channel.id] = Channel(channel.topic, decode) if decode else None
+    def _add_channel(self, record: Any) -> None:
+        self._channels[record.id] = channel(
+            record.topic, self._schemas.get(record.schema_id, ""), record.message_encoding
+        )
 
     def _messages_in(self, chunk: Any) -> list[RawMessage]:
         """The messages with transforms of a chunk. Learns the channels that it declares."""
@@ -176,8 +176,8 @@ class McapFile:
                 raise ValueError("a record is longer than its chunk")
             if opcode == _MESSAGE_RECORD:
                 number, _, log_ns, _ = _MESSAGE.unpack_from(data, at)
-                if channel := channels.get(number):
-                    found.append(RawMessage(log_ns, channel, data[at + _MESSAGE.size : end]))
+                if of := channels.get(number):
+                    found.append(RawMessage(log_ns, of, data[at + _MESSAGE.size : end]))
             elif opcode in (_SCHEMA_RECORD, _CHANNEL_RECORD):
                 self._declare(opcode, data[at:end])
             at = end
@@ -192,6 +192,6 @@ class McapFile:
             schema = records.Schema.read(stream)
             self._schemas[schema.id] = schema.name
         else:
-            channel = records.Channel.read(stream)
-            if channel.id not in self._channels:
-                self._add_channel(channel)
+            declared = records.Channel.read(stream)
+            if declared.id not in self._channels:
+                self._add_channel(declared)

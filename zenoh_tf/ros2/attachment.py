@@ -1,7 +1,8 @@
 """What a publisher of rmw_zenoh sends beside each message: a number, a time, and who it is.
 
     33 bytes    number (i64), time in ns (i64), 16 (length), 16 bytes of the publisher's id
-    before #601 the same fields, each behind its name as text (Jazzy 0.2.3, Humble 0.1.1 and older)
+    32 bytes    the same without the length, which is the same for all
+    77 bytes    the same, each field behind its name as text (Jazzy 0.2.3, Humble 0.1.1 and older)
 
 The id is the hash of the publisher's token (XXH3, 128 bits), so a message can be traced to its
 node. Other publishers invent an id.
@@ -26,6 +27,7 @@ else:
 
 _GID_BYTES: Final = 16
 _NOW: Final = struct.Struct("<qqB16s")
+_SHORT: Final = struct.Struct("<qq16s")
 #: With each field's name before it, and the name's length before that.
 _OLD: Final = struct.Struct("<B15sqB16sqB10sB16s")
 _OLD_NAMES: Final = (15, b"sequence_number", 16, b"source_timestamp", 10, b"source_gid", 16)
@@ -41,15 +43,17 @@ class Attachment:
 
 
 def decode(data: bytes) -> Attachment:
-    """An attachment in either layout.
+    """An attachment in any of the layouts.
 
     Raises:
-        ProtocolError: It is in neither; `field` is "attachment".
+        ProtocolError: It is in none; `field` is "attachment".
     """
     if len(data) == _NOW.size:
         number, stamp_ns, size, gid = _NOW.unpack(data)
         if size == _GID_BYTES:
             return Attachment(number, stamp_ns, gid)
+    elif len(data) == _SHORT.size:
+        return Attachment(*_SHORT.unpack(data))
     elif len(data) == _OLD.size:
         n1, name1, number, n2, name2, stamp_ns, n3, name3, size, gid = _OLD.unpack(data)
         if (n1, name1, n2, name2, n3, name3, size) == _OLD_NAMES:

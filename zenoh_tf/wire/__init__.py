@@ -1,8 +1,8 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-`calls` batches, info and admin requests, and `stream` what mirrors follow. docs/protocol.md
-describes it for other languages.
+`calls` batches, info and admin requests, `stream` what mirrors follow, and `interest` which part of
+it. docs/protocol.md describes it for other languages.
 """
 
 from .calls import (
@@ -46,6 +46,7 @@ from .fields import (
     text,
     unpack,
 )
+from .interest import Interest, parse_interest
 from .lookup import (
     NO_STAMP,
     OP_AT,
@@ -77,6 +78,7 @@ from .replica import (
     with_field,
 )
 from .stream import (
+    NO_BOUNDS,
     Changes,
     Frames,
     SnapshotPiece,
@@ -105,6 +107,7 @@ __all__ = [
     "LEAST_SEQ",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
+    "NO_BOUNDS",
     "NO_STAMP",
     "OP_AT",
     "OP_COMMON",
@@ -118,6 +121,7 @@ __all__ = [
     "Changes",
     "Commit",
     "Frames",
+    "Interest",
     "Lookup",
     "LookupReply",
     "Message",
@@ -154,6 +158,7 @@ __all__ = [
     "parse_batch_reply",
     "parse_commit",
     "parse_commit_reply",
+    "parse_interest",
     "parse_lookup",
     "parse_lookup_reply",
     "parse_missed_reply",

@@ -9,14 +9,13 @@ from typing import Final
 from zenoh_tf_client.cli import output, ranges
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 from zenoh_tf_client.viewer.live import LiveSource
 
-_EXAMPLES: Final = """\
-examples:
-  zenoh-tf foxglove
-  zenoh-tf foxglove --port 8766 --rate 10
-"""
+_EXAMPLES: Final = (
+    "zenoh-tf foxglove",
+    "zenoh-tf foxglove --port 8766 --rate 10",
+)
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -27,8 +26,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Listen for the Foxglove app (its 'Foxglove WebSocket' connection) and send it "
         "the newest sample of each link. Follows a server through a mirror. Runs until Ctrl-C. "
         "Needs the library of zenoh-tf[foxglove].",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **examples(*_EXAMPLES),
     )
     foxglove.add_argument(
         "--host",

@@ -11,17 +11,16 @@ import numpy as np
 from zenoh_tf_client.cli import output, ranges, stamps
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 from zenoh_tf_client.cli.viewer import recorded
 from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
-_EXAMPLES: Final = """\
-examples:
-  zenoh-tf plot map base_link
-  zenoh-tf plot map base_link --seconds 60 --out base.png
-  zenoh-tf plot map base_link run.mcap
-"""
+_EXAMPLES: Final = (
+    "zenoh-tf plot map base_link",
+    "zenoh-tf plot map base_link --seconds 60 --out base.png",
+    "zenoh-tf plot map base_link run.mcap",
+)
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -34,8 +33,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "newest sample of each link. From a recording: all of it, interpolated. Times without an "
         "answer are shaded red. Needs the library of zenoh-tf[plot], and for FILE those of "
         "zenoh-tf[recordings].",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **examples(*_EXAMPLES),
     )
     plot.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
     plot.add_argument("source", metavar="SOURCE", help="the frame whose pose is drawn")

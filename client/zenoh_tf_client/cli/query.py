@@ -5,23 +5,30 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import LimitExceeded, StampedTransform, TransformArray, TransformTree, export
+from zenoh_tf import (
+    FrameInfo,
+    LimitExceeded,
+    StampedTransform,
+    TransformArray,
+    TransformTree,
+    export,
+)
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, load
 from zenoh_tf.text import quoted
 from zenoh_tf_client.cli import output, recordings, stamps
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.cli.progress import Progress
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
 _TIMES: Final = (
     "nanoseconds; seconds, as 1700000000.5 or 12s; or with a sign: +1.5s after the first sample, "
@@ -36,25 +43,21 @@ _MAX_ROWS: Final = 10_000_000
 _NO_CLOCK_NS: Final = -(1 << 62)
 _COLUMNS: Final = ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
 
-_EPILOG: Final = """\
-examples:
-  zenoh-tf query run.mcap
-  zenoh-tf query run.mcap map base --at +10s
-  zenoh-tf query run.mcap map base --every 20ms --csv > base.csv
-  zenoh-tf query run.mcap map base --every 20ms --npz base.npz
-"""
-
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     query = commands.add_parser(
         "query",
         parents=[common],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
         help="ask a recording, without a server",
         description="Print the pose of SOURCE in TARGET from a recording: at a time, or at many.\n"
         "Without --at and --every: at the latest common time. Without frames: what\n"
         "frames there are. Needs no server, and the libraries of zenoh-tf[recordings].",
-        epilog=_EPILOG,
+        **examples(
+            "zenoh-tf query run.mcap",
+            "zenoh-tf query run.mcap map base --at +10s",
+            "zenoh-tf query run.mcap map base --every 20ms --csv > base.csv",
+            "zenoh-tf query run.mcap map base --every 20ms --npz base.npz",
+        ),
     )
     recordings.add_file(query)
     query.add_argument(
@@ -173,9 +176,25 @@ def _range(tree: TransformTree, target: str, source: str) -> tuple[int, int] | N
     links = [
         tree.frame(a if tree.parent(a) == b else b) for a, b in pairwise(tree.chain(target, source))
     ]
-    oldest = [link.oldest_stamp_ns for link in links if not link.static]
+    first_ns = max((link.oldest_stamp_ns for link in _moving(links)), default=last_ns)
     # Links that took the place of others have no samples of before.
-    return min(max(filter(None, oldest), default=last_ns), last_ns), last_ns
+    return min(first_ns, last_ns), last_ns
+
+
+class _Moving(NamedTuple):
+    oldest_stamp_ns: int
+    newest_stamp_ns: int
+
+
+def _moving(frames: Iterable[FrameInfo]) -> list[_Moving]:
+    """The times of the frames that have samples of their own."""
+    return [
+        _Moving(frame.oldest_stamp_ns, frame.newest_stamp_ns)
+        for frame in frames
+        if not frame.static
+        and frame.oldest_stamp_ns is not None
+        and frame.newest_stamp_ns is not None
+    ]
 
 
 def _times(args: argparse.Namespace, served: tuple[int, int] | None) -> NDArray[np.int64]:
@@ -260,11 +279,9 @@ def _print_frames(args: argparse.Namespace, tree: TransformTree) -> None:
     if args.json:
         output.print_json({"frames": [asdict(frame) for frame in frames]})
         return
-    oldest = [frame.oldest_stamp_ns for frame in frames if not frame.static]
-    newest = [frame.newest_stamp_ns for frame in frames if not frame.static]
-    times = [*filter(None, oldest)], [*filter(None, newest)]
-    if times[0]:
-        first_ns, last_ns = min(times[0]), max(times[1])
+    if moving := _moving(frames):
+        first_ns = min(times.oldest_stamp_ns for times in moving)
+        last_ns = max(times.newest_stamp_ns for times in moving)
         length = stamps.age(last_ns - first_ns)
         print(f"{stamps.seconds(first_ns)} s to {stamps.seconds(last_ns)} s ({length})")
     print(export.text(frames, _NO_CLOCK_NS, paint=output.paint))

@@ -17,31 +17,27 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 from zenoh_tf_client.recorder import Counters, Recorder
 
 _PERIOD_S: Final = 0.5
 #: A server tells something ten times a second.
 _SILENT_S: Final = 2.0
 
-_EPILOG: Final = """\
-examples:
-  zenoh-tf record run.mcap
-  zenoh-tf record run.mcap --format ros2 --duration 60
-"""
-
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     record = commands.add_parser(
         "record",
         parents=[common],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
         help="write every committed transform into an MCAP file",
         description="Write the tree's static links, the history that the server has, and then\n"
         "every committed transform into a new MCAP file, until Ctrl-C. A recorder that\n"
         "is killed leaves a readable file without the last second. Needs the libraries\n"
         "of zenoh-tf[recordings].",
-        epilog=_EPILOG,
+        **examples(
+            "zenoh-tf record run.mcap",
+            "zenoh-tf record run.mcap --format ros2 --duration 60",
+        ),
     )
     record.add_argument("file", metavar="OUT", type=Path, help="the new file, such as run.mcap")
     record.add_argument(
@@ -119,7 +115,7 @@ def _print(args: argparse.Namespace, counters: Counters, spent_s: float) -> None
         output.print_json({**summary, **asdict(counters), "seconds": round(spent_s, 3)})
         return
     print(
-        f"{counters.transforms:,} transforms and {counters.static:,} static links in {spent_s:.1f} "
+        f"{counters.transforms:,} transforms and {counters.static:,} static ones in {spent_s:.1f} "
         f"s written to {args.file} ({size:,} bytes)"
     )
     for count, what in (

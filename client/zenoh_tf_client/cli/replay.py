@@ -16,26 +16,22 @@ from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.ingest import Feed
 from zenoh_tf_client.cli.playback import Playback
 from zenoh_tf_client.cli.progress import Progress
-from zenoh_tf_client.cli.types import Commands
-
-_EPILOG = """\
-examples:
-  zenoh-tf replay run.mcap
-  zenoh-tf replay run.mcap --rate 1 --start 10 --end 20
-  zenoh-tf replay run.mcap --loop --clock now
-"""
+from zenoh_tf_client.cli.types import Commands, examples
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     replay = commands.add_parser(
         "replay",
         parents=[common],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
         help="publish a recording (MCAP, db3, ROS 1 bag)",
         description="Publish the transforms of a recording in the order of its log, and wait\n"
         "until the server has ingested them. Fails if the server refuses one of\n"
         "them. Needs the libraries of zenoh-tf[recordings].",
-        epilog=_EPILOG,
+        **examples(
+            "zenoh-tf replay run.mcap",
+            "zenoh-tf replay run.mcap --rate 1 --start 10 --end 20",
+            "zenoh-tf replay run.mcap --loop --clock now",
+        ),
     )
     recordings.add_file(replay)
     replay.add_argument(

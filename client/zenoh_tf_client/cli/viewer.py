@@ -11,17 +11,16 @@ from typing import Final
 from zenoh_tf_client.cli import output, ranges, recordings
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 from zenoh_tf_client.viewer.live import LiveSource
 from zenoh_tf_client.viewer.recorded import RecordedSource
 from zenoh_tf_client.viewer.source import Source
 
-_EXAMPLES: Final = """\
-examples:
-  zenoh-tf view
-  zenoh-tf view run.mcap --at 42.4
-  zenoh-tf view --fixed base_link --trail 0
-"""
+_EXAMPLES: Final = (
+    "zenoh-tf view",
+    "zenoh-tf view run.mcap --at 42.4",
+    "zenoh-tf view --fixed base_link --trail 0",
+)
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -33,8 +32,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "been. Without FILE it follows a server through a mirror. Runs until Ctrl-C. Needs the "
         "library of zenoh-tf[viewer], and for FILE those of "
         "zenoh-tf[recordings]; nothing comes from the internet.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **examples(*_EXAMPLES),
     )
     view.add_argument(
         "file",

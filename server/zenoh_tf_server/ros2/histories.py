@@ -3,7 +3,7 @@
 A publisher that keeps its last messages has a liveliness token. For each token that appears, its
 owner is asked, and nobody else: so a publisher that does not answer delays no other. An
 AdvancedSubscriber would ask all of them in one query, and hold back live messages until the last
-one has answered, or 10 s have passed (docs/decisions/0014-ros2-through-the-put-queues.md).
+one has answered, or 10 s have passed (docs/decisions/0016-ros2-through-the-put-queues.md).
 
 Thread safety: all methods.
 """
@@ -14,6 +14,7 @@ import heapq
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -35,6 +36,9 @@ _RETRY_S: Final = 2.0
 _LONGEST_RETRY_S: Final = 60.0
 #: Where bridges before 1.5.1 keep messages, by the bridge's Zenoh id.
 _OLD_CACHE: Final = "@ros2_pub_cache"
+#: Replies that wait for this module's thread. If there is no room, the publisher is asked again.
+_MAX_REPLIES: Final = 4096
+_MAX_REPLY_BYTES: Final = 64 << 20
 _JOIN_TIMEOUT_S: Final = 0.5
 
 
@@ -72,11 +76,13 @@ class Histories:
         self._changed = threading.Condition()
         self._keepers: dict[str, _Keeper] = {}  # by token
         self._later: list[_Later] = []  # a heap
+        self._replies: deque[tuple[zenoh.Sample, str]] = deque()  # and the publisher's id
+        self._reply_bytes = 0
         self._closing = False
         self._failures = 0
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
-        self._thread = threading.Thread(target=self._retry, name="ros2-histories", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="ros2-histories", daemon=True)
 
     def start(
         self,
@@ -89,13 +95,13 @@ class Histories:
         self._own_zid = str(session.info.zid())
         self._receive = receive
         self._reception = Reception(TF_MESSAGE, report)
+        self._thread.start()
         for data in (keys.rmw_data(TOPIC, TF_MESSAGE), keys.bridge_data(TOPIC)):
             self._subscribers.append(
                 session.liveliness().declare_subscriber(
                     keys.histories(data), self._token_changed, history=True
                 )
             )
-        self._thread.start()
 
     def close(self) -> None:
         """End."""
@@ -161,12 +167,9 @@ class Histories:
         keeper.asking, keeper.failed = len(keeper.selectors), False
 
         def reply(reply: zenoh.Reply) -> None:
-            if reply.ok is None:
+            # On Zenoh's own thread, which must not wait: for a token, for instance.
+            if reply.ok is None or not self._queue(reply.ok, keeper.zid):
                 keeper.failed = True
-                return
-            message = self._reception.message(reply.ok, keeper.zid)
-            if message is not None:
-                self._receive(message)
 
         def done() -> None:
             keeper.asking -= 1
@@ -195,18 +198,39 @@ class Histories:
             "this publisher of static transforms does not answer: it is asked again later",
         )
 
-    def _retry(self) -> None:
-        while True:
-            with self._changed:
-                while not self._closing:
-                    now_s = time.monotonic()
-                    if self._later and self._later[0].at_s <= now_s:
-                        break
-                    wait_s = self._later[0].at_s - now_s if self._later else None
-                    self._changed.wait(wait_s)
-                if self._closing:
-                    return
-                token = heapq.heappop(self._later).token
-                keeper = self._keepers.get(token)
-            if keeper is not None:
-                self._ask(keeper, token)
+    def _queue(self, sample: zenoh.Sample, zid: str) -> bool:
+        """Hand a reply to this module's thread. False: there is no room."""
+        size = len(sample.payload)
+        with self._changed:
+            if len(self._replies) >= _MAX_REPLIES or self._reply_bytes + size > _MAX_REPLY_BYTES:
+                return False
+            self._replies.append((sample, zid))
+            self._reply_bytes += size
+            self._changed.notify_all()
+        return True
+
+    def _run(self) -> None:
+        while (found := self._next()) is not None:
+            if isinstance(found, str):
+                with self._changed:
+                    keeper = self._keepers.get(found)
+                if keeper is not None:
+                    self._ask(keeper, found)
+                continue
+            message = self._reception.message(*found)
+            if message is not None:
+                self._receive(message)
+
+    def _next(self) -> tuple[zenoh.Sample, str] | str | None:
+        """Wait for a reply, or for a token whose publisher is to be asked again. None: closing."""
+        with self._changed:
+            while not self._closing:
+                if self._replies:
+                    reply = self._replies.popleft()
+                    self._reply_bytes -= len(reply[0].payload)
+                    return reply
+                now_s = time.monotonic()
+                if self._later and self._later[0].at_s <= now_s:
+                    return heapq.heappop(self._later).token
+                self._changed.wait(self._later[0].at_s - now_s if self._later else None)
+        return None

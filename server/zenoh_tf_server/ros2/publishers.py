@@ -1,4 +1,4 @@
-"""Who publishes on ROS 2: nodes and bridges by their liveliness tokens, and names for them.
+"""Publishers of ROS 2: nodes and bridges by their liveliness tokens, and names for them.
 
 A message of rmw_zenoh carries its publisher's id, which is a hash of the publisher's token. So it
 can be traced to the node. What cannot be traced is named by its topic.
