@@ -12,10 +12,12 @@ import pytest
 
 from tests.conftest import ServerProcess, StartServer
 from tests.mirror_process import MirrorProcess
+from tests.raw import raw
 from tests.small_robot import DEADLINE_S, robot, stamped, wait
 from tests.tcp_proxy import TcpProxy
 from tests.test_mirror_equal import NAMES, Traffic, wait_until_quiet
-from zenoh_tf.errors import ServerUnavailable
+from zenoh_tf import keys, wire
+from zenoh_tf.errors import ProtocolError, ServerUnavailable
 from zenoh_tf_client import Mirror, TransformClient
 
 
@@ -98,6 +100,44 @@ def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> Non
         stopped.go_on()
         expected = {name: client.frame(name).version for name in m.frames()}
         wait(lambda: stopped.ask()["versions"] == expected, "it does not catch up")
+
+
+def test_a_killed_client_leaves_nothing(server: ServerProcess, client: TransformClient) -> None:
+    robot(client, 1)
+    with MirrorProcess(server.endpoint, "pair", "map", "gripper") as killed:
+        assert client.stats()["interests"] == 1
+        killed.process.kill()
+        wait(lambda: client.stats()["interests"] == 0, "the interest of a dead client is left")
+        killed.process.wait()
+
+
+def test_garbage_on_the_stream(server: ServerProcess, client: TransformClient) -> None:
+    robot(client, 1)
+    pair = ("map", "gripper")
+    with client.mirror([pair], max_delay_s=0) as m, raw(server.endpoint) as attacker:
+        wanted = wire.Interest.of([pair])
+        key = keys.stream("main", m.instance, wanted.id)
+        for payload in (b"", b"\xc1" * 10, wire.pack({"v": 1, "instance": m.instance})):
+            attacker.session.put(key, payload)
+        for wrong in (
+            {"id": "00"},
+            {"target": b"\x09\0\0\0"},
+            {"names": 1},
+            {"period_ns": -1},
+            {"target": b"", "source": b""},
+        ):
+            body = {"v": 1, "interest": wanted.fields() | wrong}
+            (reply,) = attacker.session.get(
+                keys.operation("main", "snapshot"), payload=wire.pack(body)
+            )
+            refusal = reply.err
+            assert refusal is not None
+            error = wire.unpack(refusal.payload.to_bytes())["error"]
+            assert isinstance(wire.decode_error(error), ProtocolError)
+        robot(client, 2)
+        m.wait_for(timeout_s=DEADLINE_S)
+        assert m.lookup_transform(*pair).stamp_ns == 2
+        assert client.stats()["interests"] == 1
 
 
 @pytest.mark.parametrize("seed", [3, 4])

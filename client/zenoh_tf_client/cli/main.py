@@ -42,6 +42,7 @@ from zenoh_tf_client.cli import (
     stamps,
     static,
     top,
+    urdf,
     view,
     viewer,
     write,
@@ -159,7 +160,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     _add_common(common, top=False)
     for family in (
         *(lookups, explain, follow, doctor, view, monitor, top, viewer, foxglove, plot),
-        *(write, static, calibration, query, record, replay, certificates),
+        *(write, static, urdf, calibration, query, record, replay, certificates),
     ):
         family.add(commands, common)
     completion.add(commands, _parser)
