@@ -57,7 +57,7 @@ class Panel:
                 "time [s]", 0.0, length_s, 0.01, min(max(0.0, at_s), length_s)
             )
             self._play: Any = gui.add_checkbox("play", False)
-            self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1 x")
+            self._speed: Any = gui.add_dropdown("speed", _SPEEDS, initial_value="1 x")
         self._fixed: Any = gui.add_dropdown("fixed frame", [_NONE])
         self._frame: Any = gui.add_dropdown("frame", [_NONE], hint="or click a frame in the scene")
         self.figures: Any = self._html("")

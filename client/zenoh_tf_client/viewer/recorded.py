@@ -9,13 +9,10 @@ from numpy.typing import NDArray
 
 from zenoh_tf import LimitExceeded, TransformTree
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording, RecordingError
-from zenoh_tf.recordings.blocks import blocks
 from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf_client.cli.errors import CommandError
 from zenoh_tf_client.viewer.source import Link, Lookups
 
-#: Rows that are read at a time.
-_BLOCK_ROWS = 100_000
 #: The rate of a link is that of its samples in this long before the time.
 _RATE_NS = 5 * 10**9
 
@@ -83,7 +80,7 @@ class RecordedSource:
 def _read(recording: Recording, tree: TransformTree) -> dict[str, NDArray[np.int64]]:
     """Commit a recording. Returns the stamps of each frame whose link is not static, sorted."""
     found: dict[str, list[NDArray[np.int64]]] = {}
-    for block in blocks(recording.messages(), _BLOCK_ROWS):
+    for block in recording.blocks():
         for rows in valid_commits(recording, tree, block):
             if block.static:
                 continue
