@@ -21,6 +21,8 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
 EXTRAS = {
     "cryptography": "zenoh_tf_client",
+    "foxglove": "zenoh_tf_client",
+    "matplotlib": "zenoh_tf_client",
     "prometheus_client": "zenoh_tf_server",
     "foxglove_schemas_protobuf": "zenoh_tf",
     "mcap": "zenoh_tf",
@@ -29,6 +31,7 @@ EXTRAS = {
     "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_client",
+    "viser": "zenoh_tf_client",
     "xxhash": "zenoh_tf",
 }
 

@@ -34,7 +34,17 @@ def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
 PAGE = Path(__file__).resolve().parents[2] / "docs/commands.md"
 ALL = {parser.prog: parser for parser in commands(_parser())}
 #: These have tests of their own, which make the files and servers that they need.
-ELSEWHERE = ("calibration", "certificates", "query", "record", "replay", "urdf")
+ELSEWHERE = (
+    "calibration",
+    "certificates",
+    "foxglove",
+    "plot",
+    "query",
+    "record",
+    "replay",
+    "urdf",
+    "view",
+)
 #: After these the tree is another one.
 LAST = ("remove", "clear", "reset")
 RUNNABLE = sorted(

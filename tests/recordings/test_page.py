@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf_client.cli.main import _parser
 
 from .files import Log, write
 
@@ -79,13 +82,42 @@ def test_the_snippet_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.parametrize("command", ["query", "record", "replay"])
-def test_help_has_examples_that_parse(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    from zenoh_tf_client.cli.main import _parser  # noqa: PLC0415
+def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str) -> None:
+    """Those that would run for long are ended by Ctrl-C."""
+    if command == "record":  # it makes the file
+        (folder / "run.mcap").unlink()
+    examples = [line for line in examples_of(command) if line[0] == command]
+    assert len(examples) >= 2
+    for line in examples:
+        with subprocess.Popen(
+            [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, *line],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=folder,
+        ) as process:
+            if command == "record" or "--loop" in line:
+                with server.connect() as tf:
+                    # By then it ends well by Ctrl-C.
+                    while not (folder / "run.mcap").exists() or (
+                        # The loop's stamps are of now, those of the other examples are not.
+                        command == "replay" and (tf.frame("base").newest_stamp_ns or 0) < 10**18
+                    ):
+                        assert process.poll() is None
+                        time.sleep(0.05)
+                process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=50)
+        if "--loop" in line:
+            assert err == "interrupted\n"
+        else:
+            assert process.returncode == 0, (line, err)
+            assert out, line
+        if command == "record":
+            (folder / "run.mcap").unlink()
 
-    with pytest.raises(SystemExit):
-        _parser().parse_args([command, "--help"])
-    examples = re.findall(r"^  zenoh-tf (.*)$", capsys.readouterr().out, re.M)
-    assert examples
-    for example in examples:
-        arguments = _parser().parse_args(shlex.split(example.partition(" > ")[0]))
-        assert callable(arguments.run)
+
+def examples_of(command: str) -> list[list[str]]:
+    (action,) = _parser()._subparsers._group_actions  # type: ignore[union-attr]
+    assert isinstance(action.choices, dict)
+    epilog = action.choices[command].epilog
+    return [shlex.split(line) for line in re.findall(r"zenoh-tf ([^>\n]*)", epilog)]

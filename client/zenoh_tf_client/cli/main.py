@@ -31,9 +31,11 @@ from zenoh_tf_client.cli import (
     doctor,
     explain,
     follow,
+    foxglove,
     lookups,
     monitor,
     output,
+    plot,
     query,
     record,
     replay,
@@ -42,6 +44,7 @@ from zenoh_tf_client.cli import (
     top,
     urdf,
     view,
+    viewer,
     write,
 )
 from zenoh_tf_client.cli.connection import add_credentials
@@ -156,7 +159,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
     for family in (
-        *(lookups, explain, follow, doctor, view, monitor, top),
+        *(lookups, explain, follow, doctor, view, monitor, top, viewer, foxglove, plot),
         *(write, static, urdf, calibration, query, record, replay, certificates),
     ):
         family.add(commands, common)

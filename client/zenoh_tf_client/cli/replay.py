@@ -29,7 +29,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "them. Needs the libraries of zenoh-tf[recordings].",
         **examples(
             "zenoh-tf replay run.mcap",
-            "zenoh-tf replay run.mcap --rate 1 --start 10 --end 20",
+            "zenoh-tf replay run.mcap --rate 10 --start 10 --end 20",
             "zenoh-tf replay run.mcap --loop --clock now",
         ),
     )

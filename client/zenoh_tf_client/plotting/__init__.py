@@ -1,0 +1,1 @@
+"""``zenoh-tf plot``: one pair of frames over time (`pair.py`), as a figure (`figure.py`)."""

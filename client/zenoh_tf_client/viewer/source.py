@@ -1,0 +1,75 @@
+"""What the viewer draws from: links at a time, and lookups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import TransformArray
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A frame and the link to its parent, at a time.
+
+    Attributes:
+        name: The frame.
+        parent: Its parent; None for a root.
+        static: Whether the link holds at all times.
+        sample_ns: The time of the history, in nanoseconds, that its pose is looked up at: the
+            nearest one to the time asked for that the history has. None without data.
+        age_s: How many seconds before the time the newest sample is; negative if the first sample
+            comes after it. None for static links and roots.
+        rate_hz: Samples per second; None if there is no rate.
+        authority: Who published it.
+    """
+
+    name: str
+    parent: str | None
+    static: bool
+    sample_ns: int | None
+    age_s: float | None
+    rate_hz: float | None
+    authority: str
+
+    def is_stale(self, after_s: float) -> bool:
+        """Return whether its newest sample is older than this, or has not come yet."""
+        return self.age_s is not None and not 0 <= self.age_s <= after_s
+
+
+class Lookups(Protocol):
+    """The lookups that a tree and a mirror have in common."""
+
+    def lookup_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
+    ) -> TransformArray: ...
+
+
+class Source(Protocol):
+    """A tree to look at. Only the viewer's thread calls it."""
+
+    @property
+    def range_ns(self) -> tuple[int, int] | None:
+        """The times that can be chosen, in nanoseconds; None: only now."""
+
+    @property
+    def lookups(self) -> Lookups: ...
+
+    def names(self) -> list[str]:
+        """All frames, in any order."""
+
+    def link(self, name: str, time_ns: int) -> Link | None:
+        """A frame's link at a time; None if there is no such frame any more."""
+
+    def now_ns(self, links: Sequence[Link]) -> int:
+        """The time to show next; `links`: those of the last time."""
+
+    def trouble(self) -> str | None:
+        """Why what is shown may not be what is the case; None if all is well."""

@@ -1,0 +1,230 @@
+"""``zenoh-tf plot``: its figures' data, and every documented line."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zenoh_tf import LookupException, StampedTransform, Transform
+from zenoh_tf.recordings import open_recording
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.cli.main import main
+from zenoh_tf_client.cli.plot import _EXAMPLES
+from zenoh_tf_client.plotting.figure import save
+from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
+from zenoh_tf_client.viewer.recorded import RecordedSource
+
+from ..conftest import ServerProcess, free_endpoint
+from ..recordings.files import write
+from .test_view_command import PAGE, WITHOUT, run
+
+S = 10**9
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """map -> base_link from 1 s to 6 s and from 8 s to 9 s, base_link -> wheel from 2 s to 9 s."""
+    base = [(i / 10, "/tf", [("map", "base_link", 1 + i / 10, i / 10)]) for i in range(51)]
+    again = [(i / 10, "/tf", [("map", "base_link", 1 + i / 10, i / 10)]) for i in range(70, 81)]
+    wheel = [(9.0, "/tf", [("base_link", "wheel", 2 + i / 10, 1.0)]) for i in range(71)]
+    static = [(0.0, "/tf_static", [("base_link", "camera", 0.0, 1.0)])]
+    folder = tmp_path_factory.mktemp("recording")
+    path = write(folder / "run", [*static, *base, *again, *wheel])
+    return path.rename(folder / "run.mcap")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    log = tmp_path_factory.mktemp("server") / "log"
+    server = ServerProcess(log, free_endpoint(), "main", ())
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def published(server: ServerProcess) -> Iterator[TransformClient]:
+    """map -> base_link all the time, base_link -> stopped 5 s ago."""
+    with server.connect() as tf:
+        old_ns = time.time_ns() - 5 * S
+        tf.set_transform(StampedTransform("base_link", "stopped", old_ns, Transform((0, 3, 0))))
+        end = threading.Event()
+
+        def publish() -> None:
+            sensor = tf.broadcaster("sensor")
+            while not end.wait(0.01):
+                sensor.send(StampedTransform("map", "base_link", time.time_ns(), Transform()))
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        while not tf.can_transform("map", "base_link"):
+            time.sleep(0.01)
+        yield tf
+        end.set()
+        thread.join()
+        tf.clear(keep_static=False)
+
+
+def replay(path: Path, target: str, source: str) -> PairHistory:
+    with open_recording(path) as recording:
+        return replayed(RecordedSource(recording), target, source)
+
+
+def at(history: PairHistory, second: float) -> int:
+    """The row of the time nearest to this many seconds after the first sample."""
+    return int(np.abs(history.times_s - second).argmin())
+
+
+def test_a_recorded_pair(recording: Path) -> None:
+    history = replay(recording, "map", "camera")
+    assert history.answered.all()
+    assert history.error is None
+    row = at(history, 3.05)
+    assert history.poses[row, 0] == pytest.approx(history.times_s[row] + 1.0)
+    assert history.ages_s[row] == pytest.approx(0.05, abs=0.01)
+    # In the gap the pose is interpolated, and the age says that it is.
+    row = at(history, 6.5)
+    assert history.poses[row, 0] == pytest.approx(7.5, abs=0.01)
+    assert history.ages_s[row] == pytest.approx(1.5, abs=0.01)
+
+
+def test_times_without_an_answer(recording: Path) -> None:
+    history = replay(recording, "map", "wheel")
+    assert not history.answered[at(history, 0.5)]
+    assert np.isnan(history.ages_s[at(history, 0.5)])
+    assert history.answered[at(history, 1.5)]
+    assert "'wheel'" in str(history.error)
+    assert replay(recording, "base_link", "camera").answered.all()
+    assert np.isnan(replay(recording, "base_link", "camera").ages_s).all()  # static
+
+
+def test_a_live_pair(published: TransformClient) -> None:
+    with published.mirror() as mirror:
+        history = follow(mirror, "map", "stopped", 0.2)
+        assert history.answered.all()
+        np.testing.assert_allclose(history.poses[:, :3], [[0, 3, 0]] * len(history.poses))
+        assert 5 <= history.ages_s.min() <= history.ages_s.max() < 60
+        assert np.all(np.diff(history.times_s) > 0)
+        unknown = follow(mirror, "map", "nowhere", 0.0)
+        assert len(unknown.times_s) == 1
+        assert isinstance(unknown.error, LookupException)
+
+
+@pytest.mark.parametrize("name", ["$x_{", "\\frac", "a\u202eb", "x" * 500])
+def test_figures_with_any_name(tmp_path: Path, name: str) -> None:
+    nothing = np.full((3, 7), np.nan)
+    poses = np.array([[1.0, 2, 3, 0, 0, 0, 1]] * 3)
+    poses[1] = np.nan
+    times_s, ages_s = np.arange(3.0), np.array([0.0, np.nan, -1.0])
+    for rows, ages in ((poses, ages_s), (nothing, nothing[:, 0])):
+        save(PairHistory(times_s, rows, ages, None), name, name, tmp_path / "plot.png")
+        assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_angles_do_not_jump() -> None:
+    from zenoh_tf_client.plotting.figure import _angles  # noqa: PLC0415 - internal
+
+    turns = [Transform.from_rpy(0.1, 0.2, yaw).rotation for yaw in (3.0, 3.1, 3.2, 3.3)]
+    angles = _angles(np.array(turns))
+    np.testing.assert_allclose(angles[:2], [[0.1, 0.2, 3.0], [0.1, 0.2, 3.1]], atol=1e-9)
+    assert np.isnan(angles[2, 2])
+    assert angles[3, 2] == pytest.approx(3.3 - 2 * np.pi)
+
+
+def call(*args: str, capsys: Any) -> tuple[int, str, str]:
+    try:
+        code = main(args)
+    except SystemExit as error:
+        code = int(str(error.code))
+    output, errors = capsys.readouterr()
+    return code, output, errors
+
+
+def test_what_it_prints(recording: Path, tmp_path: Path, capsys: Any) -> None:
+    out = str(tmp_path / "x.pdf")
+    code, text, _ = call("plot", "map", "wheel", str(recording), "--out", out, capsys=capsys)
+    assert code == 0
+    first, second = text.splitlines()
+    assert re.fullmatch(
+        rf"{re.escape(out)}: 2,000 lookups over 8.0 s, age \S+ ms \(median\), 2.0 s at most", first
+    )
+    assert re.match(r"\d+ lookups without an answer; the last: extrapolation into the past", second)
+    args = ("plot", "base_link", "camera", str(recording), "--out", out, "--json")
+    code, text, _ = call(*args, capsys=capsys)
+    document = json.loads(text)
+    assert (document["failed"], document["median_age_s"]) == (0, None)
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (("--out", "x.gif"), 2, "'x.gif' does not end with one of .png, .svg, .pdf"),
+        (("--seconds", "3601"), 2, "'3601' is more than 3600 seconds"),
+        (("--out", "/nowhere/x.png"), 1, "/nowhere/x.png: there is no folder /nowhere"),
+        (("--out", "/proc/x.png"), 1, "/proc/x.png: "),
+        (("nowhere.mcap",), 1, "nowhere.mcap: no such file"),
+    ],
+)
+def test_wrong_arguments(
+    args: tuple[str, ...], code: int, message: str, recording: Path, capsys: Any
+) -> None:
+    file = () if args[0] == "nowhere.mcap" else (str(recording),)
+    found, output, errors = call("plot", "map", "wheel", *file, *args, capsys=capsys)
+    assert (found, output) == (code, "")
+    assert message in errors
+
+
+def test_a_pair_that_never_has_an_answer(recording: Path, tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / "x.png"
+    args = ("plot", "map", "nowhere", str(recording), "--out", str(out))
+    code, _, errors = call(*args, capsys=capsys)
+    assert code == 1
+    assert errors.startswith("zenoh-tf: LookupException: ")
+    assert not out.exists()
+
+
+def test_a_missing_library_is_named() -> None:
+    done = run("matplotlib", "plot", "map", "base", start=("-c", WITHOUT + "m.run()"))
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "pip install 'zenoh-tf[plot]'" in done.stderr
+
+
+LINES = re.findall(r"^(zenoh-tf plot.*?)(?: +#.*)?$", PAGE, re.MULTILINE)
+HELP = _EXAMPLES
+
+
+@pytest.mark.parametrize("line", sorted({*LINES, *HELP}))
+def test_documented_lines(
+    line: str,
+    recording: Path,
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
+) -> None:
+    args = shlex.split(line)[1:]
+    if "run.mcap" in args:
+        (tmp_path / "run.mcap").symlink_to(recording)
+    else:
+        request.getfixturevalue("published")
+        args += ["--connect", request.getfixturevalue("server").endpoint]
+        args += ["--seconds", "0.1"]  # the last one counts
+    monkeypatch.chdir(tmp_path)
+    code, text, errors = call(*args, capsys=capsys)
+    assert (code, errors) == (0, "")
+    name = args[args.index("--out") + 1] if "--out" in args else "plot.png"
+    assert text.startswith(f"{name}: ")
+    assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_the_page_and_the_help_have_lines() -> None:
+    assert len(LINES) >= 3
+    assert len(HELP) >= 3
