@@ -31,13 +31,15 @@ PAIRS: list[tuple[type, type]] = [
 ]
 #: These ask nobody.
 PLAIN = {
-    AsyncTransformClient: {"batch", "transaction", "endpoint", "tree", "reads", "last_receipt"},
+    AsyncTransformClient: {
+        *("batch", "transaction", "gate", "endpoint", "tree", "reads", "last_receipt")
+    },
     AsyncTransaction: {"set_transform", "set_transforms_xact"},
     AsyncBroadcaster: {"authority"},
 }
 #: Their docstrings say what the event loop changes.
 OWN_DOCS = {
-    *("batch", "broadcaster", "close", "connect", "instance", "reads"),
+    *("batch", "broadcaster", "close", "connect", "gate", "instance", "reads"),
     *("run_transaction", "transaction"),
 }
 

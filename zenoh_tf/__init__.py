@@ -31,6 +31,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
+from zenoh_tf.gate import Gate
+from zenoh_tf.gate_queue import Dropped, Passed
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
@@ -42,10 +44,12 @@ __all__ = [
     "BackwardExtrapolationException",
     "ClientInfo",
     "ConnectivityException",
+    "Dropped",
     "ExtrapolationException",
     "ForwardExtrapolationException",
     "FrameChange",
     "FrameInfo",
+    "Gate",
     "InvalidArgumentException",
     "LatestTransform",
     "LimitExceeded",
@@ -53,6 +57,7 @@ __all__ = [
     "NoDataForExtrapolationException",
     "NotDurable",
     "OutcomeUnknown",
+    "Passed",
     "ProtocolError",
     "ServerBusy",
     "ServerRestarted",

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._points import deskew_by_samples as deskew_by_samples
+from zenoh_tf._points import map_rows as map_rows
 from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
@@ -21,6 +23,9 @@ from zenoh_tf._transform import LatestTransform as LatestTransform
 from zenoh_tf._transform import Rows as Rows
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
+from zenoh_tf._waiting import ParkedLookups as ParkedLookups
+from zenoh_tf._waiting import WakeQueue as WakeQueue
+from zenoh_tf._waiting import park_lookups as park_lookups
 
 OP_AT: int  # what a row of `Tree._read_rows` asks for: source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time
@@ -360,41 +365,18 @@ class Tree:
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
+    def _deskew(  # see zenoh_tf.points
+        self,
+        points: NDArray[Any],  # float32 or float64, (rows, columns, 3), any strides
+        stamps_ns: NDArray[np.int64],  # (rows, columns)
+        out: NDArray[Any],  # as points
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+    ) -> bool: ...  # False: nothing was written, as each time has to be looked up by itself
     def _frames_page(self, after: int, most: int, budget: Budget) -> tuple[list[str], Any]: ...
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
-
-class WakeQueue:
-    """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""
-
-    def take(self) -> list[int] | None:
-        """Blocks until rows are woken, and looks them up again. Returns the tokens of the
-        `ParkedLookups` that are complete now, each once; None after `close`."""
-    def close(self) -> None: ...
-
-class ParkedLookups:
-    """Lookups that wait without a thread, each row by itself. Made by `park_lookups`."""
-
-    def start(self) -> bool:
-        """Looks up every row once. True: all are complete, and no token will come."""
-    def cancel(self) -> None: ...
-    def links(self) -> int: ...  # how many frames the rows would watch now, at most
-    def result(self, waited_s: float, errors: bool = True, budget: Budget | None = None) -> Rows:
-        """As `Tree._read_rows`; rows that still wait get what they would get now."""
-
-def park_lookups(
-    tree: Tree,
-    queue: WakeQueue,
-    token: int,  # what `take` returns once all rows are complete
-    names: Sequence[str],
-    op: NDArray[np.uint8],
-    target: NDArray[np.uint32],
-    source: NDArray[np.uint32],
-    stamp_ns: NDArray[np.int64],
-    fixed: NDArray[np.uint32] | None = None,
-    source_stamp_ns: NDArray[np.int64] | None = None,
-    max_links: int = ...,  # frames that all waiting lookups may watch; beyond it, a row fails
-) -> ParkedLookups: ...

@@ -103,3 +103,12 @@ class SharedTree:
         stamps_ns: ArrayLike | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
     def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...
+    def _deskew(
+        self,
+        points: NDArray[Any],
+        stamps_ns: NDArray[np.int64],
+        out: NDArray[Any],
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+    ) -> bool | AskServer: ...

@@ -6,6 +6,7 @@ from zenoh_tf.credentials import Credentials
 from .aio.batch import AsyncBatch
 from .aio.broadcaster import AsyncBroadcaster
 from .aio.client import AsyncTransformClient
+from .aio.gate import AsyncGate
 from .aio.transaction import AsyncTransaction
 from .batch import Batch
 from .broadcaster import Broadcaster
@@ -18,6 +19,7 @@ from .transaction import Transaction
 __all__ = [
     "AsyncBatch",
     "AsyncBroadcaster",
+    "AsyncGate",
     "AsyncTransaction",
     "AsyncTransformClient",
     "Batch",
