@@ -17,9 +17,12 @@ CORE = {
 }
 PARTS = CORE | {
     "embedded": "embedded:measure",
+    "sensors": "sensors:measure",
     "reads": "reads:measure",
+    "readers": "readers:measure",
     "remote": "remote:measure",
     "waiting": "remote:waiting",
+    "mirrors": "mirrors:measure",
     "async": "asynchronous:measure",
 }
 

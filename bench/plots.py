@@ -91,6 +91,8 @@ def reads(cells: Cells) -> Figure:
     ways = {
         "embedded": ("embedded tree", BLUE),
         "shared": ("server's memory, another process", "#7FB8DA"),
+        "mirror": ("mirror, another host", "#2F6690"),
+        "tf2": ("tf2 for Python, same process", "#6B8E4E"),
         "query": ("query of the server", ORANGE),
         "bare query": ("empty Zenoh query", "#999999"),
     }

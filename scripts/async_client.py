@@ -46,7 +46,7 @@ REPLACEMENTS = [
     # Calls that wait.
     (
         r"(?<!def )\bself\.(_connection\.call|_reads\.ask|_shared\.read_versions"
-        r"|_read_versions|_read|commit|send|lookup_transforms)\(",
+        r"|_read_versions|_read|_ancestors|frames|commit|send|lookup_transforms)\(",
         r"await self.\1(",
     ),
     (r"\bwith (?=begin\()", "async with "),

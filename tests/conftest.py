@@ -193,6 +193,36 @@ def server(start_server: StartServer) -> ServerProcess:
     return start_server()
 
 
+@pytest.fixture
+def start_replica(start_server: StartServer) -> StartServer:
+    """``start_replica(*servers, ...)``: a replica with links to these servers."""
+
+    def start(
+        *servers: ServerProcess, endpoint: str | None = None, flags: tuple[str, ...] = ()
+    ) -> ServerProcess:
+        links = [word for each in servers for word in ("--replica-of", each.endpoint)]
+        return start_server(*links, *flags, endpoint=endpoint)
+
+    return start
+
+
+@pytest.fixture
+def primary(start_server: StartServer) -> ServerProcess:
+    return start_server()
+
+
+@pytest.fixture
+def replica(primary: ServerProcess, start_replica: StartServer) -> ServerProcess:
+    return start_replica(primary)
+
+
+@pytest.fixture
+def near(replica: ServerProcess) -> Iterator[TransformClient]:
+    """A client of the replica's router."""
+    with replica.connect(10) as tf:
+        yield tf
+
+
 @pytest.fixture(params=["optimistic", "2pl", "giant"])
 def any_server(request: pytest.FixtureRequest, start_server: StartServer) -> ServerProcess:
     """A server for each concurrency control in turn."""

@@ -32,7 +32,8 @@ PAIRS: list[tuple[type, type]] = [
 #: These ask nobody.
 PLAIN = {
     AsyncTransformClient: {
-        *("batch", "transaction", "gate", "endpoint", "tree", "reads", "last_receipt")
+        *("batch", "transaction", "gate", "endpoint", "tree", "reads", "last_receipt"),
+        "replica_age_s",
     },
     AsyncTransaction: {"set_transform", "set_transforms_xact"},
     AsyncBroadcaster: {"authority"},

@@ -22,8 +22,10 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 EXTRAS = {
     "cryptography": "zenoh_tf_client",
     "prometheus_client": "zenoh_tf_server",
+    "rich": "zenoh_tf_client",
     "rosbags": "zenoh_tf_client",
     "scipy": "zenoh_tf",
+    "shtab": "zenoh_tf_client",
 }
 
 

@@ -26,11 +26,11 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf.local_requests import MAX_REQUEST_BYTES, REQUEST
+from zenoh_tf.queries import NoReply, Queries
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.connection import Connection
-from zenoh_tf_client.exchange import ServerInfo
 from zenoh_tf_client.local_requests import LocalRequests
-from zenoh_tf_client.queries import NoReply, Queries
+from zenoh_tf_client.server_info import ServerInfo
 
 from .conftest import START_TIMEOUT_S, ServerProcess, StartServer, free_endpoint, linux
 

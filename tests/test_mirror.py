@@ -73,6 +73,7 @@ def test_every_lookup_is_the_servers(client: TransformClient) -> None:
         assert sorted(m.frames()) == sorted(client.frames())
         assert m.parent("arm") == "base"
         assert m.chain("map", "arm") == ["map", "base", "arm"]
+        assert [link.child for link in m.explain("map", "arm").links] == ["base", "arm"]
         mine, servers = m.frame("table"), client.frame("table")
         assert (mine.version, mine.authority, mine.static) == (
             servers.version,

@@ -16,7 +16,7 @@ from zenoh_tf_server.recent_messages import RecentMessages
 SETTINGS = wire.TreeSettings(round(CACHE_S * 1e9), 64, 16, 255, 1000)
 
 
-def mirror_tree(settings: wire.TreeSettings) -> TransformTree:
+def mirror_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
     assert settings == SETTINGS
     return make_tree(max_log_bytes=1 << 16)  # so that `state` can read it
 
@@ -51,7 +51,7 @@ class Server:
     def reply(self, request: Request) -> wire.Message:
         body = wire.unpack(wire.pack(request.body))
         if request.operation == "missed":
-            instance, first = wire.parse_missed_request(body)
+            instance, first, _ = wire.parse_missed_request(body)
             if instance != self.instance:
                 return self._error()
             fields = wire.missed_reply(self.recent.since(first, 2000), self.last)

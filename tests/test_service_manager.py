@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import configparser
 import contextlib
+import functools
 import os
 import shutil
 import socket
@@ -134,7 +135,13 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
         probing.when_answered(answered.release)
         service: Any = SimpleNamespace(name="main")
         own = SimpleNamespace(own="self")
-        server: Any = SimpleNamespace(session=session, service=service, clients=own, instance="i")
+        server: Any = SimpleNamespace(
+            session=session,
+            service=service,
+            clients=own,
+            instance="i",
+            key=functools.partial(keys.operation, "main"),
+        )
         probing.serving(server)
         for _ in range(3):
             assert answered.acquire(timeout=20)
@@ -155,12 +162,13 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_reply_of_another_server_does_not_count() -> None:
+    key = keys.operation("main", "lookup")
     with zenoh.open(zenoh_config.router([free_endpoint()])) as session:
-        assert health.probe(session, "main", "i", "self", 1.0) is not None  # no queryable
+        assert health.probe(session, key, "i", "self", 1.0) is not None  # no queryable
         replies = Replies(session)
         replies.answering.set()
-        assert health.probe(session, "main", "i", "self", 1.0) is None
-        assert health.probe(session, "main", "j", "self", 1.0) == "the reply is not of this server"
+        assert health.probe(session, key, "i", "self", 1.0) is None
+        assert health.probe(session, key, "j", "self", 1.0) == "the reply is not of this server"
         replies.close()
 
 

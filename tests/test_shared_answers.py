@@ -87,6 +87,7 @@ def question(rng: random.Random) -> tuple[str, tuple[Any, ...]]:
             ("parent", (a, stamp())),
             ("chain", (a, b, stamp())),
             ("frame", (a,)),
+            ("explain", (a, b, stamp())),
         ]
     )
 
@@ -138,6 +139,7 @@ def test_both_ways_give_the_same_answers_and_errors(
         ("lookup_velocity", ("a", "b", None, -1.0), "averaging_interval_s"),
         ("chain", ("a", ""), "source_frame"),
         ("frame", ("",), "frame"),
+        ("explain", ("a", "/b"), "source_frame"),
     ],
 )
 def test_both_ways_refuse_malformed_arguments(

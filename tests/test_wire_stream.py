@@ -103,7 +103,7 @@ def test_golden_requests() -> None:
         assert wire.pack(body).hex() == golden
     assert wire.parse_snapshot_request(wire.snapshot_request(None)) is None
     assert wire.parse_snapshot_request(wire.snapshot_request(asked)) == asked
-    assert wire.parse_missed_request(wire.missed_request("00", 7)) == ("00", 7)
+    assert wire.parse_missed_request(wire.missed_request("00", 7)) == ("00", 7, "")
 
 
 def test_replies_survive_the_wire() -> None:

@@ -22,6 +22,7 @@ from zenoh_tf.errors import (
     NotDurable,
     OutcomeUnknown,
     ProtocolError,
+    ReplicaBehind,
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
@@ -30,6 +31,7 @@ from zenoh_tf.errors import (
     TransactionConflict,
     TransformException,
 )
+from zenoh_tf.explanation import Explanation, LinkReport
 from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
 from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
@@ -45,6 +47,7 @@ __all__ = [
     "ClientInfo",
     "ConnectivityException",
     "Dropped",
+    "Explanation",
     "ExtrapolationException",
     "ForwardExtrapolationException",
     "FrameChange",
@@ -53,12 +56,14 @@ __all__ = [
     "InvalidArgumentException",
     "LatestTransform",
     "LimitExceeded",
+    "LinkReport",
     "LookupException",
     "NoDataForExtrapolationException",
     "NotDurable",
     "OutcomeUnknown",
     "Passed",
     "ProtocolError",
+    "ReplicaBehind",
     "ServerBusy",
     "ServerRestarted",
     "ServerUnavailable",

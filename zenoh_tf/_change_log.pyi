@@ -97,3 +97,27 @@ class ChangeReplay:
     def set_ever_reparented(self) -> None: ...
     @property
     def last(self) -> int: ...  # of the last apply()
+
+class InterestReader:
+    """Reads what an interested mirror has of a tree. All threads."""
+
+    # Of the frames on the ways between the pairs; without pairs, of all. `newest_only`: only each
+    # frame's newest sample. InvalidArgumentException: the tree has no log.
+    def __init__(
+        self, tree: _core.Tree, pairs: list[tuple[str, str]], newest_only: bool
+    ) -> None: ...
+    # (number, whether frames may have samples of several parents, what has changed since the last
+    # read or None, with `with_all` what a mirror needs that has nothing yet): all commits up to the
+    # number are in it. LimitExceeded: there are more than `max_frames` frames.
+    def read(
+        self, with_all: bool, max_frames: int
+    ) -> tuple[int, bool, _Changes | None, _Changes | None]: ...
+    # Whether a read would tell a change. Always, without pairs.
+    def has_changed(self) -> bool: ...
+    @property
+    def frames(self) -> int: ...  # as of the last read
+
+# The indices of those that have changed, as soon as there is one; none when the time is up.
+def wait_for_changes(
+    interests: list[InterestReader], period_s: float, timeout_s: float
+) -> list[int]: ...

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._change_log import InterestReader as InterestReader
+from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._points import deskew_by_samples as deskew_by_samples
 from zenoh_tf._points import map_rows as map_rows
 from zenoh_tf._shared import LAYOUT as LAYOUT
@@ -39,11 +41,7 @@ NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 def columns_of(
     stampeds: Sequence[StampedTransform],
 ) -> tuple[
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
+    list[str], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.int64], NDArray[np.float64]
 ]: ...
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
@@ -378,5 +376,6 @@ class Tree:
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
+    def _ancestor_records(self, target: str, source: str, stamp_ns: int | None) -> Any: ...
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields

@@ -112,3 +112,6 @@ class SharedTree:
         fixed_frame: str,
         at_ns: int,
     ) -> bool | AskServer: ...
+    def _ancestor_records(
+        self, target: str, source: str, stamp_ns: int | None
+    ) -> list[dict[str, Any]] | AskServer: ...

@@ -18,7 +18,8 @@
         ├── ProtocolError                   a message is malformed
         ├── ServerBusy                      the server has too much to do: try again later
         ├── AccessDenied                    the server's access rules do not allow this
-        └── NotDurable                      a write was applied, but the server cannot store it
+        ├── NotDurable                      a write was applied, but the server cannot store it
+        └── ReplicaBehind                   a replica lacks what its client must see
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
 apply is ``None``. The classes up to the extrapolation errors are tf2's.
@@ -207,6 +208,13 @@ class NotDurable(ServiceException):
     code = 19
 
 
+class ReplicaBehind(ServiceException):
+    """A replica has not received a commit that its client must see, such as the client's own write;
+    `limit` is the number of that commit, `value` the number of the last one that it has."""
+
+    code = 20
+
+
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
@@ -230,6 +238,7 @@ BY_CODE: dict[int, type[TransformException]] = {
         ServerBusy,
         AccessDenied,
         NotDurable,
+        ReplicaBehind,
     )
 }
 

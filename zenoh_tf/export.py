@@ -24,11 +24,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from zenoh_tf.frame_info import FrameInfo
 from zenoh_tf.text import printable
+from zenoh_tf.times import CLOCK_RANGE_S
 
-__all__ = ["CLOCK_RANGE_S", "dot", "mermaid", "printable", "text"]
-
-#: A stamp farther than this from the clock counts as of another clock.
-CLOCK_RANGE_S = 24 * 3600
+__all__ = ["dot", "mermaid", "printable", "text"]
 
 #: From this delay on, a link is painted as late.
 _LATE_S = 2.0

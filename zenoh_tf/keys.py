@@ -8,12 +8,15 @@
     tf/v1/{tree}/hello             query   the server's id, limits and clock; the client's rights
     tf/v1/{tree}/snapshot          query   all frames and histories, in pieces
     tf/v1/{tree}/missed            query   messages of the stream that were missed
+    tf/v1/{tree}/at/{router}/lookup   query   the same of a replica, for clients of its router;
+    tf/v1/{tree}/at/{router}/...              also batch, info and hello
     tf/v1/{tree}/commit/{authority}   query   the same as above; writes of a server that has
     tf/v1/{tree}/batch/{authority}    query   access rules, which work on keys
     tf/v1/{tree}/admin/{what}         query
     tf/v1/{tree}/set/{authority}      put  transforms from a sensor
     tf/v1/{tree}/static/{authority}   put  static transforms from a sensor
     tf/v1/{tree}/stream/{instance}    put  what commits change, from the server
+    tf/v1/{tree}/stream/{instance}/{interest}   put   the same of an interest (`wire.Interest`)
     tf/v1/{tree}/server/{instance}    liveliness token of the server
     tf/v1/{tree}/client/{client}      liveliness token of a client
 
@@ -41,6 +44,9 @@ OPERATIONS: Final = (
     "snapshot",
     "missed",
 )
+
+#: The families that a replica answers, which change nothing.
+NEAR_OPERATIONS: Final = ("lookup", "batch", "info", "hello")
 
 #: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
 TAKES_PARTS: Final = "parts"
@@ -120,6 +126,11 @@ def operation(tree: str, name: str) -> str:
     return f"{prefix(tree)}/{name}"
 
 
+def near_operation(tree: str, router: str, name: str) -> str:
+    """The key of a query family of the replica for the clients of one router, by its Zenoh id."""
+    return f"{prefix(tree)}/at/{router}/{name}"
+
+
 def keyed_operation(tree: str, name: str, subject: str) -> str:
     """The key of a write for access rules: it names the authority, or the admin operation."""
     return f"{operation(tree, name)}/{escape(subject, 'authority')}"
@@ -159,14 +170,17 @@ def put_kind(key: str) -> str | None:
     return kind if kind in ("set", "static") else None
 
 
-def stream(tree: str, instance: str) -> str:
-    """The key on which a server instance publishes what commits change."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/stream/{escape(instance, 'instance')}"
+def stream(tree: str, instance: str, interest: str = "") -> str:
+    """The key on which a server instance publishes what commits change, or of an interest's id."""
+    key = f"{PREFIX}/{escape(tree, 'tree')}/stream/{escape(instance, 'instance')}"
+    return f"{key}/{interest}" if interest else key
 
 
-def streams(tree: str) -> str:
-    """The key expression of the streams of a tree's servers, one after another."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/stream/*"
+def streams(tree: str, interest: str = "") -> str:
+    """The key expression of the streams of a tree's servers, one after another; "*": of all
+    interests."""
+    key = f"{PREFIX}/{escape(tree, 'tree')}/stream/*"
+    return f"{key}/{interest}" if interest else key
 
 
 def server(tree: str, instance: str) -> str:

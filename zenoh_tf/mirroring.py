@@ -59,7 +59,11 @@ class _Piece:
     until: int
 
 
-def make_tree(settings: wire.TreeSettings) -> TransformTree:
+#: Makes an empty tree with the settings of a server's, for the copy of an instance.
+MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
+
+
+def make_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
     """An empty tree with the settings of a server's."""
     return TransformTree(
         settings.cache_ns / 1e9,
@@ -87,6 +91,8 @@ class _Copy:
             _Piece(number, after, until) for number, (after, until) in enumerate(pairwise(bounds))
         )
         self.loading = len(self.pieces)  # pieces that are not loaded yet
+        if plan.changes is not None:
+            self.replay.apply(plan.seq, *plan.changes)
 
     @property
     def is_complete(self) -> bool:
@@ -114,10 +120,12 @@ class Mirroring:
 
     def __init__(
         self,
-        make_tree: Callable[[wire.TreeSettings], TransformTree] = make_tree,
+        make_tree: MakeTree = make_tree,
         max_waiting_bytes: int = MAX_WAITING_BYTES,
+        interest: wire.Interest | None = None,
     ) -> None:
         self._make_tree = make_tree
+        self._interest = interest
         self._max_waiting_bytes = max_waiting_bytes
         self._live: _Copy | None = None  # the last complete copy
         self._next: _Copy | None = None  # that replaces it
@@ -194,7 +202,8 @@ class Mirroring:
         """The requests to send now. Each is given once, until it is answered or has failed."""
         if self._wants_plan:
             # Until it is answered, nothing else is worth asking.
-            return [] if self._requests else [self._request("snapshot", None, {"v": wire.VERSION})]
+            body = wire.snapshot_request(None, self._interest)
+            return [] if self._requests else [self._request("snapshot", None, body)]
         copy = self._copy
         found: list[Request] = []
         if copy is None:
@@ -204,7 +213,7 @@ class Mirroring:
             asked = wire.SnapshotRequest(copy.instance, piece.number, piece.after, piece.until)
             found.append(self._request("snapshot", piece, wire.snapshot_request(asked)))
         if self._wants_missed and not self._requests:
-            body = wire.missed_request(copy.instance, copy.position + 1)
+            body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
             found.append(self._request("missed", None, body))
         return found
 
@@ -262,7 +271,7 @@ class Mirroring:
         return Request(operation, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
-        self._next = _Copy(instance, plan, self._make_tree(plan.settings))
+        self._next = _Copy(instance, plan, self._make_tree(plan.settings, instance))
         self._snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]

@@ -125,3 +125,22 @@ class SharedTree(_core.SharedTree):
         """
         record = self._frame_record(name)
         return record if isinstance(record, AskServer) else FrameInfo.from_record(record)
+
+    def ancestors(
+        self, target: str, source: str, stamp_ns: int | None
+    ) -> list[FrameInfo] | AskServer:
+        """Return the frames from both up to their roots, each once, as of one instant.
+
+        Args:
+            target: One frame; left out if it is unknown.
+            source: The other frame.
+            stamp_ns: Time of the links in nanoseconds; None for the newest, which also stand for
+                links without data at the time.
+
+        Raises:
+            InvalidArgumentException: A name or the stamp is invalid.
+        """
+        records = self._ancestor_records(target, source, stamp_ns)
+        if isinstance(records, AskServer):
+            return records
+        return [FrameInfo.from_record(record) for record in records]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import _core
+from zenoh_tf import explain as explaining
 from zenoh_tf.array import TransformArray
+from zenoh_tf.explanation import Explanation
 from zenoh_tf.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.gate import Gate
 from zenoh_tf.points import Sweep, deskew
@@ -235,6 +237,27 @@ class TransformTree(_core.Tree):
             InvalidArgumentException: The name is invalid.
         """
         return FrameInfo.from_record(self._frame_record(name))
+
+    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+        """Return why a lookup succeeds or fails: the chain link by link, and what limits it.
+
+        Example: `print(tree.explain("map", "camera"))`
+
+        Args:
+            target: The lookup's target.
+            source: The lookup's source.
+            stamp_ns: The lookup's time in nanoseconds; None for the latest common time.
+
+        Returns:
+            The explanation, of the tree as of one instant.
+
+        Raises:
+            InvalidArgumentException: A name or the stamp is invalid.
+        """
+        records = self._ancestor_records(target, source, stamp_ns)
+        frames = [FrameInfo.from_record(record) for record in records]
+        names = () if explaining.is_connected(target, source, frames) else self.frames()
+        return explaining.explain(target, source, stamp_ns, frames, names)
 
     def authorities(self) -> list[AuthorityInfo]:
         """Return what each authority has done, in the order of their first commits."""

@@ -13,6 +13,7 @@ from .broadcaster import Broadcaster
 from .client import TransformClient
 from .handle import Handle
 from .mirror import Mirror
+from .mirror_interest import OutsideInterest
 from .receipt import Receipt
 from .transaction import Transaction
 
@@ -27,6 +28,7 @@ __all__ = [
     "Credentials",
     "Handle",
     "Mirror",
+    "OutsideInterest",
     "Receipt",
     "Transaction",
     "TransformClient",

@@ -26,8 +26,8 @@ from zenoh_tf import StampedTransform, keys
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
 from .connection import Connection
-from .exchange import ServerInfo
 from .publisher import Publisher, message, undeclare_unless_closed
+from .server_info import ServerInfo
 
 log = logging.getLogger("zenoh_tf.client")
 

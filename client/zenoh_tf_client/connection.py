@@ -11,14 +11,15 @@ from typing import Final, TypeVar
 from zenoh_tf import keys, wire, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
+from zenoh_tf.queries import NoReply, Queries
 
-from .exchange import Ask, Exchange, Pause, ServerInfo, Steps
+from .exchange import Ask, Exchange, Pause, Steps
 from .local_requests import LocalRequests
 from .opening import open_session
-from .queries import NoReply, Queries
 from .receipt import Receipt
 from .request import Request
 from .served_trees import no_server_message, served_trees
+from .server_info import ServerInfo
 from .session_calls import SessionCalls
 
 T = TypeVar("T")
@@ -70,6 +71,7 @@ class Connection:
         # under the same id tells the server when the client is gone.
         client_id = str(self.session.zid())
         self.exchange.client_id = client_id
+        self.exchange.router = self._router
         self.queries = Queries(
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
@@ -91,18 +93,24 @@ class Connection:
     @property
     def instance(self) -> str:
         """Instance id of the server that answered last; asks for it if none is known."""
-        return self._take(self.exchange.known_server()).instance
+        return self.known_instance or self._take(self.exchange.greet()).instance
 
     @property
     def known_instance(self) -> str | None:
         """The same without asking: None if no server is known."""
-        server = self.exchange.server
+        server = self.known_server
         return None if server is None else server.instance
 
     @property
     def known_server(self) -> ServerInfo | None:
-        """The server that answered last, without asking: None if none is known."""
-        return self.exchange.server
+        """What answers reads, the replica or the server, without asking: None if none is known."""
+        replica = self.exchange.replica
+        return self.exchange.server if replica is None else replica.server
+
+    @property
+    def replica_age_s(self) -> float | None:
+        """How old the last reply may be, in seconds; None if it was the server's own."""
+        return self.exchange.replica_age_s
 
     @property
     def closed(self) -> bool:
@@ -128,9 +136,18 @@ class Connection:
         """Ask the server who it is; as `Exchange.hello`."""
         return self._take(self.exchange.hello(timeout_s))
 
+    def greet(self, timeout_s: float | None = None) -> ServerInfo:
+        """Ask what answers reads who it is; as `Exchange.greet`."""
+        return self._take(self.exchange.greet(timeout_s))
+
     def call(self, request: Request[T]) -> T:
         """Send a request and return its result; as `Exchange.call`."""
         return self._take(self.exchange.call(request))
+
+    def _router(self) -> str | None:
+        """The id of the router that the session has a link to; None if it has none now."""
+        with self.calls:
+            return next(map(str, self.session.info.routers_zid()), None)
 
     def _take(self, steps: Steps[T]) -> T:
         """Take the steps one after another, and return their result."""
@@ -164,7 +181,7 @@ class Connection:
         while True:
             left_s = deadline_s - time.monotonic()
             try:
-                self.hello(max(left_s, 0.1))
+                self.greet(max(left_s, 0.1))
                 return
             except ServerUnavailable:
                 is_last = left_s <= _HELLO_PERIOD_S

@@ -14,27 +14,29 @@ import os
 import random
 import threading
 import time
-from collections.abc import Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeVar
 
 import zenoh
 
-from zenoh_tf import handover, keys, wire
+from zenoh_tf import keys, wire
 from zenoh_tf.errors import (
     LimitExceeded,
     OutcomeUnknown,
+    ReplicaBehind,
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     TransformException,
 )
+from zenoh_tf.queries import NoReply
 
 from . import info_requests
 from .access import Access
-from .queries import NoReply
 from .receipt import Receipt, later
 from .request import Request
+from .server_info import Replica, ServerInfo, parse_server_info
 
 T = TypeVar("T")
 
@@ -45,20 +47,11 @@ _CLOCK_PERIOD_S: Final = 10.0
 _FIRST_CLOCK_PERIOD_S: Final = 1.0
 #: How much longer a read may take for it.
 _CLOCK_TIMEOUT_S: Final = 0.5
-#: The limit of a server that does not tell.
-_DEFAULT_ROWS: Final = 100_000
-
-
-@dataclass(frozen=True, slots=True)
-class ServerInfo:
-    """The server that answered last."""
-
-    instance: str
-    clock_ns: int  # the server's, when it replied
-    clock_offset_ns: int  # the server's clock minus this one's, rounded down
-    message_bytes: int
-    rows: int  # transforms in one message
-    offer: handover.Offer | None = None  # of its tree's memory
+#: A client that knows no server looks for a replica for this share of a read's time.
+_FIND_SHARE: Final = 0.25
+#: A replica that lacks what the client must see is asked again after these pauses: a commit gets
+#: there about as soon as its reply gets to the client. Then the server is asked.
+_CATCH_UP_S: Final = (0.002, 0.008, 0.03)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +92,15 @@ class Exchange:
         self.client_id: str | None = None
         #: The server that answered last; None if it is not known, or may have been replaced.
         self.server: ServerInfo | None = None
+        #: The id of the router that the client sits on; the connection knows it.
+        self.router: Callable[[], str | None] = lambda: None
+        #: What answers reads in place of the server; None if there is none.
+        self.replica: Replica | None = None
+        #: How old the last reply may be, in seconds; None if it was the server's own.
+        self.replica_age_s: float | None = None
+        #: What reads of a replica must see; None if the client has written nothing.
+        self._least: Receipt | None = None
+        self._next_greeting_s = 0.0  # of the replica
         #: What this client may do; None if the server has no access rules.
         self.access: Access | None = None
         #: Of the latest write that the server has replied to.
@@ -115,11 +117,8 @@ class Exchange:
 
         Raises ServerUnavailable if it does not answer within `timeout_s`, or the usual time-out.
         """
-        period_s = _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
-        self._next_hello_s = time.monotonic() + period_s
-        request = info_requests.hello(
-            self._user, self.client_id, time.time_ns(), self._round_trip_ns
-        )
+        self._next_hello_s = time.monotonic() + self._clock_period_s()
+        request = self._hello_request()
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
         if timeout_s is None:
@@ -130,27 +129,55 @@ class Exchange:
             reply = yield from self._query(self._keys["info"], payload, timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
-            raise ServerUnavailable(reply.reason)
+            note = "; the replica there answers reads only" if self.replica is not None else ""
+            raise ServerUnavailable(reply.reason + note)
         self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
         access = value.get("access")
         self.access = (
             None if access is None else Access(self._tree, self._address, self._user, access)
         )
-        # The server read its clock before this side did, so the offset is too small by the
-        # reply's travel time at most. An expiry computed with it is never later than this
-        # side's own time-out.
-        clock_ns = wire.integer(value, "clock_ns")
-        server = ServerInfo(
-            wire.text(value, "instance"),
-            clock_ns,
-            clock_ns - now_ns,
-            wire.integer(value.get("limits", {}), "message_bytes", wire.MAX_MESSAGE_BYTES),
-            wire.integer(value.get("limits", {}), "rows", _DEFAULT_ROWS),
-            handover.parse_offer(value.get(handover.HELLO_FIELD)),
-        )
+        server = parse_server_info(value, now_ns)
         self.server = server
         return server
+
+    def greet(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
+        """Ask who answers reads: the replica at the client's router, or else the server.
+
+        Raises ServerUnavailable if neither answers within `timeout_s`, or the usual time-out.
+        """
+        if timeout_s is None:
+            timeout_s = self._timeout_s
+        deadline_s = time.monotonic() + timeout_s
+        replica = yield from self._find_replica(timeout_s)
+        if replica is not None:
+            return replica.server
+        return (yield from self.hello(max(deadline_s - time.monotonic(), 0.1)))
+
+    def _find_replica(self, timeout_s: float) -> Steps[Replica | None]:
+        """Look for the replica at the client's router, which may be another one than before."""
+        router = self.router()
+        found = None
+        if router is not None:
+            self._next_greeting_s = time.monotonic() + self._clock_period_s()
+            near = {
+                name: zenoh.KeyExpr(keys.near_operation(self._tree, router, name))
+                for name in keys.NEAR_OPERATIONS
+            }
+            request = self._hello_request()
+            # Zenoh ends the query at once if nobody has this key.
+            reply = yield Ask(near["hello"], wire.pack(request.body()), timeout_s)
+            if not isinstance(reply, NoReply) and "error" not in reply:
+                value = request.parse(reply)
+                found = Replica(near, parse_server_info(value, time.monotonic_ns()))
+        self.replica = found
+        return found
+
+    def _hello_request(self) -> Request[dict[str, Any]]:
+        return info_requests.hello(self._user, self.client_id, time.time_ns(), self._round_trip_ns)
+
+    def _clock_period_s(self) -> float:
+        return _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
 
     def known_server(self) -> Steps[ServerInfo]:
         """Return the server that answered last; asks for it if none is known."""
@@ -169,17 +196,70 @@ class Exchange:
         return request.parse(reply)
 
     def _read(self, operation: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
+        deadline_s = time.monotonic() + self._timeout_s + wait_s
+        if self.server is None and self.replica is None:  # it has gone, or changed
+            with contextlib.suppress(TransformException):
+                yield from self.greet(self._timeout_s * _FIND_SHARE)
+        behind: wire.Message | None = None  # the replica's refusal
+        if self.replica is not None and operation in self.replica.keys:
+            found = yield from self._read_near(self.replica, operation, body, deadline_s)
+            if isinstance(found, NoReply):
+                if not found.at_once:
+                    raise ServerUnavailable(found.reason)
+            elif not _is_behind(found):
+                wire.raise_error(found)
+                return found
+            else:
+                behind = found
         key = self._key(operation, body)
         payload = self._pack(body)
-        reply = yield from self._query_until_served(key, payload, self._timeout_s + wait_s)
+        left_s = max(deadline_s - time.monotonic(), 0.001)
+        reply = yield from self._query_until_served(key, payload, left_s)
         if isinstance(reply, NoReply):
+            if behind is not None:
+                wire.raise_error(behind)
             if reply.at_once:
                 yield from self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
+        self.replica_age_s = None
+        if self._least is not None and reply.get("instance") != self._least.instance:
+            self._least = None  # what was written there went with the server
         if time.monotonic() >= self._next_hello_s:
             with contextlib.suppress(TransformException):  # the read itself was answered
                 yield from self.hello(_CLOCK_TIMEOUT_S)
+                if self.replica is None:  # one may have come
+                    yield from self._find_replica(_CLOCK_TIMEOUT_S)
         wire.raise_error(reply)
+        return reply
+
+    def _read_near(
+        self, replica: Replica, operation: str, body: wire.Message, deadline_s: float
+    ) -> Steps[wire.Message | NoReply]:
+        """Ask the replica; its refusal is the outcome if it does not get what the client must
+        see soon."""
+        least = self._least
+        if least is not None:
+            body = body | wire.least(least.instance, least.seq)
+        payload = self._pack(body)
+        pauses = iter(_CATCH_UP_S)
+        while True:
+            left_s = max(deadline_s - time.monotonic(), 0.001)
+            reply = yield from self._query_until_served(replica.keys[operation], payload, left_s)
+            if isinstance(reply, NoReply):
+                self.replica = None
+                return reply
+            pause_s = next(pauses, None) if _is_behind(reply) else None
+            if pause_s is None:
+                break
+            yield Pause(pause_s)
+        told = wire.parse_replica(reply)
+        self.replica_age_s = None if told is None else told[1] / 1e9
+        instance = reply.get("instance")
+        if type(instance) is str and instance != replica.server.instance:  # it follows another one
+            self.replica = replace(replica, server=replace(replica.server, instance=instance))
+        if time.monotonic() >= self._next_greeting_s:
+            with contextlib.suppress(TransformException):  # the read itself was answered
+                yield from self._find_replica(_CLOCK_TIMEOUT_S)
         return reply
 
     def _write(
@@ -215,7 +295,7 @@ class Exchange:
         if isinstance(reply, NoReply):
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         with self._receipt_lock:
-            self.last_receipt = later(self.last_receipt, reply)
+            self.last_receipt = self._least = later(self.last_receipt, reply)
         wire.raise_error(reply)
         return reply
 
@@ -280,3 +360,9 @@ class Exchange:
                 value=len(payload),
             )
         return payload
+
+
+def _is_behind(reply: wire.Message) -> bool:
+    """Whether a replica refuses a read because it lacks what the client must see."""
+    error = reply.get("error")
+    return type(error) is dict and error.get("code") == ReplicaBehind.code

@@ -57,12 +57,28 @@ def frames_page(after: int | None) -> Request[tuple[list[str], int | None]]:
 
 def frame(name: str) -> Request[FrameInfo]:
     def parse(reply: wire.Message) -> FrameInfo:
-        record = _record(wire.parse_value(reply, dict), FrameInfo)
-        if record["last_change"] is not None:
-            record["last_change"] = _record(record["last_change"], FrameChange)
-        return FrameInfo.from_record(record)
+        return _frame_info(wire.parse_value(reply, dict))
 
     return Call("info", wire.call_body("frame", frame=name), parse)
+
+
+def ancestors(target: str, source: str, stamp_ns: int | None) -> Request[list[FrameInfo]]:
+    """The frames from both up to their roots, each once, read at one instant. Unknown ones are
+    left out. The parents are those at the time where a link has data there."""
+
+    def parse(reply: wire.Message) -> list[FrameInfo]:
+        return [_frame_info(record) for record in wire.parse_value(reply, list)]
+
+    stamp = columns.optional_stamp(stamp_ns)
+    body = wire.call_body("ancestors", target=target, source=source, stamp_ns=stamp)
+    return Call("info", body, parse)
+
+
+def _frame_info(value: Any) -> FrameInfo:
+    record = _record(value, FrameInfo)
+    if record["last_change"] is not None:
+        record["last_change"] = _record(record["last_change"], FrameChange)
+    return FrameInfo.from_record(record)
 
 
 def authorities() -> Request[list[AuthorityInfo]]:

@@ -22,13 +22,13 @@ import zenoh
 from zenoh_tf import handover, keys, wire
 from zenoh_tf.errors import TransformException
 from zenoh_tf.local_requests import CLIENT, FAMILIES, MAX_REQUEST_BYTES, REPLY, REQUEST
+from zenoh_tf.queries import NoReply, Queries
 from zenoh_tf.shared_tree import RegionRefused
 
-from .queries import NoReply, Queries
 from .session_calls import is_forked
 
 if TYPE_CHECKING:
-    from .exchange import ServerInfo
+    from .server_info import ServerInfo
 
 #: As many calls of one client go through the socket at once.
 _MAX_CONNECTIONS: Final = 16

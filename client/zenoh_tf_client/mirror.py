@@ -6,21 +6,23 @@ import os
 import weakref
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Final, Self, TypeVar
 
-from zenoh_tf import LatestTransform, TransformTree
+from zenoh_tf import LatestTransform, TransformTree, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ServerRestarted,
     ServerUnavailable,
     TimeoutException,
 )
+from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.text import quoted
 
 from . import lookup_requests
 from .connection import Connection
-from .mirror_feed import MirrorFeed
+from .mirror_interest import interested
 from .mirror_reads import TAKEN, MirrorReads
+from .mirror_source import MirrorSource
 from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites
 from .receipt import Receipt
 from .request import Request
@@ -29,6 +31,10 @@ from .shared_reads import SharedReads
 from .transaction import Transaction, repeat
 
 T = TypeVar("T")
+
+#: Attempts of a transaction in a mirror of some frames. The read set may have a frame above those
+#: that the mirror has, in which case it conflicts each time.
+_PARTIAL_ATTEMPTS: Final = 2
 
 _all: weakref.WeakSet[Mirror] = weakref.WeakSet()
 
@@ -50,13 +56,20 @@ class Mirror(MirrorReads):
         ``with tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
     """
 
-    def __init__(self, connection: Connection, reads: SharedReads, timeout_s: float) -> None:
+    def __init__(
+        self,
+        connection: Connection,
+        reads: SharedReads,
+        timeout_s: float,
+        interest: wire.Interest | None = None,
+    ) -> None:
         """Use `TransformClient.mirror` instead.
 
         Args:
             connection: The connection to the server.
             reads: How transactions read that do not read here.
             timeout_s: How long to wait for the first copy, in seconds.
+            interest: What to follow; None for everything.
 
         Raises:
             ServerUnavailable: See `TransformClient.mirror`, also for the others.
@@ -71,15 +84,16 @@ class Mirror(MirrorReads):
             )
         self._connection = connection
         self._reads = reads
+        self._interest = interest
         self._current: TransformTree | None = None  # None: closed, or forked
         weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
 
-        def on_copy(tree: TransformTree | None) -> None:
+        def on_copy(tree: TransformTree | None, instance: str) -> None:
             mirror = weak_self()
             if mirror is not None:
                 mirror._take(tree)
 
-        self._feed = feed = MirrorFeed(connection, on_copy)
+        self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
         self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False
@@ -281,15 +295,19 @@ class Mirror(MirrorReads):
         def begin() -> Transaction:
             nonlocal attempt
             attempt += 1
-            return self._transaction(after_conflict=attempt > 1)
+            return self._transaction(attempt)
 
         return repeat(begin, function, attempts)
 
-    def _transaction(self, *, after_conflict: bool) -> Transaction:
+    def _transaction(self, attempt: int) -> Transaction:
         """A transaction that reads here; after a conflict, once the mirror has what it was in
-        conflict with. If that takes long, it reads by query."""
+        conflict with. If that takes long, it reads by query. So does one in a thinned mirror, which
+        has the versions of the server, but not all samples."""
         raise_if_forked()
-        if after_conflict:
+        interest = self._interest
+        if interest is not None and (interest.period_ns or attempt > _PARTIAL_ATTEMPTS):
+            return Transaction(self._connection, self._reads)
+        if attempt > 1:
             try:
                 self.wait_for(timeout_s=CATCH_UP_S)
             except (TimeoutException, ServerRestarted):
@@ -298,7 +316,7 @@ class Mirror(MirrorReads):
         if state.tree is None:
             raise ServerUnavailable("the mirror is closed")
         return MirrorTransaction(
-            self._connection, self._reads, state.tree, state.instance, self._own_writes
+            self._connection, self._reads, state.tree, state.instance, self._own_writes, interest
         )
 
     # --- where it reads
@@ -317,6 +335,8 @@ class Mirror(MirrorReads):
 
     def _take(self, tree: TransformTree | None) -> None:
         """Read in another tree, or in none; see `mirror_reads`."""
+        if tree is not None and self._interest is not None:
+            tree = interested(tree, self._interest)
         self._current = tree
         for name in TAKEN:
             if tree is None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import (
     Dropped,
+    Explanation,
     FrameInfo,
     Gate,
     StampedTransform,
@@ -37,6 +38,14 @@ TAKEN: Final = (
     "frame",
     "parent",
     "chain",
+    "explain",
+)
+
+#: Those that may ask the server instead.
+LATEST: Final = (
+    "lookup_latest_transform",
+    "lookup_latest_transform_xact",
+    "lookup_latest_transforms_xact",
 )
 
 
@@ -154,3 +163,7 @@ class MirrorReads(ABC):
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """As `TransformTree.chain`."""
         return self._tree.chain(target, source, stamp_ns)
+
+    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+        """As `TransformTree.explain`."""
+        return self._tree.explain(target, source, stamp_ns)

@@ -6,11 +6,12 @@ import threading
 from collections.abc import Iterable
 from typing import Final, TypeVar
 
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.shared_tree import AskServer
 
 from .connection import Connection
-from .mirror_feed import MirrorFeed
+from .mirror_interest import explained
 from .receipt import Receipt
 from .request import Read, Rows, VersionedRead
 from .shared_reads import SharedReads, read_tree
@@ -70,8 +71,10 @@ class MirrorTransaction(Transaction):
         tree: TransformTree,
         instance: str,
         own_writes: OwnWrites,
+        interest: wire.Interest | None,
     ) -> None:
         super().__init__(connection, reads)
+        self._interest = interest
         self._tree = tree
         self._copy_of = instance
         self._own_writes = own_writes
@@ -96,4 +99,7 @@ class MirrorTransaction(Transaction):
     def _look_up(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         found = read_tree(self._tree, self._copy_of, request)
         assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
-        return found
+        if self._interest is None:
+            return found
+        instance, versions, answer = found
+        return instance, versions, explained(answer, self._tree, self._interest)

@@ -25,8 +25,8 @@ from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
 from . import lookup_requests
 from .connection import Connection
-from .exchange import ServerInfo
 from .request import Read, Request, Rows, VersionedRead
+from .server_info import ServerInfo
 from .session_calls import is_forked
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ class SharedReads:
         if not wanted:
             return True
         try:
-            server = self._connection.hello()
+            server = self._connection.greet()
         except TransformException:
             return True  # the next lookup asks for it again
         if server.instance == self._settled:

@@ -88,7 +88,7 @@ def _rights(tree: str, rule: AccessRule, *, keyed: bool) -> list[dict[str, Any]]
     rights: list[dict[str, Any]] = []
     if "read" in rule.may:
         queries += (keys.operation(tree, name) for name in READS)
-        streams = [keys.streams(tree)]
+        streams = [keys.streams(tree), keys.streams(tree, "*")]
         rights.append(_right("ingress", ["declare_subscriber"], streams))
         rights.append(_right("egress", ["put"], streams))
     for name in ("clear", "reset", "remove_frame"):

@@ -46,6 +46,13 @@ def parser() -> argparse.ArgumentParser:
         metavar="ENDPOINT",
         help="join the Zenoh network at this endpoint as a client, and do not listen; repeatable",
     )
+    flags.add_argument(
+        "--replica-of",
+        action="append",
+        metavar="ENDPOINT",
+        help="answer reads from a copy of the tree whose server is at this endpoint, which gets "
+        "all writes (docs/replicas.md); repeatable for further ways to it",
+    )
     _add_tree_flags(flags)
     flags.add_argument(
         "--workers",
@@ -125,14 +132,32 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
         keys.server(options.tree, "")
     except TransformException as error:
         flags.error(f"--tree: {error}")
-    for flag in ("listen", "connect"):
+    if options.replica_of:
+        _check_replica(flags, options)
+    for flag in ("listen", "connect", "replica_of"):
         for endpoint in getattr(options, flag) or ():
             try:
                 zenoh_config.check_endpoint(endpoint)
             except TransformException as error:
-                flags.error(f"--{flag}: {error}")
+                flags.error(f"--{flag.replace('_', '-')}: {error}")
     options.listen = options.listen or [DEFAULT_LISTEN]
     options.connect = options.connect or []
+    options.replica_of = options.replica_of or []
+
+
+def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if a flag makes no sense for a replica."""
+    reasons = {
+        "connect": "a replica is a router of its own: leave --connect out",
+        "state_dir": "a replica stores nothing: give --state-dir to the primary",
+        "no_admin": "a replica takes no writes: give --no-admin to the primary",
+        "one_authority_per_frame": "a replica takes no writes: give this flag to the primary",
+        "share_dir": "a replica does not share its tree",
+        "share_group": "a replica does not share its tree",
+    }
+    for name, reason in reasons.items():
+        if getattr(options, name):
+            flags.error(f"--{name.replace('_', '-')} and --replica-of exclude each other: {reason}")
 
 
 def settings(options: argparse.Namespace) -> Settings:
@@ -152,4 +177,5 @@ def settings(options: argparse.Namespace) -> Settings:
         operations=operations.from_flags(options),
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
+        replica_of=options.replica_of,
     )

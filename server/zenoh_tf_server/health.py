@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Final
 
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
 from zenoh_tf.errors import TransformException
 
 if TYPE_CHECKING:
+    from .replica_server import ReplicaServer
     from .server import Server
 
 #: The server counts as healthy for this long after a probe began that was answered.
@@ -60,7 +61,7 @@ class Health:
         """Call `callback` after each probe that was answered."""
         self._answered.append(callback)
 
-    def serving(self, server: Server) -> None:
+    def serving(self, server: Server | ReplicaServer) -> None:
         """The tree of `server` is claimed and served: begin to probe."""
         self._healthy_until_s = time.monotonic() + HEALTHY_FOR_S
         self.ready = True
@@ -76,12 +77,12 @@ class Health:
         if self._thread is not None:
             self._thread.join(_JOIN_TIMEOUT_S)
 
-    def _run(self, server: Server) -> None:
+    def _run(self, server: Server | ReplicaServer) -> None:
         while not self._stop.is_set():
             begun_s = time.monotonic()
             problem = probe(
                 server.session,
-                server.service.name,
+                server.key("lookup"),
                 server.instance,
                 server.clients.own,
                 self._timeout_s,
@@ -99,7 +100,7 @@ class Health:
 
 
 def probe(
-    session: zenoh.Session, tree: str, instance: str, client: str, timeout_s: float
+    session: zenoh.Session, key: str, instance: str, client: str, timeout_s: float
 ) -> str | None:
     """Look a frame up by a query that stays in this process. Returns what is wrong, or None.
 
@@ -108,7 +109,7 @@ def probe(
     """
     try:
         replies = session.get(
-            keys.operation(tree, "lookup"),
+            key,
             payload=_REQUEST,
             attachment=client.encode(),
             timeout=timeout_s,

@@ -81,6 +81,8 @@ class InfoRequests:
         tree = self._tree
         if what == "frame":
             return tree._frame_record(self._frame(message, "frame"))
+        if what == "ancestors":
+            return self._ancestors(message, budget)
         if what == "authorities":
             return self._authority_records(budget)
         if what == "clients":
@@ -143,6 +145,16 @@ class InfoRequests:
         names = self._tree.chain(target, source, _stamp(message))
         budget.take_listed(min(len(names) * _CHAINED, budget.listed_left))
         return names
+
+    def _ancestors(self, message: wire.Message, budget: Budget) -> list[dict[str, Any]]:
+        target, source = self._frame(message, "target"), self._frame(message, "source")
+        budget.take_links(self._tree._links((target, source)))
+        budget.take_listed(1)
+        records: list[dict[str, Any]] = self._tree._ancestor_records(
+            target, source, _stamp(message)
+        )
+        budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
+        return records
 
     def _velocity(self, message: wire.Message, budget: Budget) -> dict[str, Any]:
         tracking = self._frame(message, "tracking_frame")

@@ -198,6 +198,27 @@ class Limits:
         "bytes of the stream's latest messages, kept for mirrors that missed some",
         "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
     )
+    interests: int = _limit(
+        1024,
+        "interests of mirrors (`tf.mirror(pairs)`, `max_rate_hz`), counted for each client; a "
+        "client may hold as many as are left free",
+        "the mirror is refused with `ServerBusy`",
+    )
+    interest_pairs: int = _limit(
+        1000,
+        "pairs of frames in one interest",
+        "the mirror is refused",
+    )
+    interest_frames: int = _limit(
+        200_000,
+        "frames that mirrors with an interest have, summed over all interests",
+        "the mirror is refused, or gets nothing more",
+    )
+    interest_bytes: int = _limit(
+        256 << 10,
+        "bytes of an interest's latest messages, kept for mirrors that missed some",
+        "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
+    )
     removed_statics: int = _limit(
         10_000,
         "static links remembered as removed, which broadcasters do not announce again",
@@ -333,7 +354,8 @@ def page() -> Iterator[str]:
     yield "`TransformTree` takes the first five limits as `max_frames`,"
     yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`."
     yield "What an `AsyncTransformClient` has under way is limited in the client: see"
-    yield "[asyncio](asyncio.md#bounds)."
+    yield "[asyncio](asyncio.md#bounds). A [gate](sensor-data.md) holds `queue_size` items,"
+    yield "100,000 at most, of 64 frames."
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ from zenoh_tf.text import quoted
 from .clients import UNKNOWN, Clients
 from .lanes import Budget, Lane, Request
 from .rate_limited_log import RateLimitedLog
+from .replica_service import ReplicaService
 from .service import Service
 
 log = logging.getLogger("zenoh_tf.server")
@@ -158,7 +159,9 @@ class _Connection:
 class LocalRequests:
     """The connections of clients on this host; see the module."""
 
-    def __init__(self, service: Service, clients: Clients, budget: Budget, count: int) -> None:
+    def __init__(
+        self, service: Service | ReplicaService, clients: Clients, budget: Budget, count: int
+    ) -> None:
         """`count`: how many requests of a family may be served at once."""
         self._service = service
         self._clients = clients

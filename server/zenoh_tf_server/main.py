@@ -24,6 +24,7 @@ from .free_memory import limit_heaps
 from .metrics import MetricsMissing
 from .network import NetworkError, set_receive_threads
 from .operations import Operations
+from .replica_server import ReplicaServer
 from .server import Server, Settings
 from .state_file import StateError
 from .tree_claim import TreeTaken
@@ -66,7 +67,7 @@ async def serve(settings: Settings) -> NoReturn:
     operations = Operations(settings.operations)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    starting = asyncio.ensure_future(asyncio.to_thread(Server, settings, loop))
+    starting = asyncio.ensure_future(asyncio.to_thread(_start, settings, loop))
     stopped = asyncio.ensure_future(stop.wait())
     await asyncio.wait({starting, stopped}, return_when=asyncio.FIRST_COMPLETED)
     if not starting.done():
@@ -93,6 +94,10 @@ async def serve(settings: Settings) -> NoReturn:
     _end()
 
 
+def _start(settings: Settings, loop: asyncio.AbstractEventLoop) -> Server | ReplicaServer:
+    return (ReplicaServer if settings.replica_of else Server)(settings, loop)
+
+
 def _end() -> NoReturn:
     """End the process at once, with status 0.
 
@@ -108,6 +113,9 @@ def _greeting(settings: Settings, instance: str) -> str:
     # Options of an endpoint are left out: with TLS they hold the private key's path.
     endpoints = [zenoh_config.address(each) for each in settings.connect or settings.listen]
     how = "joined" if settings.connect else "listens on"
+    if settings.replica_of:
+        primary = ", ".join(map(zenoh_config.address, settings.replica_of))
+        how = f"as a replica of the one at {primary}, {how}"
     greeting = (
         f"zenoh-tf-server {version('zenoh-tf')} (instance {instance}) serves tree "
         f"{settings.tree!r}, {how} {', '.join(endpoints)}"

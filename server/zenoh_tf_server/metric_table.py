@@ -79,6 +79,15 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "dropped_by_queue": _counter(
         "puts_dropped", "published messages dropped because too many of an authority were waiting"
     ),
+    "replica_age_s": _gauge(
+        "replica_age_seconds", "of a replica: how old the state that it serves may be"
+    ),
+    "replica_seq": _gauge(
+        "replica_seq", "of a replica: the last commit of the primary that it has"
+    ),
+    "replica_snapshots": _counter(
+        "replica_snapshots", "of a replica: copies of the primary's tree that were begun"
+    ),
     "stream_messages": _counter("stream_messages", "messages published for mirrors"),
     "stream_message_bytes": _counter("stream_message_bytes", "bytes of these messages"),
     "stream_gaps": _counter(
@@ -87,6 +96,10 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "stream_kept_bytes": _gauge(
         "stream_kept_bytes", "bytes of published messages, kept for mirrors that missed some"
     ),
+    "interests": _gauge("interests", "interests of mirrors that do not want all frames"),
+    "interest_frames": _gauge("interest_frames", "frames of these, summed over all interests"),
+    "interest_messages": _counter("interest_messages", "messages published for these mirrors"),
+    "interest_message_bytes": _counter("interest_message_bytes", "bytes of these messages"),
     "change_log_bytes": _gauge("change_log_bytes", "bytes of changes that wait to be published"),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),

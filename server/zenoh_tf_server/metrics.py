@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric as Family
 
     from .health import Health
+    from .replica_server import ReplicaServer
     from .server import Server
 
 #: The tree is read at most this often: that costs time that grows with the number of frames.
@@ -56,13 +57,13 @@ class Metrics:
         self._registry.register(self)
         prometheus_client.ProcessCollector(registry=self._registry)
         self._health = health
-        self._server: Server | None = None
+        self._server: Server | ReplicaServer | None = None
         self._authorities = AuthoritySeries(max_authorities)
         self._lock = threading.Lock()
         self._page = b""
         self._page_until_s = 0.0
 
-    def serving(self, server: Server) -> None:
+    def serving(self, server: Server | ReplicaServer) -> None:
         """Read this server from now on."""
         with self._lock:
             self._server = server
@@ -130,7 +131,7 @@ def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
             yield metric, metric.values, float(stats[key])
 
 
-def _from_requests(server: Server) -> Iterator[Value]:
+def _from_requests(server: Server | ReplicaServer) -> Iterator[Value]:
     total = server.service.requests.total()
     for family, counts in sorted(total.ok.items()):
         yield metric_table.DURATION, (family, OK), counts

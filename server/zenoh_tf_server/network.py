@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import zenoh
 
-from zenoh_tf import connect_failure, zenoh_config
+from zenoh_tf import connect_failure, wire, zenoh_config
 from zenoh_tf.errors import AccessDenied
 
 from .limits import Limits
@@ -80,6 +81,35 @@ def open_session(
             if isinstance(failure, AccessDenied):
                 raise NetworkError(f"cannot connect: {failure}") from error
         raise NetworkError(_message(str(error), listen, connect)) from error
+
+
+def open_replica_session(
+    listen: Sequence[str], primary: Sequence[str], limits: Limits, security: Security
+) -> zenoh.Session:
+    """Open a router on `listen` that links itself to that at `primary`, now and whenever it has
+    lost the link.
+
+    Raises:
+        NetworkError: The endpoints cannot be listened on.
+    """
+    try:
+        config = zenoh_config.router(
+            listen,
+            max_sessions=limits.connections,
+            max_message_bytes=_RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES),
+            security=security.replica_settings(),
+        )
+        for key, value in {
+            "connect/endpoints": list(primary),
+            "connect/exit_on_failure": False,
+            "connect/timeout_ms": -1,
+            "connect/retry": _RETRY,
+            "scouting/delay": 0,
+        }.items():
+            config.insert_json5(key, json.dumps(value))
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise NetworkError(_message(str(error), listen, ())) from error
 
 
 def certificates(session: zenoh.Session) -> Callable[[str], str | None]:

@@ -15,6 +15,7 @@ from .metrics import Metrics
 from .status_port import Page, StatusPort, parse_address
 
 if TYPE_CHECKING:
+    from .replica_server import ReplicaServer
     from .server import Server
 
 log = logging.getLogger("zenoh_tf.server")
@@ -66,6 +67,7 @@ class Operations:
         if watchdog_s is not None:
             self._health.when_answered(lambda: service_manager.notify(WATCHDOG=1))
         self._probes = watchdog_s is not None or settings.metrics is not None
+        self._server: Server | ReplicaServer | None = None
         self._metrics: Metrics | None = None
         self._port: StatusPort | None = None
         if settings.metrics is not None:
@@ -73,8 +75,9 @@ class Operations:
             pages = {"/metrics": self._metrics_page, "/healthz": self._healthz}
             self._port = StatusPort(settings.metrics, {**pages, "/readyz": self._readyz})
 
-    def serving(self, server: Server) -> None:
+    def serving(self, server: Server | ReplicaServer) -> None:
         """The tree is claimed and served."""
+        self._server = server
         if self._metrics is not None:
             self._metrics.serving(server)
         tree = server.service.name
@@ -101,10 +104,15 @@ class Operations:
 
     def _healthz(self) -> Page:
         if self._health.healthy or not self._health.ready:  # a start may take its time
-            return Page(200, b"ok\n")
+            return Page(200, b"ok\n" + self._age())
         return Page(503, b"unhealthy: no worker has answered the latest probe lookups\n")
 
     def _readyz(self) -> Page:
         if self._health.ready:
-            return Page(200, b"ready\n")
+            return Page(200, b"ready\n" + self._age())
         return Page(503, b"not ready: the tree is not served\n")
+
+    def _age(self) -> bytes:
+        """How old the state is that a replica serves; empty for another server."""
+        age_s = None if self._server is None else self._server.age_s
+        return b"" if age_s is None else f"replica, {age_s:.1f} s old\n".encode()

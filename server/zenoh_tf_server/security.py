@@ -8,7 +8,7 @@ import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, cast
 
 from zenoh_tf import credentials, tls_files, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
@@ -58,6 +58,21 @@ class Security:
             settings["access_control"] = access_control.zenoh_settings(tree, self.rules)
         return settings
 
+    def replica_settings(self) -> dict[str, object]:
+        """The settings of a replica's router, which links itself to the primary's as a client
+        would, and has no rules of its own."""
+        settings = credentials.zenoh_settings(self.credentials)
+        tls = dict(cast(dict[str, object], settings["transport/link/tls"]))
+        if self.tls_certificate is not None:
+            tls |= {
+                "listen_certificate": self.tls_certificate,
+                "listen_private_key": self.tls_key,
+                "close_link_on_expiration": True,
+            }
+        if self.users is not None:
+            settings["transport/auth/usrpwd/dictionary_file"] = self.users
+        return settings | {"transport/link/tls": tls}
+
 
 #: Anyone may connect and do everything.
 OPEN = Security()
@@ -76,17 +91,21 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--tls-ca",
         metavar="FILE",
         help="certificates of authorities, PEM: clients must show a certificate that one of them "
-        "has signed. With --connect: the authorities that the network's certificate may be "
-        "signed by",
+        "has signed. With --connect and --replica-of: the authorities that the network's "
+        "certificate may be signed by",
     )
     group.add_argument(
         "--users",
         metavar="FILE",
         help="who may connect: one USER:PASSWORD in each line; no other user may read the file",
     )
-    group.add_argument("--user", metavar="NAME", help="with --connect: the user to connect as")
     group.add_argument(
-        "--password-file", metavar="FILE", help="with --connect: the file with the user's password"
+        "--user", metavar="NAME", help="with --connect and --replica-of: the user to connect as"
+    )
+    group.add_argument(
+        "--password-file",
+        metavar="FILE",
+        help="with --connect and --replica-of: the file with the user's password",
     )
     group.add_argument(
         "--no-admin",
@@ -101,9 +120,15 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
     Raises:
         InvalidArgumentException: They make no sense together, or a file is wrong.
     """
-    if options.connect:
-        if options.users:
+    joins = options.connect or options.replica_of
+    if joins:
+        if options.users and options.connect:
             _reject("users", "works with --listen only: the network's routers check their clients")
+        if options.replica_of and bool(options.users) != bool(options.user):
+            missing = "user" if options.users else "users"
+            _reject(
+                missing, "is missing: a replica whose primary asks for users asks for them, too"
+            )
         if rules:
             _reject("access", "rules work with --listen only: configure the network's routers")
         given = credentials.from_parts(
@@ -113,8 +138,13 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
             options.user,
             password_file=options.password_file,
         )
-        for endpoint in options.connect:
+        for endpoint in joins:
             zenoh_config.check_encrypted(endpoint, given)
+        if options.replica_of:  # its clients get the same certificate
+            if options.users:
+                check_users(options.users)
+            listening = options.tls_certificate, options.tls_key, options.tls_ca, options.users
+            return Security(*listening, credentials=given)
         return Security(
             admin=not options.no_admin,
             credentials=given,

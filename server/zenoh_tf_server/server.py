@@ -11,7 +11,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from typing import Literal
 
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, keys
 
 from . import network, operations, sharing, tree_claim
 from .abandoned_keys import AbandonedKeys
@@ -20,6 +20,7 @@ from .event_reports import EventReports
 from .free_memory import FreeMemory
 from .future_stamps import FutureStamps
 from .ingest import Ingest
+from .interests import Interests
 from .limits import Limits
 from .link_sockets import LinkSockets
 from .local_requests import LocalRequests
@@ -54,10 +55,14 @@ class Settings:
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
     sharing: sharing.Settings = field(default_factory=sharing.Settings)
+    replica_of: Sequence[str] = ()  # endpoints of the primary's network
 
 
 class Server:
     """Serves from construction to `close`. Raises NetworkError, StateError or TreeTaken."""
+
+    #: Of a replica: how old what is served may be, in seconds.
+    age_s: float | None = None
 
     def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
@@ -92,6 +97,8 @@ class Server:
             stack.callback(state.close)  # before the session, which may take long to close
             tree_claim.refuse_if_taken(session, settings.tree)
             self.session = session
+            #: The key of a query family.
+            self.key = functools.partial(keys.operation, settings.tree)
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
             sockets = LinkSockets()
@@ -143,7 +150,7 @@ class Server:
             self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
-            workers.start(session, settings.tree)
+            workers.start(session, self.key)
             token = tree_claim.claim(session, settings.tree, self.instance)
             stack.callback(token.undeclare)
             self._stack = stack.pop_all()
@@ -156,8 +163,13 @@ class Server:
         stream.start(self.session, settings.tree)
         self.service.add_counters(stream.counters)
         self.service.last_seq = stream.last_seq
+        interests = Interests(tree, self.instance, limits)
+        stack.callback(interests.close)
+        interests.start(self.session, settings.tree)
+        self.service.add_counters(interests.counters)
+        self.clients.when_gone(interests.client_gone)
         cache_ns = round(settings.cache_time_s * 1e9)
-        snapshots = Snapshots(tree, stream, self.instance, cache_ns, limits)
+        snapshots = Snapshots(tree, stream, interests, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
     def _start_upkeep(self, settings: Settings, ingest: Ingest, stack: ExitStack) -> None:

@@ -129,12 +129,12 @@ class Service:
         """Let `stats` have the counters of another part of the server too."""
         self._more_counters.append(counters)
 
-    def add_reads(self, reads: dict[str, Callable[[wire.Message], wire.Message]]) -> None:
-        """Serve more families: each function makes the fields of a reply."""
+    def add_reads(self, reads: dict[str, Callable[[wire.Message, str], wire.Message]]) -> None:
+        """Serve more families: each function makes the fields of a reply to a client."""
         for operation, read in reads.items():
 
             def reply(message: wire.Message, reply_to: ReplyCallback, read: Any = read) -> None:
-                reply_to(self._pack_within(read(message)), False)
+                reply_to(self._pack_within(read(message, reply_to.client)), False)
 
             self._operations[operation] = reply
 

@@ -17,6 +17,7 @@ from zenoh_tf._core import ChangeLog
 from zenoh_tf.errors import ServerRestarted
 from zenoh_tf.text import quoted
 
+from .interests import Interests
 from .limits import Limits
 from .stream import Stream
 
@@ -29,17 +30,29 @@ class Snapshots:
     """Answers from a tree and its stream."""
 
     def __init__(
-        self, tree: TransformTree, stream: Stream, instance: str, cache_ns: int, limits: Limits
+        self,
+        tree: TransformTree,
+        stream: Stream,
+        interests: Interests,
+        instance: str,
+        cache_ns: int,
+        limits: Limits,
     ) -> None:
         self._log = ChangeLog(tree)
         self._stream = stream
+        self._interests = interests
         self._instance = instance
         self._settings = wire.TreeSettings(
             cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth
         )
 
-    def snapshot(self, message: wire.Message) -> wire.Message:
-        """The fields of the reply to `snapshot`: the plan, or a piece."""
+    def snapshot(self, message: wire.Message, client: str) -> wire.Message:
+        """The fields of the reply to `snapshot`: the plan, or a piece, or all of an interest."""
+        interest = wire.parse_interest(message)
+        if interest is not None:
+            return wire.snapshot_plan_reply(
+                self._interests.snapshot(interest, client, self._settings)
+            )
         request = wire.parse_snapshot_request(message)
         if request is None:
             # The mirror listens already, so it must get all that comes after the snapshot.
@@ -55,11 +68,11 @@ class Snapshots:
             wire.SnapshotPiece(request.piece, reached, self._log.last, frames)
         )
 
-    def missed(self, message: wire.Message) -> wire.Message:
+    def missed(self, message: wire.Message, client: str) -> wire.Message:
         """The fields of the reply to `missed`."""
-        instance, first = wire.parse_missed_request(message)
+        instance, first, interest = wire.parse_missed_request(message)
         self._check_instance(instance)
-        return self._stream.missed(first)
+        return self._interests.missed(interest, first) if interest else self._stream.missed(first)
 
     def _check_instance(self, instance: str) -> None:
         if instance != self._instance:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import zenoh
@@ -28,6 +29,7 @@ from zenoh_tf import keys
 from .access_control import KEYED
 from .clients import UNKNOWN, Clients
 from .lanes import Budget, Lane, Request
+from .replica_service import ReplicaService
 from .replies import Replies, Reply
 from .service import Service
 
@@ -52,7 +54,14 @@ _JOIN_TIMEOUT_S: Final = 0.5
 class Workers:
     """The threads of all families and lanes."""
 
-    def __init__(self, service: Service, clients: Clients, replies: Replies, count: int) -> None:
+    def __init__(
+        self,
+        service: Service | ReplicaService,
+        clients: Clients,
+        replies: Replies,
+        count: int,
+        operations: Sequence[str] = keys.OPERATIONS,
+    ) -> None:
         #: What waits, also of requests that come in other ways.
         self.budget = Budget(service.limits)
         service.add_counters(self.budget.counters)
@@ -65,15 +74,15 @@ class Workers:
                 1 if operation in _SMALL else count,
                 self._lanes["info" if operation == "info" else "long"].lane,
             )
-            for operation in keys.OPERATIONS
+            for operation in operations
         ]
 
-    def start(self, session: zenoh.Session, tree: str) -> None:
-        """Receive the queries of a tree."""
+    def start(self, session: zenoh.Session, key: Callable[[str], str]) -> None:
+        """Receive the queries on the key of each family."""
         for threads in self._lanes.values():
             threads.start()
         for family in self._families:
-            family.start(session, tree)
+            family.start(session, key)
 
     def close(self) -> None:
         """Receive no more queries, serve those received, and end the threads."""
@@ -91,7 +100,11 @@ class _Shared:
     """What all threads share: how a request is served or refused."""
 
     def __init__(
-        self, service: Service, clients: Clients, replies: Replies, budget: Budget
+        self,
+        service: Service | ReplicaService,
+        clients: Clients,
+        replies: Replies,
+        budget: Budget,
     ) -> None:
         self.service = service
         self.clients = clients
@@ -195,8 +208,8 @@ class _Family:
         self._queryable: zenoh.Queryable[Any] | None = None
         self._threads: list[threading.Thread] = []
 
-    def start(self, session: zenoh.Session, tree: str) -> None:
-        key = keys.operation(tree, self._operation)
+    def start(self, session: zenoh.Session, key_of: Callable[[str], str]) -> None:
+        key = key_of(self._operation)
         self._shared.keys[self._operation] = zenoh.KeyExpr(key)
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
         served = f"{key}/**" if self._operation in self._shared.keyed else key

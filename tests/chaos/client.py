@@ -2,7 +2,7 @@
 
 KIND says how they read: ``query``, ``shared`` (the server's memory, and queries where that does
 not answer) or ``mirror``; a ``follower`` reads a mirror without asking the server whether it is
-current, and a ``blind`` client does not read.
+current, a ``replica`` client is connected to a replica, and a ``blind`` client does not read.
 
 Writes a line of JSON to FILE before each transaction and one after it, so that a client that is
 killed leaves its open call in the file.
@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Literal
 
-from zenoh_tf import TransformException
+from zenoh_tf import LatestTransform, TransformException
 from zenoh_tf.errors import OutcomeUnknown, TransactionConflict
 from zenoh_tf_client import Mirror, Transaction, TransformClient
 
@@ -169,17 +169,26 @@ class FollowerClient(MirrorClient):
 
     def _step(self, tf: TransformClient) -> str:
         time.sleep(self._random.uniform(0, self._PAUSE_S))
-        return self._write_and_wait(tf) if self._random.random() < 0.2 else self._look()
+        return self._write_and_wait(tf) if self._random.random() < 0.2 else self._look(tf)
 
-    def _look(self) -> str:
+    def _read(
+        self, tf: TransformClient, pairs: list[tuple[str, str]]
+    ) -> tuple[list[LatestTransform], str]:
+        """Look up together; return the way as well."""
+        return self._mirror.lookup_latest_transforms_xact(pairs), "follower"
+
+    def _wait(self, tf: TransformClient) -> None:
+        """Wait until reads show the last write. Raises if that is not known."""
+        self._mirror.wait_for(tf.last_receipt, self._WAIT_S)
+
+    def _look(self, tf: TransformClient) -> str:
         ends = self._random.sample(list(links.CHAINS), k=2)
         before_ns = time.monotonic_ns()
         self._write(invoked=before_ns, version=0, written=[])
         reads: list[tuple[int, int, links.Seen]] = []
-        outcome = "committed"
+        outcome, way = "committed", ""
         try:
-            pairs = [("root", f"link{end}") for end in ends]
-            found = self._mirror.lookup_latest_transforms_xact(pairs)
+            found, way = self._read(tf, [("root", f"link{end}") for end in ends])
             after_ns = time.monotonic_ns()
             for end, one in zip(ends, found, strict=True):
                 reads.append((before_ns, after_ns, links.decode(end, one.transform)))
@@ -188,7 +197,7 @@ class FollowerClient(MirrorClient):
         except ValueError as error:
             outcome = f"inconsistent: {error}"
         after_ns = time.monotonic_ns()
-        self._write(responded=after_ns, outcome=outcome, reads=reads, way="follower")
+        self._write(responded=after_ns, outcome=outcome, reads=reads, way=way, is_copy=True)
         return outcome
 
     def _write_and_wait(self, tf: TransformClient) -> str:
@@ -205,10 +214,40 @@ class FollowerClient(MirrorClient):
         responded_ns = time.monotonic_ns()
         if outcome == "committed":
             with contextlib.suppress(TransformException):  # another server, or a broken link
-                self._mirror.wait_for(tf.last_receipt, self._WAIT_S)
+                self._wait(tf)
                 waited = True
         self._write(responded=responded_ns, outcome=outcome, reads=[], waited=waited)
         return outcome
+
+
+class ReplicaClient(FollowerClient):
+    """Asks a replica. Half of its reads are parts of transactions, which the primary validates."""
+
+    def _prepare(self, tf: TransformClient) -> None:
+        """A replica needs none."""
+
+    def _step(self, tf: TransformClient) -> str:
+        if self._random.random() < 0.5:
+            return self._transaction(tf)
+        return super()._step(tf)
+
+    def _attempt(self, tf: TransformClient, body: Callable[[Transaction], None]) -> str:
+        with tf.transaction() as transaction:
+            body(transaction)
+        return _asked(tf)
+
+    def _read(
+        self, tf: TransformClient, pairs: list[tuple[str, str]]
+    ) -> tuple[list[LatestTransform], str]:
+        return tf.lookup_latest_transforms_xact(pairs), _asked(tf)
+
+    def _wait(self, tf: TransformClient) -> None:
+        """The replica does."""
+
+
+def _asked(tf: TransformClient) -> str:
+    """Who gave the last answer."""
+    return "query" if tf.replica_age_s is None else "replica"
 
 
 class BlindClient(Client):
@@ -243,6 +282,7 @@ KINDS: dict[str, type[Client]] = {
     "shared": SharedClient,
     "mirror": MirrorClient,
     "follower": FollowerClient,
+    "replica": ReplicaClient,
     "blind": BlindClient,
 }
 

@@ -67,6 +67,11 @@ FAULTS = [
         "self._clock_ns, changes)",
         "self._clock_ns, changes if last % 20 else None)",
     ),
+    Fault(
+        "a replica shows less than its client has written",
+        "if (state.tree is tree and state.has(instance, seq)) or instance in self._past:",
+        "if seq:",
+    ),
 ]
 
 

@@ -34,7 +34,8 @@ class _Call:
     written: list[int] = field(default_factory=list)
     reads: list[tuple[int, int, links.Seen]] = field(default_factory=list)
     way: str = ""  # in which it could read
-    waited: bool = False  # for its own write, in its mirror
+    waited: bool = False  # for its own write, where it reads
+    is_copy: bool = False  # it read a mirror or a replica, which may be old
 
 
 @dataclass
@@ -110,6 +111,7 @@ def _calls(client: int, path: Path) -> Iterator[_Call]:
             reads,
             record.get("way", ""),
             record.get("waited", False),
+            record.get("is_copy", False),
         )
         begun = None
     if begun:
@@ -167,7 +169,7 @@ class _Builder:
 def _add(builder: _Builder, call: _Call, outcome: str, seen_in: dict[tuple[int, int], int]) -> None:
     reads = [seen for _, _, seen in call.reads]
     epochs = {seen.epoch for seen in reads}
-    if call.way == "follower" and outcome == "committed":
+    if call.is_copy and outcome == "committed":
         # The checker puts it behind the transaction before it of its thread. Those are its earlier
         # reads and the writes that it has waited for: all others get another thread.
         builder.add(

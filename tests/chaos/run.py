@@ -37,7 +37,7 @@ _YEAR_NS = 365 * 86_400 * 10**9
 
 
 #: How transactions read.
-WAYS = ("query", "shared", "mirror", "follower")
+WAYS = ("query", "shared", "mirror", "follower", "replica")
 
 
 class Slot:
@@ -92,6 +92,8 @@ class Chaos:
         self._endpoint = free_endpoint()
         self._clients = clients
         self._server: Process | None = None
+        self._replica: Process | None = None
+        self._replica_endpoint = free_endpoint()
         self._starts: list[Start] = []
         self._slots: list[Slot] = []
         self._start_s = time.monotonic()
@@ -108,6 +110,8 @@ class Chaos:
             (self._freeze_client, 2),
             (self._kill_client, 2),
             (self._second_server, 1),
+            (self._kill_replica, 1),
+            (self._stop_replica, 1),
             (self._wrong_clock, 1),
             (self._greedy_client, 1),
         )
@@ -119,8 +123,10 @@ class Chaos:
         with contextlib.ExitStack() as stack:
             stack.callback(self._end)
             self._start_server()
+            self._start_replica()
             for number, kind in enumerate(kinds):
-                proxy = stack.enter_context(TcpProxy(self._endpoint))
+                near = self._replica_endpoint if kind == "replica" else self._endpoint
+                proxy = stack.enter_context(TcpProxy(near))
                 path = self._folder / f"client-{number}.jsonl"
                 self._slots.append(Slot(number, kind, proxy, path))
             for slot in self._slots:
@@ -147,8 +153,9 @@ class Chaos:
     def _end(self) -> None:
         for slot in self._slots:
             slot.kill()
-        if self._server is not None:
-            self._server.end()
+        for server in (self._replica, self._server):
+            if server is not None:
+                server.end()
 
     # --- servers
 
@@ -164,6 +171,12 @@ class Chaos:
         ) as tf:
             tf.set_transforms_xact(links.first_rows(epoch))
         self._starts.append(Start(epoch, invoked_ns, time.monotonic_ns()))
+
+    def _start_replica(self) -> None:
+        with self.log.open("a") as log:
+            command = [*self._command, "--listen", self._replica_endpoint]
+            command += ["--replica-of", self._endpoint, "--log-level", "warning"]
+            self._replica = Process(command, log)
 
     def _lasting_s(self) -> float:
         return self._random.uniform(_SHORTEST_S, _LONGEST_S)
@@ -188,6 +201,18 @@ class Chaos:
         command = [*self._command, "--connect", self._endpoint]
         done = subprocess.run(command, capture_output=True, timeout=60, check=False)
         assert done.returncode == 2, f"a second server ended with {done.returncode}"
+
+    def _kill_replica(self) -> None:
+        assert self._replica is not None
+        assert self._replica.running, f"the replica died:\n{self.log.read_text()[-3000:]}"
+        self._replica.end()
+        self._start_replica()
+
+    def _stop_replica(self) -> None:
+        assert self._replica is not None
+        self._replica.signal(signal.SIGSTOP)
+        time.sleep(self._lasting_s())
+        self._replica.signal(signal.SIGCONT)
 
     # --- the network
 

@@ -8,15 +8,17 @@ import os
 import pty
 import subprocess
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, environment
+from zenoh_tf_client.cli.main import main
 
-from ..conftest import ServerProcess
+from ..conftest import ServerProcess, free_endpoint
 
 Done = subprocess.CompletedProcess[str]
 Run = Callable[..., Done]
@@ -103,3 +105,56 @@ def chain(client: TransformClient) -> None:
     client.set_transforms_xact([start, end], authority="wheels")
     mount = StampedTransform("base", "camera", 0, Transform((1, 0, 0)))
     client.set_transform(mount, authority="wheels", static=True)
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Run:
+    """``command(*args)``: one command in this process, which is much quicker."""
+
+    def run(*args: str) -> Done:
+        try:
+            code = main(args)
+        except SystemExit as ended:
+            code = ended.code if isinstance(ended.code, int) else 1
+        return subprocess.CompletedProcess(args, code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def run_here(server: ServerProcess, command: Run) -> Run:
+    """As ``run``, but in this process."""
+    return functools.partial(command, "--connect", server.endpoint)
+
+
+@pytest.fixture(scope="module")
+def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    """A server for a whole file, with a long cache. Each test has a tree of its own choice in it:
+    see `robot`."""
+    log = tmp_path_factory.mktemp("log") / "server.log"
+    server = ServerProcess(log, free_endpoint(), "main", ("--cache-time", "1000"))
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def robot(
+    shared_server: ServerProcess, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[TransformClient]:
+    """A client of a server that has map -> odom -> base_link -> camera (static) and gripper, with
+    samples from 10 s ago to 5 minutes ahead. It is the default of all commands."""
+    monkeypatch.setenv(environment.ENDPOINT_VARIABLE, shared_server.endpoint)
+    with shared_server.connect() as tf:
+        now_ns = time.time_ns()
+        for parent, child, authority in (
+            ("map", "odom", "amcl"),
+            ("odom", "base_link", "wheels"),
+            ("base_link", "gripper", "arm"),
+        ):
+            poses = [(now_ns + n * 10**9, Transform((n / 10, 0, 0))) for n in range(-10, 300)]
+            rows = [StampedTransform(parent, child, stamp_ns, pose) for stamp_ns, pose in poses]
+            tf.set_transforms_xact(rows, authority=authority)
+        mount = StampedTransform("base_link", "camera", 0, Transform((0.1, 0, 0.2)))
+        tf.set_transform(mount, authority="mounts", static=True)
+        yield tf
+        tf.reset()

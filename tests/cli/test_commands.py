@@ -299,17 +299,19 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     text = succeeds(zenoh_tf("--help"))
     commands = re.findall(r"^    ([a-z]+)", text, re.MULTILINE)
     reading = {"lookup", "latest", "velocity", "frames", "frame", "authorities", "stats"}
-    reading |= {"clients"}
+    reading |= {"clients", "doctor", "echo", "explain", "monitor", "top", "wait"}
     assert {*commands} == reading | {
         "calibration",
         "certificates",
         "clear",
+        "completion",
         "remove",
         "replay",
         "reset",
         "set",
+        "static",
     }
-    without_a_server = {"certificates"}
+    without_a_server = {"certificates", "completion"}
     of_actions = {"calibration"}
     for command in {*commands} - without_a_server - of_actions:
         assert "--connect" in succeeds(zenoh_tf(command, "--help"))

@@ -55,7 +55,9 @@ def _infos() -> list[dict[str, Any]]:
         {"what": "frame", "frame": "a"},
         {"what": "parent", "frame": "b", "stamp_ns": 5},
     ]
-    return [*plain, *named, {"what": "chain", "target": "root", "source": "b"}, velocity]
+    ends = {"target": "root", "source": "b"}
+    paths: list[dict[str, Any]] = [{"what": "chain", **ends}, {"what": "ancestors", **ends}]
+    return [*plain, *named, *paths, velocity]
 
 
 def seeds() -> list[Seed]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf_server import config_file, flags
+from zenoh_tf_server.interests import Interests
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.service import Service
 from zenoh_tf_server.snapshots import Snapshots
@@ -56,6 +57,7 @@ def decoder(data: bytes) -> None:
         wire.parse_snapshot_request,
         wire.parse_snapshot_piece,
         wire.parse_missed_request,
+        wire.parse_interest,
         wire.parse_missed_reply,
     ):
         try:
@@ -111,7 +113,8 @@ def _service() -> tuple[Service, _InternalErrors]:
     )
     instance = "0123456789abcdef"
     service = Service(tree, "main", instance, LIMITS, loop)
-    snapshots = Snapshots(tree, Stream(tree, instance, LIMITS), instance, 10**10, LIMITS)
+    stream, interests = Stream(tree, instance, LIMITS), Interests(tree, instance, LIMITS)
+    snapshots = Snapshots(tree, stream, interests, instance, 10**10, LIMITS)
     service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
     atexit.register(service.close)
     return service, errors

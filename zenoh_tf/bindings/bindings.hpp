@@ -187,6 +187,7 @@ void bind_deskew(nb::module_& m);
 void bind_deskew(nb::class_<Tree>& tree);
 void bind_change_log(nb::module_& m);
 void bind_change_replay(nb::module_& m);
+void bind_interest_reader(nb::module_& m);
 void bind_lookups(nb::class_<Tree>& tree);
 
 // The same of a tree in another process: each method returns AskServer if it cannot answer.

@@ -1,40 +1,13 @@
 // ChangeLog: the consumer of a tree's change log, and the reader of its snapshots.
 //
 // GIL: waiting, and reading a snapshot, release it.
-#include <algorithm>
-#include <string>
-
-#include "bindings.hpp"
 #include "change_batch.hpp"
+#include "change_columns.hpp"
 #include "snapshot.hpp"
 
 namespace ztf {
 
 namespace {
-
-template <class T>
-nb::object array_of(const std::vector<T>& values) {
-  return make_array<T>({values.size()}, [&](T* d) { std::copy(values.begin(), values.end(), d); });
-}
-
-nb::object kinds_of(const std::vector<ChangeKind>& kinds) {
-  return make_array<std::uint8_t>({kinds.size()}, [&](std::uint8_t* d) {
-    for (const ChangeKind kind : kinds) *d++ = static_cast<std::uint8_t>(kind);
-  });
-}
-
-nb::object poses_of(const std::vector<Pose>& poses) {
-  return make_array<double>({poses.size(), 7}, [&](double* d) {
-    for (const Pose& pose : poses) d = std::copy_n(&pose.x, 7, d);
-  });
-}
-
-template <class Text>
-nb::list texts_of(const std::vector<Text>& texts) {
-  nb::list out;
-  for (const Text& text : texts) out.append(nb::str(text.data(), text.size()));
-  return out;
-}
 
 class Consumer {
  public:
@@ -65,11 +38,7 @@ class Consumer {
       batch.emplace(taken->entries);
     }
     nb::object found = nb::none();
-    if (!taken->entries.empty())
-      found = nb::make_tuple(
-          texts_of(batch->names()), texts_of(batch->authorities()), kinds_of(batch->kind),
-          array_of(batch->frame), array_of(batch->version), array_of(batch->parent),
-          array_of(batch->authority), array_of(batch->stamp), poses_of(batch->pose));
+    if (!taken->entries.empty()) found = changes_of(*batch, batch->names(), batch->authorities());
     return nb::make_tuple(taken->first, taken->last, taken->lost, found);
   }
 

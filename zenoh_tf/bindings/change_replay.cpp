@@ -4,8 +4,10 @@
 #include "change_replay.hpp"
 
 #include <algorithm>
+#include <optional>
 
 #include "read_rows.hpp"
+#include "snapshot.hpp"
 
 namespace ztf {
 
@@ -21,9 +23,11 @@ std::span<const T> span_of(const Column<T>& column) {
   return {column.data(), column.shape(0)};
 }
 
-void check_indexes(const Column<std::uint32_t>& column, std::size_t names, const char* field) {
+// `none`: an index that refers to nothing.
+void check_indexes(const Column<std::uint32_t>& column, std::size_t names, const char* field,
+                   std::optional<std::uint32_t> none = {}) {
   for (const std::uint32_t index : span_of(column))
-    if (index >= names)
+    if (index >= names && index != none)
       raise_invalid(std::string(field) + " has the index " + std::to_string(index) +
                         ", but the list that it refers to has " + std::to_string(names),
                     field);
@@ -86,7 +90,7 @@ class Replay {
     fit(authority, samples, "authority");
     fit(stamp, samples, "stamp");
     if (pose.shape(0) != samples) raise_invalid("pose must have a row for each sample", "pose");
-    check_indexes(parent, texts.names.size(), "parent");
+    check_indexes(parent, texts.names.size(), "parent", SnapshotPiece::kNoParent);
     check_indexes(authority, texts.authorities.size(), "authority");
     const ChangeColumns columns{
         texts.names,     texts.authorities,  kinds,          span_of(frame), span_of(version),

@@ -4,6 +4,7 @@
 
 #include "ask_server.hpp"
 #include "budget.hpp"
+#include "change_replay.hpp"
 
 namespace ztf {
 
@@ -87,9 +88,7 @@ T load(const std::atomic<T>& counter) {
 
 // The fields of zenoh_tf.FrameInfo.
 template <class AnyTree>
-nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
-  const FrameId id = known(tree, name);
-  const FrameInfo info = info_holding_gil(tree, id);
+nb::dict record_of(const AnyTree& tree, nb::object name, FrameId id, const FrameInfo& info) {
   const FrameEvents& events = tree.events(id);
   const bool has_data = info.parent != 0;
   const auto stamp = [&](Stamp value) {
@@ -103,7 +102,7 @@ nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
   out["samples"] = has_data ? (info.is_static ? 1 : info.samples) : 0;
   out["oldest_stamp_ns"] = stamp(info.is_static ? info.newest : info.oldest);
   out["newest_stamp_ns"] = stamp(info.newest);
-  out["version"] = info.version;
+  out["version"] = info.version & kServerVersion;
   out["rewritten"] = load(events.rewritten);
   out["dropped"] = load(events.dropped);
   out["evicted"] = info.evicted;
@@ -116,8 +115,35 @@ nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
 }
 
 template <class AnyTree>
+nb::dict read_frame_record(const AnyTree& tree, nb::handle name) {
+  const FrameId id = known(tree, name);
+  return record_of(tree, nb::borrow(name), id, info_holding_gil(tree, id));
+}
+
+template <class AnyTree>
 nb::dict frame_record(const AnyTree& tree, nb::handle name) {
   return tree.read_names([&] { return read_frame_record(tree, name); });
+}
+
+// The records of the frames from both up to their roots, each once, as of one instant. Unknown
+// frames have none. The parents are those at the stamp, if the links have data there.
+template <class AnyTree>
+nb::list ancestor_records(const AnyTree& tree, nb::handle target, nb::handle source,
+                          nb::handle stamp) {
+  const Stamp at = stamp_of(stamp, "stamp_ns");
+  return tree.read_names([&] {
+    const FrameId starts[] = {frame_of(tree, target, "target_frame").id,
+                              frame_of(tree, source, "source_frame").id};
+    std::vector<NamedInfo> found;
+    {
+      const GilReleasedOnWait released;
+      found = tree.ancestors(starts, at);
+    }
+    nb::list out;
+    for (const NamedInfo& each : found)
+      out.append(record_of(tree, name_or_none(tree, each.id), each.id, each.info));
+    return out;
+  });
 }
 
 // The fields of zenoh_tf.AuthorityInfo, in the order of first commits.
@@ -286,6 +312,8 @@ void bind_introspection(nb::class_<Tree>& tree) {
       .def("_frame_count", [](const Tree& t) { return t.size(); })
       .def("_links", &links, nb::arg("frames"))
       .def("_frame_record", &frame_record<Tree>, nb::arg("name"))
+      .def("_ancestor_records", &ancestor_records<Tree>, nb::arg("target"), nb::arg("source"),
+           nb::arg("stamp_ns").none() = nb::none())
       .def("_authority_records", &authority_records)
       .def("_take_events", &take_events);
 }
@@ -296,7 +324,9 @@ void bind_introspection(nb::class_<SharedTree>& tree) {
            nb::arg("stamp_ns").none() = nb::none())
       .def("chain", or_ask_server<&chain<SharedTree>>, nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("_frame_record", or_ask_server<&frame_record<SharedTree>>, nb::arg("name"));
+      .def("_frame_record", or_ask_server<&frame_record<SharedTree>>, nb::arg("name"))
+      .def("_ancestor_records", or_ask_server<&ancestor_records<SharedTree>>, nb::arg("target"),
+           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none());
 }
 
 }  // namespace ztf

@@ -14,6 +14,7 @@ NB_MODULE(_core, m) {
   ztf::bind_parked_lookups(m);
   ztf::bind_change_log(m);
   ztf::bind_change_replay(m);
+  ztf::bind_interest_reader(m);
   ztf::bind_message_size(m);
   ztf::bind_join_buffers(m);
 }

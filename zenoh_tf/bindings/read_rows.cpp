@@ -7,6 +7,7 @@
 #include <algorithm>
 
 #include "ask_server.hpp"
+#include "change_replay.hpp"
 
 namespace ztf {
 
@@ -60,7 +61,7 @@ nb::object versions_of(const AnyTree& tree, const ReadRows& rows,
     }
   return nb::make_tuple(read_names,
                         make_array<Version>({read_set.size() + unknown}, [&](Version* d) {
-                          for (const ReadVersion& r : read_set) *d++ = r.version;
+                          for (const ReadVersion& r : read_set) *d++ = r.version & kServerVersion;
                           std::fill(d, d + unknown, Version{0});
                         }));
 }

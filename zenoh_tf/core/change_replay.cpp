@@ -42,8 +42,10 @@ void ChangeReplay::apply(const ChangeColumns& changes) {
     std::size_t at = 0;
     locks.release_each([&](FrameId, Version before) noexcept {
       const Target& target = targets_[at++];
-      return target.after != 0 ? target.after - SeqLock::kIncrement
-                               : before - SeqLock::kIncrement;  // unchanged
+      if (target.after == 0) return before - SeqLock::kIncrement;  // unchanged
+      Version after = target.after | (before & ~kServerVersion);
+      if (after < before) after += kServerVersion + 1;
+      return after - SeqLock::kIncrement;
     });
     give_back_rings();  // those that were replaced
   }
@@ -105,7 +107,7 @@ void ChangeReplay::list_targets(const ChangeColumns& changes) {
       const FrameId id = ids_[changes.frame[i]];
       const bool is_live = !tree_.removed(id);
       at = static_cast<std::uint32_t>(targets_.size());
-      targets_.push_back({id, is_live ? tree_.version(id) : 0, 0, 0, 0, is_live});
+      targets_.push_back({id, is_live ? tree_.version(id) & kServerVersion : 0, 0, 0, 0, is_live});
     }
     if (changes.kind[i] == ChangeKind::sample && changes.version[i] > targets_[at].before)
       ++targets_[at].samples;
@@ -199,7 +201,8 @@ void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
 void ChangeReplay::store_sample(Target& target, const ChangeColumns& changes, std::size_t row,
                                 bool is_static) noexcept {
   Frame& frame = tree_.frames_[target.id];
-  const FrameId parent = ids_[changes.parent[row]];
+  const std::uint32_t name = changes.parent[row];
+  const FrameId parent = name < ids_.size() ? ids_[name] : FrameId{0};
   if (is_static) {
     set_static(frame, changes.stamp[row], parent, changes.pose[row]);
   } else {

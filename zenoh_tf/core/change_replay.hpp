@@ -5,6 +5,11 @@
 // numbers are applied that were drawn until the last piece was read; only then may it be read. From
 // then on, each apply() takes it from one state of the original to a later one, at one instant.
 //
+// A mirror that has only some of the frames loses those that it does not need any more, as if they
+// were removed, and may get them back in a version that they have had (interest_reader.hpp). The
+// frame's own version must not go back, since readers rest on it. So its bits from kServerVersion
+// on count how often that happened.
+//
 // Why a change is applied once, though the snapshot is no instant: frames keep the original's
 // versions. A change is applied only if its version is later than the frame's. The frame is then as
 // it was before the change, since the version counts all changes of the frame.
@@ -23,6 +28,9 @@
 
 namespace ztf {
 
+// The bits of a mirror's version that are the original's.
+constexpr Version kServerVersion = (Version{1} << 48) - 1;
+
 // Changes as columns. Frames and parents are indices into `names`.
 struct ChangeColumns {
   std::span<const std::string_view> names, authorities;
@@ -31,7 +39,7 @@ struct ChangeColumns {
   std::span<const std::uint32_t> frame;
   std::span<const Version> version;
   // By sample or static link, in the order of the changes.
-  std::span<const std::uint32_t> parent, authority;
+  std::span<const std::uint32_t> parent, authority;  // SnapshotPiece::kNoParent: it was removed
   std::span<const Stamp> stamp;
   std::span<const Pose> pose;
   Seq last;  // the number after which the original was so

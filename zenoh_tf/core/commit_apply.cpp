@@ -59,6 +59,7 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   if (group.restarts) restart_history(group);
   store_rows(group);
   if (tally_.stored == stored_before) return false;
+  if (group.wakes_all) increment(tree_.edits_[group.child]);
   if (group.new_parent != 0) {
     if (parent_before != 0) tree_.topology_index_.unlink(group.child, parent_before);
     tree_.topology_index_.link(group.child, group.new_parent);

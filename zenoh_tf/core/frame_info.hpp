@@ -72,4 +72,9 @@ struct FrameInfo {
   bool static_before;
 };
 
+struct NamedInfo {
+  FrameId id;
+  FrameInfo info;
+};
+
 }  // namespace ztf

@@ -10,24 +10,12 @@
 #include <algorithm>
 #include <vector>
 
+#include "answer.hpp"
 #include "fast_path.hpp"
 #include "motion.hpp"
 #include "sample_block.hpp"
 
 namespace ztf {
-
-inline Code code_of(LinkLookup::Status status) noexcept {
-  switch (status) {
-    case LinkLookup::Status::no_data:
-      return Code::no_data;
-    case LinkLookup::Status::backward:
-      return Code::backward;
-    case LinkLookup::Status::forward:
-      return Code::forward;
-    default:
-      return Code::extrapolation;
-  }
-}
 
 // Answers queries under one guard. Every public function returns false if the transaction must
 // be retried; then its outputs mean nothing.
@@ -84,6 +72,34 @@ class Reader {
     if (q.stamp == kNoStamp)
       return with_chain(q.target, q.source, SelectLatest{}, kNoStamp, a, list);
     return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
+  }
+
+  // Calls visit(id, frame, parent, version) for the frames from each start up to its root, each
+  // frame once. The links are those at `stamp`, and the newest where a frame has none at that time;
+  // kNoStamp means the newest ones.
+  template <class Visit>
+  bool visit_ancestors(std::span<const FrameId> starts, Stamp stamp, Visit visit) {
+    FrameList seen;
+    for (FrameId id : starts) {
+      for (std::uint32_t depth = 0; id != 0 && depth <= max_depth_; ++depth) {
+        if (std::find(seen.begin(), seen.end(), id) != seen.end()) break;
+        seen.push_back(id);
+        const Frame& frame = *access_.frame(id);
+        id = id_of(&frame);  // of mapped memory that makes no sense it is another one
+        PathStep step{&frame, 0, {}};
+        if (!guard_.read_version(frame, step.version)) return false;
+        FrameId parent = 0;
+        if (stamp != kNoStamp) {
+          const LinkLookup link = SelectAt{stamp}(access_, frame, step.interval);
+          if (link.status == LinkLookup::Status::ok) parent = link.parent;
+        }
+        if (parent == 0) parent = LatestLink(frame).parent;
+        visit(id, frame, parent, step.version);
+        if (!guard_.validate({&step, 1})) return false;
+        id = parent;
+      }
+    }
+    return true;
   }
 
   // Answers the rows of a block that one chain serves, and marks the others as unanswered. If there
@@ -285,23 +301,6 @@ class Reader {
     a.pose = Pose{};
     const PathStep step{&frame, version, {}};
     return guard_.validate({&step, 1});
-  }
-
-  // Returns the range of the newest links' stamps. Requires a chain of SelectLatest.
-  static StampRange stamps_of(const Chain& chain) noexcept {
-    StampRange stamps;
-    for (const PathStep& step : chain.source) stamps.include(step.interval.time);
-    for (const PathStep& step : chain.target) stamps.include(step.interval.time);
-    return stamps;
-  }
-
-  // Returns 0 if all links are static, because any time serves then.
-  static Stamp oldest_or_zero(const StampRange& stamps) noexcept {
-    return stamps.empty() ? 0 : stamps.oldest();
-  }
-  static void set_stamps(const StampRange& stamps, Answer& a) noexcept {
-    a.stamp = oldest_or_zero(stamps);
-    a.newest = stamps.empty() ? 0 : stamps.newest();
   }
 
   // Sets the intervals of newest links to an earlier time. Returns false if a link has no sample

@@ -78,6 +78,13 @@ Failure SharedTree::chain(const Query& query, std::vector<FrameId>& frames) cons
   return answer.failure;
 }
 
+std::vector<NamedInfo> SharedTree::ancestors(std::span<const FrameId> starts, Stamp stamp) const {
+  ReadSet reads;
+  std::vector<NamedInfo> found;
+  read(reads, [&](auto& reader) { return list_ancestors(reader, starts, stamp, events_, found); });
+  return found;
+}
+
 FrameId SharedTree::parent(FrameId id, Stamp stamp) const {
   return read_frame(id, [&](const MappedFrames& frames, const Frame& frame, Version) {
     return parent_of(frames, frame, stamp);

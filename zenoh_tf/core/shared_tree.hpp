@@ -89,6 +89,8 @@ class SharedTree {
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const;
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
+  [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
+                                                 Stamp stamp) const;
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
   [[nodiscard]] const FrameEvents& events(FrameId id) const noexcept { return events_[id]; }

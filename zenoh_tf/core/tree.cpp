@@ -17,6 +17,7 @@ Tree::Tree(const Options& options)
       ring_arena_(region_, options.max_memory_bytes),
       events_(region_.events()),
       waiters_(options.max_ids() + 1),
+      edits_(options.max_ids() + 1),
       topology_index_(options.max_ids() + 1),
       authority_counters_(options.max_authorities),
       ever_reparented_(region_.header().ever_reparented),
@@ -54,6 +55,7 @@ void Tree::clear_frame(FrameId id) noexcept {
   const FrameId parent = frames_[id].parent.load(std::memory_order_relaxed);
   if (parent != 0) topology_index_.unlink(id, parent);
   clear_history(frames_[id]);
+  increment(edits_[id]);
 }
 
 bool Tree::is_cleared(FrameId id, bool keep_static) const noexcept {

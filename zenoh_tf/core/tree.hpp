@@ -173,6 +173,10 @@ class Tree {
 
   // Sets `frames` to those from target to source over their common ancestor.
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
+  // Returns the frames from each start up to its root, each once, as of one instant. A frame's
+  // parent is that of its link at a time, if it has one, else of its newest.
+  [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
+                                                 Stamp stamp) const;
   // Returns the parent at a time, or of the newest sample for kNoStamp; 0 if there is none.
   [[nodiscard]] FrameId parent(FrameId frame, Stamp stamp) const;
   [[nodiscard]] FrameInfo info(FrameId frame) const;
@@ -256,6 +260,7 @@ class Tree {
   friend class WriteLocks;
   friend class ChangeReplay;
   friend class SnapshotReader;
+  friend class InterestReader;
 
   template <class Guard>
   Reader<Guard, FrameAccess> reader(Guard& guard) const noexcept;
@@ -309,6 +314,9 @@ class Tree {
   RingArena ring_arena_;
   FrameEvents* const events_;
   const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame: how many lookups wait for it
+  // By frame: how often its history was changed otherwise than by newer samples of the same parent.
+  // Written under the frame's write lock.
+  const ZeroedArray<std::atomic<std::uint32_t>> edits_;
   TopologyIndex topology_index_;
   AuthorityCounters authority_counters_;
   std::atomic<bool>& ever_reparented_;  // some frame once had samples of two parents

@@ -30,6 +30,7 @@
 //    under the frame of another name is woken without need, and parks again.
 #include <algorithm>
 
+#include "history_insert.hpp"
 #include "tree.hpp"
 #include "write_locks.hpp"
 
@@ -72,6 +73,7 @@ void Tree::forget_removed_parents(FrameId id) noexcept {
     changes += i != 0 && ring.parent(first + i) != ring.parent(first + i - 1);
   }
   frame.parent_changes.store(changes, release);
+  increment(edits_[id]);
 }
 
 void Tree::free_removed_names() {

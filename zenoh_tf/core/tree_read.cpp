@@ -48,6 +48,13 @@ Failure Tree::chain(const Query& query, std::vector<FrameId>& frames) const {
   return answer.failure;
 }
 
+std::vector<NamedInfo> Tree::ancestors(std::span<const FrameId> starts, Stamp stamp) const {
+  ReadSet reads;
+  std::vector<NamedInfo> found;
+  read(reads, [&](auto& reader) { return list_ancestors(reader, starts, stamp, events_, found); });
+  return found;
+}
+
 FrameId Tree::parent(FrameId id, Stamp stamp) const {
   const Frame& frame = frames_[id];
   return frame.version.read_consistent(

@@ -58,6 +58,19 @@ inline FrameInfo info_of(const Frame& frame, const FrameEvents& events, Version 
   return info;
 }
 
+// Lists the frames from each start up to its root with what is known of them, each once. A frame's
+// parent is that of its link at `stamp`, or of the newest one (Reader::visit_ancestors).
+template <class AnyReader>
+bool list_ancestors(AnyReader& reader, std::span<const FrameId> starts, Stamp stamp,
+                    const FrameEvents* events, std::vector<NamedInfo>& out) {
+  out.clear();
+  return reader.visit_ancestors(
+      starts, stamp, [&](FrameId id, const Frame& frame, FrameId parent, Version version) {
+        out.push_back({id, info_of(frame, events[id], version)});
+        out.back().info.parent = parent;
+      });
+}
+
 template <class Guard>
 ZTF_ALWAYS_INLINE Reader<Guard, FrameAccess> Tree::reader(Guard& guard) const noexcept {
   return {FrameAccess(frames_), guard, options_.max_depth, ever_reparented_, ids_freed_};

@@ -1,8 +1,8 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-`calls` batches, info and admin requests, and `stream` what mirrors follow. docs/protocol.md
-describes it for other languages.
+`calls` batches, info and admin requests, `stream` what mirrors follow, and `interest` which part of
+it. docs/protocol.md describes it for other languages.
 """
 
 from .calls import (
@@ -46,6 +46,7 @@ from .fields import (
     text,
     unpack,
 )
+from .interest import Interest, parse_interest
 from .lookup import (
     NO_STAMP,
     OP_AT,
@@ -68,7 +69,16 @@ from .lookup import (
     parse_one_read,
     parse_read_set,
 )
+from .replica import (
+    LEAST_INSTANCE,
+    LEAST_SEQ,
+    REPLICA,
+    least,
+    parse_replica,
+    with_field,
+)
 from .stream import (
+    NO_BOUNDS,
     Changes,
     Frames,
     SnapshotPiece,
@@ -93,8 +103,11 @@ from .stream import (
 __all__ = [
     "F64",
     "I64",
+    "LEAST_INSTANCE",
+    "LEAST_SEQ",
     "MAX_MESSAGE_BYTES",
     "MAX_REPLY_BYTES",
+    "NO_BOUNDS",
     "NO_STAMP",
     "OP_AT",
     "OP_COMMON",
@@ -102,11 +115,13 @@ __all__ = [
     "OP_FULL",
     "OP_LATEST",
     "OP_LATEST_XACT",
+    "REPLICA",
     "VERSION",
     "AnswerRow",
     "Changes",
     "Commit",
     "Frames",
+    "Interest",
     "Lookup",
     "LookupReply",
     "Message",
@@ -129,6 +144,7 @@ __all__ = [
     "error_reply",
     "flag",
     "integer",
+    "least",
     "lookup_body",
     "lookup_reply",
     "missed_reply",
@@ -142,6 +158,7 @@ __all__ = [
     "parse_batch_reply",
     "parse_commit",
     "parse_commit_reply",
+    "parse_interest",
     "parse_lookup",
     "parse_lookup_reply",
     "parse_missed_reply",
@@ -149,6 +166,7 @@ __all__ = [
     "parse_one_answer",
     "parse_one_read",
     "parse_read_set",
+    "parse_replica",
     "parse_snapshot_piece",
     "parse_snapshot_plan",
     "parse_snapshot_request",
@@ -163,4 +181,5 @@ __all__ = [
     "stream_body",
     "text",
     "unpack",
+    "with_field",
 ]

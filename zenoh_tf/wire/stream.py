@@ -31,6 +31,7 @@ from .fields import (
     text,
     texts,
 )
+from .interest import Interest
 
 #: Kinds of changes, as in change_log.hpp. The first two have a sample.
 SAMPLE: Final = 0
@@ -43,6 +44,9 @@ ORPHANED: Final = 6
 
 #: The parent of a sample whose parent was removed.
 NO_PARENT: Final = (1 << 32) - 1
+
+#: Of a plan without pieces.
+NO_BOUNDS: Final = np.zeros(0, np.uint32)
 
 #: names, authorities, kind, frame, version; and of samples: parent, authority, stamp, pose
 Changes = tuple[
@@ -92,19 +96,23 @@ def stream_body(message: StreamMessage) -> Message:
         "clock_ns": message.clock_ns,
     }
     if message.changes is not None:
-        names, authorities, kind, frame, version, parent, authority, stamp, pose = message.changes
-        body |= {
-            "names": names,
-            "authorities": authorities,
-            "kind": raw(kind, U8),
-            "frame": raw(frame, U32),
-            "version": raw(version, U64),
-            "parent": raw(parent, U32),
-            "authority": raw(authority, U32),
-            "stamp": raw(stamp, I64),
-            "pose": raw(pose, F64),
-        }
+        body |= _fields(message.changes)
     return body
+
+
+def _fields(changes: Changes) -> Message:
+    names, authorities, kind, frame, version, parent, authority, stamp, pose = changes
+    return {
+        "names": names,
+        "authorities": authorities,
+        "kind": raw(kind, U8),
+        "frame": raw(frame, U32),
+        "version": raw(version, U64),
+        "parent": raw(parent, U32),
+        "authority": raw(authority, U32),
+        "stamp": raw(stamp, I64),
+        "pose": raw(pose, F64),
+    }
 
 
 def parse_stream(body: Message) -> StreamMessage:
@@ -118,23 +126,30 @@ def parse_stream(body: Message) -> StreamMessage:
     if message.last < message.first - 1:
         raise malformed("last", "at least first - 1")
     if "kind" in body:
-        names, authorities = texts(body, "names"), texts(body, "authorities")
-        kind = column(body, "kind", U8)
-        if kind.size and int(kind.max()) > ORPHANED:
-            raise malformed("kind", f"at most {ORPHANED}")
-        samples = int(np.count_nonzero(kind <= STATIC))
-        message.changes = (
-            names,
-            authorities,
-            kind,
-            indexes(body, "frame", kind.size, len(names)),
-            column(body, "version", U64, kind.size),
-            indexes(body, "parent", samples, len(names)),
-            indexes(body, "authority", samples, len(authorities)),
-            column(body, "stamp", I64, samples),
-            column(body, "pose", F64, samples, 7).reshape(samples, 7),
-        )
+        message.changes = _parse(body)
     return message
+
+
+def _parse(body: Message) -> Changes:
+    names, authorities = texts(body, "names"), texts(body, "authorities")
+    kind = column(body, "kind", U8)
+    if kind.size and int(kind.max()) > ORPHANED:
+        raise malformed("kind", f"at most {ORPHANED}")
+    samples = int(np.count_nonzero(kind <= STATIC))
+    parent = column(body, "parent", U32, samples)
+    if bool(np.any((parent >= len(names)) & (parent != NO_PARENT))):
+        raise malformed("parent", f"indexes below {len(names)}, or {NO_PARENT}")
+    return (
+        names,
+        authorities,
+        kind,
+        indexes(body, "frame", kind.size, len(names)),
+        column(body, "version", U64, kind.size),
+        parent,
+        indexes(body, "authority", samples, len(authorities)),
+        column(body, "stamp", I64, samples),
+        column(body, "pose", F64, samples, 7).reshape(samples, 7),
+    )
 
 
 # --- snapshot
@@ -163,11 +178,12 @@ class SnapshotPlan:
     bounds: NDArray[np.uint32]
     settings: TreeSettings
     clock_ns: int
+    changes: Changes | None = None  # of an interest: all that there is, and no pieces
 
 
 def snapshot_plan_reply(plan: SnapshotPlan) -> Message:
     """The reply to a `snapshot` request without a piece, without the envelope."""
-    return {
+    return ({} if plan.changes is None else _fields(plan.changes)) | {
         "seq": plan.seq,
         "reparented": plan.ever_reparented,
         "bounds": raw(plan.bounds, U32),
@@ -181,7 +197,8 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
     raise_error(reply)
     settings = mapping(reply, "settings")
     bounds = column(reply, "bounds", U32)
-    if bounds.size < 2 or bool(np.any(bounds[:-1] > bounds[1:])):
+    changes = _parse(reply) if "kind" in reply else None
+    if (changes is None and bounds.size < 2) or bool(np.any(bounds[:-1] > bounds[1:])):
         raise malformed("bounds", "two or more ascending ids")
     return SnapshotPlan(
         integer(reply, "seq", low=0),
@@ -189,6 +206,7 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
         bounds,
         TreeSettings(*(integer(settings, name, low=1) for name in TreeSettings.__slots__)),
         integer(reply, "clock_ns"),
+        changes,
     )
 
 
@@ -202,10 +220,11 @@ class SnapshotRequest:
     until: int
 
 
-def snapshot_request(request: SnapshotRequest | None) -> Message:
-    """The body of a request for a piece, or with None for the plan."""
+def snapshot_request(request: SnapshotRequest | None, interest: Interest | None = None) -> Message:
+    """The body of a request for a piece, or with None for the plan, or all of an interest."""
     if request is None:
-        return {"v": VERSION}
+        body: Message = {"v": VERSION}
+        return body if interest is None else body | {"interest": interest.fields()}
     return {
         "v": VERSION,
         "instance": request.instance,
@@ -285,14 +304,15 @@ def parse_snapshot_piece(reply: Message) -> SnapshotPiece:
 # --- missed
 
 
-def missed_request(instance: str, first: int) -> Message:
+def missed_request(instance: str, first: int, interest: Interest | None = None) -> Message:
     """The body of a request for the stream's messages from the number `first` on."""
-    return {"v": VERSION, "instance": instance, "first": first}
+    body = {"v": VERSION, "instance": instance, "first": first}
+    return body if interest is None else body | {"interest": interest.id}
 
 
-def parse_missed_request(body: Message) -> tuple[str, int]:
-    """The instance and the first number. Raises ProtocolError."""
-    return text(body, "instance"), integer(body, "first", low=1)
+def parse_missed_request(body: Message) -> tuple[str, int, str]:
+    """The instance, the first number and the id of the interest, or "". Raises ProtocolError."""
+    return text(body, "instance"), integer(body, "first", low=1), text(body, "interest", "")
 
 
 def missed_reply(messages: list[bytes], last: int) -> Message:

@@ -184,6 +184,14 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         return AsyncGate(self, target, queue_size, timeout_s, on_drop)
 
     @property
+    def replica_age_s(self) -> float | None:
+        """Returns how old the last answer of the service may be, in seconds.
+
+        It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
+        """
+        return self._connection.opened.replica_age_s
+
+    @property
     def last_receipt(self) -> Receipt | None:
         """Returns the `Receipt` of this client's last write that the server has replied to.
 

@@ -10,9 +10,9 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from zenoh_tf.errors import TransformException
+from zenoh_tf.queries import NoReply
 
 from ..exchange import Pause, Steps
-from ..queries import NoReply
 from .transport import Outcome, SentQuery, Transport
 
 

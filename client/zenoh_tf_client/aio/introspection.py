@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
+from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
+from zenoh_tf import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
 from .. import info_requests
@@ -62,6 +63,37 @@ class AsyncIntrospection:
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info_requests.frame(name))
+
+    async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+        """Say why a lookup succeeds or fails: the chain link by link, and what limits it.
+
+        Example: `print(await tf.explain("map", "camera"))`
+
+        Args:
+            target: The lookup's target.
+            source: The lookup's source.
+            stamp_ns: The lookup's time in nanoseconds; None for the latest common time.
+
+        Returns:
+            The explanation, of the tree as of one instant.
+
+        Raises:
+            InvalidArgumentException: A name or the stamp makes no sense, or the server is older
+                than this request.
+            ServerUnavailable: No server answered in time, or the client is closed.
+            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
+            ProtocolError: The reply is malformed.
+        """
+        frames = await self._ancestors(target, source, stamp_ns)
+        names = [] if explaining.is_connected(target, source, frames) else await self.frames()
+        return explaining.explain(target, source, stamp_ns, frames, names)
+
+    async def _ancestors(self, target: str, source: str, stamp_ns: int | None) -> list[FrameInfo]:
+        """The frames from both up to their roots, read at one instant."""
+        found = self._reads.tree.ancestors(target, source, stamp_ns)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, info_requests.ancestors(target, source, stamp_ns))
 
     async def authorities(self) -> list[AuthorityInfo]:
         """List what each authority has published.

@@ -16,9 +16,9 @@ from typing import Final
 import zenoh
 
 from zenoh_tf.errors import ServerUnavailable, TransformException
+from zenoh_tf.queries import ZENOH_TIMEOUT, Queries, ReplyParts
 
 from ..exchange import Ask
-from ..queries import ZENOH_TIMEOUT, Queries, ReplyParts
 from .threads import Worker
 from .wake import Wake
 from .zenoh_threads import keep_thread_state

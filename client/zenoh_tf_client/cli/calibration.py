@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, TypeVar
 
-from zenoh_tf import FrameInfo, LookupException, StampedTransform, Transform
+from zenoh_tf import FrameInfo, StampedTransform, Transform
 from zenoh_tf.export import printable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import calibration_diff as diff
@@ -16,6 +16,7 @@ from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.calibration_files import LIVE, Folder, Reference
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
+from zenoh_tf_client.cli.records import frame_infos
 from zenoh_tf_client.cli.types import Commands
 
 T = TypeVar("T")
@@ -29,8 +30,8 @@ examples:
   zenoh-tf calibration load cell@1 --dry-run
   zenoh-tf calibration load cell@1
 """
-#: Frames of one request, and how often links that change meanwhile are read again.
-_FRAMES_AT_ONCE: Final = 1000
+#: Links of one request, and how often links that change meanwhile are read again.
+_LINKS_AT_ONCE: Final = 1000
 _READ_ATTEMPTS: Final = 5
 
 
@@ -256,8 +257,8 @@ def _live(tf: TransformClient) -> _Live:
         statics = {each.name: each for each in before.values() if each.static}
         pairs = [(each.parent or "", each.name) for each in statics.values()]
         poses = []
-        for start in range(0, len(pairs), _FRAMES_AT_ONCE):
-            poses += tf.lookup_latest_transforms_xact(pairs[start : start + _FRAMES_AT_ONCE])
+        for start in range(0, len(pairs), _LINKS_AT_ONCE):
+            poses += tf.lookup_latest_transforms_xact(pairs[start : start + _LINKS_AT_ONCE])
         after = _frames(tf)
         if {name: after[name].version for name in statics if name in after} == {
             name: each.version for name, each in statics.items()
@@ -275,14 +276,4 @@ def _live(tf: TransformClient) -> _Live:
 
 
 def _frames(tf: TransformClient) -> dict[str, FrameInfo]:
-    found: dict[str, FrameInfo] = {}
-    names = tf.frames()
-    for start in range(0, len(names), _FRAMES_AT_ONCE):
-        with tf.batch() as batch:
-            handles = [batch.frame(name) for name in names[start : start + _FRAMES_AT_ONCE]]
-        for handle in handles:
-            try:
-                found[handle.result().name] = handle.result()
-            except LookupException:  # removed meanwhile
-                continue
-    return found
+    return {frame.name: frame for frame in frame_infos(tf)}

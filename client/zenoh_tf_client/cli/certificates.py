@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 
 from zenoh_tf_client.cli import output
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
 _DEFAULT_DAYS = 365.0
 
@@ -22,6 +22,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "already gets further certificates from it. Needs no server, but the library "
         "cryptography: pip install 'zenoh-tf[security]'. Keep ca-key.pem secret: its owner can "
         "make certificates for anyone.",
+        **examples(
+            "zenoh-tf certificates keys --host robot.local 10.0.0.5 --client arm camera",
+            "zenoh-tf certificates keys --client planner --days 30",
+        ),
     )
     certificates.add_argument("folder", metavar="DIR", type=Path)
     certificates.add_argument(

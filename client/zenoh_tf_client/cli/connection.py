@@ -3,18 +3,46 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 
+from zenoh_tf import LookupException, TransformException
+from zenoh_tf.similar import did_you_mean
 from zenoh_tf_client import TransformClient, environment
 from zenoh_tf_client.shared_reads import Mode
 
 
-def connect(args: argparse.Namespace, reads: Mode | None = None) -> TransformClient:
-    """Return a client for the tree that the options name; a context manager.
+@contextmanager
+def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[TransformClient]:
+    """A client for the tree that the options name, closed at the end.
 
     `reads`: how it reads; None for what the environment says.
 
-    Raises what ``TransformClient.connect`` raises.
+    Raises what ``TransformClient.connect`` raises. An error about a frame that does not exist gets
+    a note with the names that may be meant.
     """
+    with _client(args, reads) as tf:
+        try:
+            yield tf
+        except LookupException as error:
+            _suggest_names(tf, error)
+            raise
+
+
+def _suggest_names(tf: TransformClient, error: LookupException) -> None:
+    asked = dict.fromkeys((error.target_frame, error.source_frame, error.frame))
+    try:
+        names = set(tf.frames())
+    except TransformException:
+        return  # the error that the user sees is the first one
+    for name in asked:
+        if name is not None and name not in names:
+            question = did_you_mean(name, names)
+            if question is not None:
+                error.add_note(question)
+
+
+def _client(args: argparse.Namespace, reads: Mode | None) -> TransformClient:
     credentials = environment.client_credentials(
         ca=args.tls_ca,
         certificate=args.tls_certificate,

@@ -1,4 +1,11 @@
-"""Errors of a command that the server did not report."""
+"""How commands end that do not succeed, apart from what the server reports."""
+
+from __future__ import annotations
+
+from typing import Final
+
+#: The exit code of a command whose answer is that something is wrong.
+FAULT_FOUND: Final = 3
 
 
 class CommandError(Exception):

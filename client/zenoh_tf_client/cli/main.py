@@ -1,7 +1,7 @@
 """Entry point of ``zenoh-tf``: parses arguments, runs a command, reports errors.
 
-Exit codes: 0 done, 1 rejected or failed, 2 wrong usage. An error is one line on stderr, with
-``--json`` a JSON object. Ctrl-C ends the process by its signal.
+Exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 a fault was found. An error is one line
+on stderr, with ``--json`` a JSON object. Ctrl-C ends the process by its signal.
 """
 
 from __future__ import annotations
@@ -27,15 +27,23 @@ from zenoh_tf_client import environment
 from zenoh_tf_client.cli import (
     calibration,
     certificates,
+    completion,
+    doctor,
+    explain,
+    follow,
+    monitor,
     output,
     query,
     replay,
     stamps,
+    static,
+    top,
     view,
     write,
 )
 from zenoh_tf_client.cli.connection import add_credentials
 from zenoh_tf_client.cli.errors import CommandError
+from zenoh_tf_client.cli.numbers import positive_seconds
 from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 
 # argparse takes "-1e-3" and "-5." for options, but "-0.001" for a number.
@@ -45,7 +53,8 @@ _NEGATIVE_TIME = re.compile(r"-(\d+\.?\d*|\.\d+)(s|ns)")
 _TIME_OPTIONS = ("--at", "--stamp")
 
 _EPILOG = """\
-exit codes: 0 done, 1 rejected or failed, 2 wrong usage
+exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 the command has found what is wrong
+            (doctor: a fault; explain: why the lookup fails)
 errors:     one line on stderr; with --json a JSON object there, with the keys
             "type", "message" and "fields" (the fields of the exception)
 """
@@ -75,7 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except TransformException as error:
-        name, message = type(error).__name__, f"{error}{_distance(error)}"
+        notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        name, message = type(error).__name__, f"{error}{_distance(error)}{notes}"
         if args.json:
             return _fail_json(1, name, message, error.facts)
         return _fail(f"{name}: {message}")
@@ -142,8 +152,12 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
-    for family in (query, view, write, calibration, replay, certificates):
+    for family in (
+        *(query, explain, follow, doctor, view, monitor, top),
+        *(write, static, calibration, replay, certificates),
+    ):
         family.add(commands, common)
+    completion.add(commands, _parser)
     return parser
 
 
@@ -172,7 +186,7 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
     group.add_argument(
         "--timeout",
         metavar="S",
-        type=_positive_seconds,
+        type=positive_seconds,
         default=default(DEFAULT_TIMEOUT_S),
         help="seconds to wait for the connection and for each reply "
         f"(default {DEFAULT_TIMEOUT_S:g})",
@@ -184,18 +198,6 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
         help="print one JSON document; an error is one JSON object on stderr",
     )
     add_credentials(parser, default(None))
-
-
-def _positive_seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0.0 < seconds < 1e6:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a number of seconds between 0 and 1,000,000"
-        )
-    return seconds
 
 
 if __name__ == "__main__":

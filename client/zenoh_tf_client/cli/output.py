@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from typing import TextIO
 
-from zenoh_tf import LatestTransform, StampedTransform, Velocity
+from zenoh_tf import LatestTransform, StampedTransform, TransformException, Velocity
 from zenoh_tf.text import printable
 from zenoh_tf_client.cli import stamps
 
@@ -37,6 +37,17 @@ def print_json(document: object, file: TextIO | None = None) -> None:
     stream = file or sys.stdout
     # Only escapes are sure to be valid JSON in an encoding that lacks a character.
     print(json.dumps(document, ensure_ascii=not is_unicode(stream), allow_nan=False), file=stream)
+
+
+def report_waiting(error: TransformException, as_json: bool) -> None:
+    """Print on stderr why a command that goes on has nothing to show."""
+    name, message = type(error).__name__, str(error)
+    if as_json:
+        document = {"type": name, "message": message, "fields": error.facts}
+        print_json(document, file=sys.stderr)
+    else:
+        line = " ".join(f"{name}: {message}".split())
+        print(f"zenoh-tf: {printable(line)} (waiting)", file=sys.stderr, flush=True)
 
 
 def is_unicode(stream: TextIO) -> bool:

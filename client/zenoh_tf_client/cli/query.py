@@ -6,7 +6,7 @@ import argparse
 
 from zenoh_tf_client.cli import output, stamps
 from zenoh_tf_client.cli.connection import connect
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -16,9 +16,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="pose of SOURCE in TARGET at a time, interpolated",
         description="Print the pose of SOURCE in TARGET at a time. Without --at: at the latest "
         "common time, the newest that every link between them can serve.",
+        **examples("zenoh-tf lookup map base_link", "zenoh-tf lookup map base_link --at now-0.5s"),
     )
-    _add_frames(lookup)
-    _add_at(lookup)
+    add_frames(lookup)
+    add_at(lookup)
     lookup.set_defaults(run=_lookup)
 
     latest = commands.add_parser(
@@ -27,8 +28,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="pose of SOURCE in TARGET from the newest sample of each link",
         description="Print the pose of SOURCE in TARGET from the newest sample of each link, "
         "read in one atomic snapshot.",
+        **examples("zenoh-tf latest map gripper"),
     )
-    _add_frames(latest)
+    add_frames(latest)
     latest.add_argument(
         "--no-xact",
         dest="transactional",
@@ -44,10 +46,14 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Print the velocity of TRACKING as seen from OBSERVATION, averaged over an "
         "interval around a time. Without --at: around the latest common time, the newest that "
         "every link between them can serve.",
+        **examples(
+            "zenoh-tf velocity base_link map",
+            "zenoh-tf velocity base_link map --interval 0.5 --reference base_link",
+        ),
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
-    _add_at(velocity)
+    add_at(velocity)
     velocity.add_argument(
         "--interval",
         metavar="S",
@@ -63,12 +69,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     velocity.set_defaults(run=_velocity)
 
 
-def _add_frames(parser: argparse.ArgumentParser) -> None:
+def add_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
     parser.add_argument("source", metavar="SOURCE", help="the frame whose pose is asked for")
 
 
-def _add_at(parser: argparse.ArgumentParser) -> None:
+def add_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at",
         metavar="STAMP",

@@ -12,7 +12,7 @@ from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.ingest import Feed
 from zenoh_tf_client.cli.progress import Progress
 from zenoh_tf_client.cli.recording import Message, open_recording
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -23,6 +23,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Publish the transforms of a recording with their recorded stamps, in the "
         "order of the log, and wait until the server has ingested them. Fails if the server "
         "refuses one of them. Needs the rosbags library.",
+        **examples("zenoh-tf replay drive.mcap --rate 1"),
     )
     replay.add_argument("file", metavar="FILE", type=Path)
     replay.add_argument(

@@ -7,7 +7,9 @@ import re
 import time
 from decimal import Decimal
 
-from zenoh_tf.export import CLOCK_RANGE_S
+from zenoh_tf.times import CLOCK_RANGE_S, age, seconds
+
+__all__ = ["FORMS", "age", "is_clock_time", "parse", "seconds"]
 
 #: How to write a time, for help texts.
 FORMS = "nanoseconds; seconds, as 1700000000.5 or 12s; now; now-0.5s, or -0.5s for short"
@@ -36,27 +38,6 @@ def parse(text: str) -> int:
     return offset_ns + (time.time_ns() if relative else 0)
 
 
-def seconds(stamp_ns: int) -> str:
-    """Return ``stamp_ns`` in seconds with all nine digits."""
-    sign = "-" if stamp_ns < 0 else ""
-    whole, rest = divmod(abs(stamp_ns), 10**9)
-    return f"{sign}{whole}.{rest:09d}"
-
-
 def is_clock_time(stamp_ns: int) -> bool:
     """Return whether ``stamp_ns`` is within a day of this machine's clock."""
     return abs(time.time_ns() - stamp_ns) <= CLOCK_RANGE_S * 10**9
-
-
-def age(age_ns: int) -> str:
-    """Return a length of time in short form: ``850 us``, ``12 ms``, ``3.4 s``, ``5 min``."""
-    sign, value = ("-" if age_ns < 0 else ""), abs(age_ns)
-    if value < 1_000_000:
-        return f"{sign}{value // 1000} us"
-    if value < 1_000_000_000:
-        return f"{sign}{value / 1e6:.0f} ms"
-    if value < 120 * 10**9:
-        return f"{sign}{value / 1e9:.1f} s"
-    if value < 7200 * 10**9:
-        return f"{sign}{value / 60e9:.0f} min"
-    return f"{sign}{value / 3600e9:.1f} h"

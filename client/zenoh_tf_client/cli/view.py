@@ -6,11 +6,11 @@ import argparse
 from dataclasses import asdict, fields
 from typing import Final
 
-from zenoh_tf import AuthorityInfo, FrameInfo, LookupException, export
-from zenoh_tf_client import TransformClient
+from zenoh_tf import AuthorityInfo, FrameInfo, export
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.records import frame_infos
+from zenoh_tf_client.cli.types import Commands, examples
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -20,6 +20,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="draw the tree, with the rate and delay of each link",
         description="Draw the tree of frames, with the authority, rate, delay, buffer and counters "
         "of each link.",
+        **examples("zenoh-tf frames", "zenoh-tf frames --dot | dot -Tsvg > frames.svg"),
     )
     forms = frames.add_mutually_exclusive_group()
     for flag, function, what in (
@@ -36,6 +37,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common],
         help="print everything known about one frame",
         description="Print everything that is known about a frame and its link to its parent.",
+        **examples("zenoh-tf frame gripper"),
     )
     frame.add_argument("name", metavar="NAME")
     frame.set_defaults(run=_frame)
@@ -51,6 +53,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "dropped because too many were waiting, and by how many seconds its stamps lead their "
         "arrival at the server, at least and at most: a clock that is exact has both a little "
         "below zero.",
+        **examples("zenoh-tf authorities"),
     )
     authorities.set_defaults(run=_authorities)
 
@@ -61,6 +64,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Print for each connected client: its Zenoh id, which the server's log names, "
         "its address, and by how many seconds its clock is ahead of the server's, at least and at "
         "most.",
+        **examples("zenoh-tf clients"),
     )
     clients.set_defaults(run=_clients)
 
@@ -69,6 +73,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common],
         help="print the server's counters",
         description="Print the counters of the server and of its tree.",
+        **examples("zenoh-tf stats --json"),
     )
     stats.set_defaults(run=_stats)
 
@@ -78,7 +83,7 @@ def _frames(args: argparse.Namespace) -> int:
     if args.json and args.form:
         args.usage_error("--json cannot be combined with --dot or --mermaid")
     with connect(args) as tf:
-        frames = _frame_infos(tf)
+        frames = frame_infos(tf)
     if args.json:
         output.print_json({"tree": args.tree, "frames": [_document(frame) for frame in frames]})
     elif args.form:
@@ -86,16 +91,6 @@ def _frames(args: argparse.Namespace) -> int:
     else:
         print(export.text(frames, paint=output.paint))
     return 0
-
-
-def _frame_infos(tf: TransformClient) -> list[FrameInfo]:
-    """Return the record of each frame."""
-    with tf.batch() as batch:
-        handles = [batch.frame(name) for name in sorted(tf.frames())]
-    # A frame may have been removed since its name was listed.
-    return [
-        handle.result() for handle in handles if not isinstance(handle.exception(), LookupException)
-    ]
 
 
 def _document(frame: FrameInfo) -> dict[str, object]:

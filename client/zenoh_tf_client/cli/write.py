@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 import time
+from typing import Final
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.text import printable
 from zenoh_tf_client.cli import output, stamps
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import CommandError
-from zenoh_tf_client.cli.types import Commands
+from zenoh_tf_client.cli.types import Commands, examples
+
+#: The authority of what people set by hand.
+AUTHORITY: Final = "zenoh-tf"
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -22,6 +26,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         usage="zenoh-tf set [options] PARENT CHILD X Y Z [QX QY QZ QW]",
         description="Store the pose of CHILD in PARENT: metres, and a quaternion (identity if "
         "left out). Waits until the server has it.",
+        **examples(
+            "zenoh-tf set map table 2 0.5 0.7",
+            "zenoh-tf set map cup 2 0.5 0.8 0 0 0.7071 0.7071 --stamp now",
+        ),
     )
     set_.add_argument("parent", metavar="PARENT")
     set_.add_argument("child", metavar="CHILD")
@@ -38,8 +46,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     set_.add_argument(
         "--authority",
         metavar="NAME",
-        default="zenoh-tf",
-        help="name to publish as (default zenoh-tf)",
+        default=AUTHORITY,
+        help=f"name to publish as (default {AUTHORITY})",
     )
     set_.set_defaults(run=_set, usage_error=set_.error)
 
@@ -49,6 +57,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="forget a frame: its link, its history and its name",
         description="Forget a frame: its link, its history and its name. Fails if other frames are "
         "below it, unless --subtree is given.",
+        **examples("zenoh-tf remove cup", "zenoh-tf remove base_link --subtree"),
     )
     remove.add_argument("frame", metavar="FRAME")
     remove.add_argument(
@@ -61,6 +70,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         parents=[common],
         help="forget what was published; static links stay",
         description="Forget every sample. Static links stay, unless told otherwise.",
+        **examples("zenoh-tf clear", "zenoh-tf clear --all"),
     )
     clear.add_argument(
         "--all", dest="keep_static", action="store_false", help="forget static links as well"
@@ -73,6 +83,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="forget everything, frame names included; needs --yes",
         description="Forget every frame at one instant: all samples, static links and names. "
         "Nothing is asked; without --yes nothing is done.",
+        **examples("zenoh-tf reset --yes"),
     )
     reset.add_argument("--yes", action="store_true", help="confirm that everything is to go")
     reset.set_defaults(run=_reset, usage_error=reset.error)
@@ -86,26 +97,32 @@ def _set(args: argparse.Namespace) -> int:
     stamped = StampedTransform(
         args.parent, args.child, stamp_ns, Transform(args.pose[:3], rotation)
     )
+    return store(args, stamped, static=args.static)
+
+
+def store(args: argparse.Namespace, stamped: StampedTransform, *, static: bool) -> int:
+    """Store one transform, and print that it is. Returns the exit code."""
+    parent, child, stamp_ns = stamped.parent_frame, stamped.child_frame, stamped.stamp_ns
     with connect(args) as tf:
-        stored = tf.set_transform(stamped, authority=args.authority, static=args.static)
+        stored = tf.set_transform(stamped, authority=args.authority, static=static)
     if not stored:
         raise CommandError(
             f"dropped: {stamps.seconds(stamp_ns)} s is older than the server's cache time "
-            f"allows for {args.child!r}"
+            f"allows for {child!r}"
         )
     if args.json:
         output.print_json(
             {
-                "parent": args.parent,
-                "child": args.child,
+                "parent": parent,
+                "child": child,
                 "stamp_ns": stamp_ns,
-                "static": args.static,
+                "static": static,
                 "stored": True,
             }
         )
     else:
-        kind = "static" if args.static else f"at {stamps.seconds(stamp_ns)} s"
-        print(f"{printable(args.parent)} -> {printable(args.child)} stored, {kind}")
+        kind = "static" if static else f"at {stamps.seconds(stamp_ns)} s"
+        print(f"{printable(parent)} -> {printable(child)} stored, {kind}")
     return 0
 
 

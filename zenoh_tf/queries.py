@@ -1,21 +1,22 @@
 """Sends one query to the server of a tree, and gathers its reply.
 
 Thread safety: all methods; calls of different threads run side by side.
+
+Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Final
 
 import zenoh
 from zenoh.handlers import Callback
 
-from zenoh_tf import keys, wire
-from zenoh_tf.errors import ServerUnavailable
-
-from .session_calls import SessionCalls
+from . import keys, wire
+from .errors import ServerUnavailable
 
 #: The error reply that Zenoh makes up when no server replies in time.
 ZENOH_TIMEOUT: Final = b"Timeout"
@@ -33,9 +34,14 @@ class Queries:
     """The queries of one session."""
 
     def __init__(
-        self, session: zenoh.Session, calls: SessionCalls, client_id: str, server: str
+        self,
+        session: zenoh.Session,
+        calls: AbstractContextManager[None],
+        client_id: str,
+        server: str,
     ) -> None:
-        """`client_id`: what the server tells clients apart by. `server`: what messages call it."""
+        """`calls`: to be entered around each call into the session. `client_id`: what
+        the server tells clients apart by. `server`: what messages call it."""
         self._session = session
         self._calls = calls
         self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()

@@ -1,6 +1,8 @@
 """How far the clocks of servers are ahead of this machine's, for the age of mirrors.
 
 Thread safety: all methods. `age_s` takes no lock.
+
+Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Feeds a mirror: listens to the stream of a tree's server, and asks for what is missing.
 
+Mirrors of clients and replicas of servers share it. `Source` is what each of them adds: how it
+listens and asks.
+
 One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
 Each request has a thread of its own while it is under way, so that the stream does not wait for it.
@@ -7,6 +10,8 @@ Another thread compares the clocks, and listens anew if the stream is silent tho
 there: a server sends a sign of life ten times a second.
 
 Thread safety: all methods.
+
+Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """
 
 from __future__ import annotations
@@ -17,14 +22,15 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import zenoh
 from zenoh.handlers import RingChannel
 
-from zenoh_tf import TransformTree, keys, wire
-from zenoh_tf.errors import (
+from . import wire
+from .errors import (
     ProtocolError,
     ServerBusy,
     ServerRestarted,
@@ -32,15 +38,11 @@ from zenoh_tf.errors import (
     TimeoutException,
     TransformException,
 )
-from zenoh_tf.mirroring import Mirroring, Request
-
-from .connection import Connection
-from .publisher import undeclare_unless_closed
-from .request import Call
+from .mirroring import MakeTree, Mirroring, Request, make_tree
 from .server_clock import COMPARISONS, ServerClock, now_ns
-from .session_calls import is_forked
+from .tree import TransformTree
 
-log = logging.getLogger("zenoh_tf.client")
+log = logging.getLogger("zenoh_tf.mirror")
 
 #: Messages between Zenoh and the thread. A server's message has 256 kB, or one commit.
 _RING_MESSAGES: Final = 256
@@ -78,21 +80,53 @@ class State:
         return self.instance == instance and self.seq >= seq
 
 
+class Source(Protocol):
+    """How a feed listens to a server and asks it. All methods raise ServerUnavailable once the
+    connection is closed."""
+
+    @property
+    def tree(self) -> str:
+        """The tree's name."""
+
+    @property
+    def calls(self) -> AbstractContextManager[None]:
+        """To be entered while a message is waited for."""
+
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
+        """Listen to the stream, in place of an earlier call. Returns the channel's receiver, which
+        raises ZError when the source listens no more."""
+
+    def unsubscribe(self) -> bool:
+        """Listen no more; never raises. False: the process is forked, and has no threads."""
+
+    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+        """Send a request, and return the reply, or raise its error."""
+
+    def clock(self) -> tuple[str, int]:
+        """Ask the server for its instance id and its clock, in nanoseconds."""
+
+
 class MirrorFeed:
     """Keeps a `Mirroring` up to date, from construction to `close`."""
 
     def __init__(
-        self, connection: Connection, on_copy: Callable[[TransformTree | None], None]
+        self,
+        source: Source,
+        on_copy: Callable[[TransformTree | None, str], None],
+        interest: wire.Interest | None = None,
+        make_tree: MakeTree = make_tree,
     ) -> None:
-        """Begin to listen. `on_copy` is told each new copy of the tree, and None at the end.
+        """Begin to listen. `on_copy` is told each new copy of the tree and its instance, before
+        `state` has it, and None at the end.
 
         Raises ServerUnavailable if the connection is closed.
         """
-        self._connection = connection
+        self._source = source
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring()
+        self._mirroring = Mirroring(make_tree, interest=interest)
+        self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
         self._closed = False
@@ -104,8 +138,7 @@ class MirrorFeed:
         self._has_warned = False
         self._is_silent = True  # since the last look; read and written without the lock
         self._clock = ServerClock()
-        connection.calls.add_owner(self)
-        self._subscriber = self._subscribe()
+        self._receiver = source.subscribe(RingChannel(_RING_MESSAGES))
         self._thread = threading.Thread(target=self._listen, name="mirror", daemon=True)
         self._thread.start()
         self._in_thread(self._watch)
@@ -117,9 +150,9 @@ class MirrorFeed:
         """How many snapshots were begun."""
         return self._mirroring.snapshots
 
-    def age_s(self) -> float:
-        """How old the copy is, at most; infinite before there is one."""
-        state = self.state
+    def age_s(self, state: State | None = None) -> float:
+        """How old the copy, or what it was in a state, is at most; infinite before there is one."""
+        state = state or self.state
         return self._clock.age_s(state.instance, state.clock_ns)
 
     def wait(self, is_reached: Callable[[], bool], timeout_s: float) -> bool:
@@ -156,41 +189,33 @@ class MirrorFeed:
 
     def close(self) -> None:
         """Listen no more. May be called again."""
-        if is_forked():
+        if not self._source.unsubscribe():
             return
         self._closed = True
-        undeclare_unless_closed(self._subscriber.undeclare, self._connection.calls)
         if threading.current_thread() is not self._thread:
             self._ended.wait(_JOIN_TIMEOUT_S)
 
     # --- the stream
 
-    def _subscribe(self) -> zenoh.Subscriber[Any]:
-        connection = self._connection
-        with connection.calls:
-            return connection.session.declare_subscriber(
-                keys.streams(connection.tree), RingChannel(_RING_MESSAGES)
-            )
-
     def _listen(self) -> None:
         """Apply messages until the mirror or the connection is closed."""
         try:
             while not self._closed:
-                subscriber = self._subscriber
+                receiver = self._receiver
                 with contextlib.suppress(zenoh.ZError):  # undeclared
-                    self._listen_to(subscriber.handler)
-                if subscriber is self._subscriber:  # no other one has taken its place
+                    self._listen_to(receiver)
+                if receiver is self._receiver:  # no other one has taken its place
                     break
         except ServerUnavailable:  # the connection is closed
             pass
         finally:
             self._end()
 
-    def _listen_to(self, handler: Any) -> None:
+    def _listen_to(self, receiver: Any) -> None:
         while not self._closed:
-            with self._connection.calls:
-                batch = [handler.recv().payload.to_bytes()]
-                while len(batch) < _BATCH_MESSAGES and (sample := handler.try_recv()):
+            with self._source.calls:
+                batch = [receiver.recv().payload.to_bytes()]
+                while len(batch) < _BATCH_MESSAGES and (sample := receiver.try_recv()):
                     batch.append(sample.payload.to_bytes())
             self._is_silent = False
             for data in batch:
@@ -207,6 +232,8 @@ class MirrorFeed:
                 return
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
+            if self._interest is not None and silent_periods and self._compare_clocks():
+                self._begin_anew()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
                 if self._compare_clocks():
                     self._listen_anew()
@@ -214,12 +241,16 @@ class MirrorFeed:
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
                 self._compare_clocks()
 
+    def _begin_anew(self) -> None:
+        with self._changed:
+            if self.state.synced:  # else a request is under way, or waits
+                self._mirroring.restart()
+            self._proceed()
+
     def _listen_anew(self) -> None:
-        log.info("the commit stream of tree %r is silent: listening anew", self._connection.tree)
-        old = self._subscriber
+        log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
         with contextlib.suppress(ServerUnavailable, zenoh.ZError):
-            self._subscriber = self._subscribe()
-            undeclare_unless_closed(old.undeclare, self._connection.calls)
+            self._receiver = self._source.subscribe(RingChannel(_RING_MESSAGES))
             if self._closed:  # meanwhile
                 self.close()
 
@@ -244,7 +275,10 @@ class MirrorFeed:
         for request in mirroring.requests():
             if not self._in_thread(self._ask, request):
                 mirroring.failed(request.number)  # the next message sends it again
-        is_new = mirroring.tree is not self.state.tree
+        if mirroring.tree is not self.state.tree:
+            self._failures = self._unknown = 0
+            self._error = None
+            self._on_copy(mirroring.tree, mirroring.instance)
         self.state = State(
             mirroring.tree,
             mirroring.instance,
@@ -252,10 +286,6 @@ class MirrorFeed:
             mirroring.clock_ns,
             mirroring.synced,
         )
-        if is_new:
-            self._failures = self._unknown = 0
-            self._error = None
-            self._on_copy(mirroring.tree)
         if self._waiters:
             self._changed.notify_all()
 
@@ -263,7 +293,7 @@ class MirrorFeed:
         with self._changed:
             self._closed = True
             self.state = State()
-            self._on_copy(None)
+            self._on_copy(None, "")
             self._changed.notify_all()
         self._ended.set()
 
@@ -286,10 +316,10 @@ class MirrorFeed:
             return
         begin_ns = now_ns()
         try:
-            reply = self._connection.call(
-                Call(request.operation, dict(request.body), lambda reply: reply)
-            )
+            reply = self._source.ask(request.operation, dict(request.body))
             if is_plan:
+                if self._interest is not None and "kind" not in reply:
+                    raise ServerUnavailable("the server knows no interests")
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
                 self._clock.compared(instance, begin_ns, clock_ns)
         except Exception as error:
@@ -337,16 +367,17 @@ class MirrorFeed:
         if self.state.tree is not None or type(error) is not ServerUnavailable:
             return error
         try:
-            self._connection.hello()
+            self._source.clock()
         except TransformException:
             self._unknown = 0
             return error
         self._unknown += 1
         if self._unknown < _MAX_UNKNOWN:
             return error
+        what = "mirrors" if self._interest is None else "mirrors of some frames"
         return ServerUnavailable(
-            f"the server of tree {self._connection.tree!r} offers no mirrors: it is older than "
-            "this client; look transforms up by query, or update the server"
+            f"the server of tree {self._source.tree!r} offers no {what}: it is older than this "
+            "client; look transforms up by query, or update the server"
         )
 
     def _is_final(self) -> bool:
@@ -361,8 +392,8 @@ class MirrorFeed:
         """Compare this machine's clock with the server's. False: it does not answer."""
         begin_ns = now_ns()
         try:
-            server = self._connection.hello()
+            instance, clock_ns = self._source.clock()
         except TransformException:
             return False
-        self._clock.compared(server.instance, begin_ns, server.clock_ns)
+        self._clock.compared(instance, begin_ns, clock_ns)
         return True

@@ -1,0 +1,64 @@
+"""Where the feed of a mirror listens and asks: the connection of its client.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from zenoh_tf import keys, wire
+
+from .connection import Connection
+from .publisher import undeclare_unless_closed
+from .request import Call
+from .session_calls import SessionCalls, is_forked
+
+
+class MirrorSource:
+    """The `zenoh_tf.mirror_feed.Source` of a client."""
+
+    def __init__(self, connection: Connection, interest: wire.Interest | None = None) -> None:
+        self._connection = connection
+        self._key = keys.streams(connection.tree, interest.id if interest else "")
+        self._subscriber: zenoh.Subscriber[Any] | None = None
+        connection.calls.add_owner(self)
+
+    @property
+    def tree(self) -> str:
+        """The tree's name."""
+        return self._connection.tree
+
+    @property
+    def calls(self) -> SessionCalls:
+        """To be entered while a message is waited for."""
+        return self._connection.calls
+
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
+        """Listen to the stream; see `Source`."""
+        connection, old = self._connection, self._subscriber
+        with connection.calls:
+            self._subscriber = connection.session.declare_subscriber(self._key, channel)
+        if old is not None:
+            undeclare_unless_closed(old.undeclare, connection.calls)
+        return self._subscriber.handler
+
+    def unsubscribe(self) -> bool:
+        """Listen no more; see `Source`."""
+        if is_forked():
+            return False
+        if self._subscriber is not None:
+            undeclare_unless_closed(self._subscriber.undeclare, self._connection.calls)
+        return True
+
+    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+        """Send a request; see `Source`."""
+        return self._connection.call(Call(operation, body, lambda reply: reply))
+
+    def clock(self) -> tuple[str, int]:
+        """Ask the server for its instance id and its clock."""
+        server = self._connection.hello()
+        return server.instance, server.clock_ns

@@ -1,0 +1,49 @@
+"""What a client knows of the server, and of the replica that answers reads in its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import zenoh
+
+from zenoh_tf import handover, wire
+
+#: The limit of a server that does not tell.
+_DEFAULT_ROWS: Final = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class ServerInfo:
+    """The server that answered last."""
+
+    instance: str
+    clock_ns: int  # the server's, when it replied
+    clock_offset_ns: int  # the server's clock minus this one's, rounded down
+    message_bytes: int
+    rows: int  # transforms in one message
+    offer: handover.Offer | None = None  # of its tree's memory
+
+
+@dataclass(frozen=True, slots=True)
+class Replica:
+    """The replica at the client's router, which answers reads."""
+
+    keys: dict[str, zenoh.KeyExpr]
+    server: ServerInfo  # with the instance that it has a copy of
+
+
+def parse_server_info(value: dict[str, Any], now_ns: int) -> ServerInfo:
+    """Who a server is, by its reply to `hello`, which arrived at `now_ns`."""
+    # The server read its clock before this side did, so the offset is too small by the reply's
+    # travel time at most. An expiry computed with it is never later than this side's own time-out.
+    clock_ns = wire.integer(value, "clock_ns")
+    limits = value.get("limits", {})
+    return ServerInfo(
+        wire.text(value, "instance"),
+        clock_ns,
+        clock_ns - now_ns,
+        wire.integer(limits, "message_bytes", wire.MAX_MESSAGE_BYTES),
+        wire.integer(limits, "rows", _DEFAULT_ROWS),
+        handover.parse_offer(value.get(handover.HELLO_FIELD)),
+    )

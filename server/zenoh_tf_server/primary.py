@@ -1,0 +1,110 @@
+"""What a replica asks its primary, over the Zenoh session of its own router.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from typing import Any, Final
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from zenoh_tf import connect_failure, keys, wire, zenoh_config
+from zenoh_tf.credentials import Credentials
+from zenoh_tf.errors import AccessDenied, ServerUnavailable
+from zenoh_tf.queries import NoReply, Queries
+
+from .network import CONNECT_TIMEOUT_S, NetworkError
+
+#: How long the primary may take for one reply.
+_REPLY_TIMEOUT_S: Final = 5.0
+_PERIOD_S: Final = 0.1
+_EXPLAIN_TIMEOUT_S: Final = 1.0
+
+
+class Primary:
+    """The `zenoh_tf.mirror_feed.Source` of a replica."""
+
+    def __init__(self, session: zenoh.Session, tree: str) -> None:
+        """Say to the primary that its client is there."""
+        self._session = session
+        self._tree = tree
+        own_id = str(session.zid())
+        self._calls: AbstractContextManager[None] = contextlib.nullcontext()
+        self._queries = Queries(session, self._calls, own_id, f"the primary of tree {tree!r}")
+        self._token = session.liveliness().declare_token(keys.client(tree, own_id))
+        self._subscriber: zenoh.Subscriber[Any] | None = None
+
+    @property
+    def tree(self) -> str:
+        """The tree's name."""
+        return self._tree
+
+    @property
+    def calls(self) -> AbstractContextManager[None]:
+        """Nothing needs to be entered: a server ends without the interpreter's finalization."""
+        return self._calls
+
+    def wait(self, endpoints: Sequence[str], credentials: Credentials) -> None:
+        """Wait until the primary answers; it may be starting, too.
+
+        Raises:
+            NetworkError: It did not answer within CONNECT_TIMEOUT_S; the message says why.
+        """
+        deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
+        while True:
+            try:
+                self._ask("hello", {"v": wire.VERSION, "what": "hello"}, 1.0)
+                return
+            except ServerUnavailable as error:
+                if time.monotonic() < deadline_s:
+                    time.sleep(_PERIOD_S)
+                    continue
+                reason: Exception = error
+                failure = connect_failure.explain(
+                    endpoints[0], self._tree, _EXPLAIN_TIMEOUT_S, credentials
+                )
+                if isinstance(failure, AccessDenied):
+                    reason = failure
+                where = ", ".join(map(zenoh_config.address, endpoints))
+                raise NetworkError(
+                    f"the primary of tree {self._tree!r} does not answer through {where} within "
+                    f"{CONNECT_TIMEOUT_S:g} s (--replica-of): {reason}"
+                ) from error
+
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
+        """Listen to the stream; see `Source`."""
+        old = self._subscriber
+        self._subscriber = self._session.declare_subscriber(keys.streams(self._tree), channel)
+        if old is not None:
+            old.undeclare()
+        return self._subscriber.handler
+
+    def unsubscribe(self) -> bool:
+        """Listen no more; see `Source`."""
+        if self._subscriber is not None:
+            with contextlib.suppress(zenoh.ZError):
+                self._subscriber.undeclare()
+        return True
+
+    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+        """Send a request; see `Source`."""
+        return self._ask(operation, body, _REPLY_TIMEOUT_S)
+
+    def clock(self) -> tuple[str, int]:
+        """Ask the primary for its instance id and its clock."""
+        reply = self._ask("hello", {"v": wire.VERSION, "what": "hello"}, _REPLY_TIMEOUT_S)
+        return wire.text(reply, "instance"), wire.integer(reply["value"], "clock_ns")
+
+    def _ask(self, operation: str, body: wire.Message, timeout_s: float) -> wire.Message:
+        key = zenoh.KeyExpr(keys.operation(self._tree, operation))
+        reply = self._queries.ask(key, wire.pack(body), timeout_s)
+        if isinstance(reply, NoReply):
+            raise ServerUnavailable(reply.reason)
+        wire.raise_error(reply)
+        return reply

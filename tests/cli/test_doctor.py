@@ -1,0 +1,61 @@
+"""``zenoh-tf doctor`` against real servers."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+from .conftest import Run, document, succeeds
+
+
+@pytest.mark.usefixtures("chain")
+def test_a_healthy_tree(run_here: Run) -> None:
+    """Its stamps are of another clock, so nothing gets old while the command starts."""
+    assert succeeds(run_here("doctor", "--for", "0")) == "no faults in 3 frames\n"
+    # Two looks see no gap either, as the link has no rate to speak of.
+    found = document(run_here("doctor", "--for", "0.2", "--json"))
+    assert (found["findings"], found["frames"]) == ([], 3)
+    assert found["observed_s"] >= 0.2
+
+
+@pytest.mark.usefixtures("chain")
+def test_faults_are_reported(run_here: Run, client: TransformClient) -> None:
+    for n, authority in enumerate(["old", "wheels"]):
+        row = StampedTransform("map", "base", 2_000_000_001 + n, Transform())
+        client.set_transform(row, authority=authority)
+    client.set_transform(StampedTransform("world", "Camera", 0, Transform()), static=True)
+    done = run_here("doctor", "--for", "0")
+    assert (done.returncode, done.stderr) == (3, "")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "3 faults in 5 frames"
+    assert [line[:5] for line in lines if line.startswith("TF")] == ["TF101", "TF301", "TF302"]
+    assert "  - base: the link has changed hands twice, the last time to 'wheels'; " in done.stdout
+    done = run_here("doctor", "--for", "0", "--json", "--ignore", "TF101", "--ignore", "TF302")
+    assert done.returncode == 3
+    (finding,) = json.loads(done.stdout)["findings"]
+    assert (finding["id"], finding["subject"]) == ("TF301", "world")
+    assert all(finding[key] for key in ("title", "evidence", "explanation", "remedy"))
+
+
+def test_what_a_server_refused(run_here: Run, client: TransformClient) -> None:
+    with client.broadcaster("driver") as broadcaster:
+        broadcaster.send([StampedTransform("a", "b", 1, Transform())])
+        broadcaster.send([StampedTransform("b", "a", 1, Transform())])
+        while not any(authority.refused for authority in client.authorities()):
+            pass
+    done = run_here("doctor", "--for", "0", "--json")
+    (finding,) = json.loads(done.stdout)["findings"]
+    assert (finding["id"], finding["subject"]) == ("TF106", "driver")
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--for", "-1"), ("--for", "soon"), ("--ignore", "TF999"), ("surplus",)]
+)
+def test_wrong_usage(command: Run, arguments: tuple[str, ...]) -> None:
+    done = command("doctor", *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""

@@ -1,0 +1,107 @@
+"""``zenoh-tf echo`` and ``wait``."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+from ..conftest import StartServer, free_endpoint
+from .conftest import MODULE, Run
+
+
+def test_echo_prints_again_and_again(robot: TransformClient, command: Run) -> None:
+    start_s = time.monotonic()
+    ended = command("echo", "base_link", "camera", "--rate", "20", "--count", "3", "--json")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    answers = [json.loads(line) for line in ended.stdout.splitlines()]
+    assert [answer["translation"] for answer in answers] == [[0.1, 0.0, 0.2]] * 3
+    assert time.monotonic() - start_s >= 2 / 20
+    assert command("echo", "map", "odom", "--count", "1").stdout.startswith("odom in map\n")
+
+
+def test_echo_waits_for_a_frame_and_says_so_once(robot: TransformClient, command: Run) -> None:
+    row = StampedTransform("map", "late", 0, Transform())
+    timer = threading.Timer(0.5, lambda: robot.set_transform(row, static=True))
+    timer.start()
+    ended = command("echo", "map", "late", "--rate", "20", "--count", "1")
+    timer.join()
+    assert ended.returncode == 0
+    assert ended.stderr.splitlines() == [
+        "zenoh-tf: LookupException: frame 'late' does not exist (waiting)"
+    ]
+    assert ended.stdout.startswith("late in map\n")
+
+
+def test_echo_reports_as_json(robot: TransformClient, command: Run) -> None:
+    row = StampedTransform("map", "later", 0, Transform())
+    timer = threading.Timer(0.5, lambda: robot.set_transform(row, static=True))
+    timer.start()
+    ended = command("echo", "map", "later", "--rate", "20", "--count", "1", "--json")
+    timer.join()
+    assert json.loads(ended.stderr)["type"] == "LookupException"
+
+
+def test_wait_for_a_frame(robot: TransformClient, command: Run) -> None:
+    row = StampedTransform("map", "door", 0, Transform((1, 2, 3)))
+    timer = threading.Timer(0.3, lambda: robot.set_transform(row, static=True))
+    timer.start()
+    ended = command("wait", "map", "door", "--for", "30", "--json")
+    timer.join()
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert json.loads(ended.stdout)["translation"] == [1.0, 2.0, 3.0]
+
+
+def test_wait_in_vain(robot: TransformClient, command: Run) -> None:
+    ended = command("wait", "map", "nobody", "--for", "0.1")
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert "LookupException" in ended.stderr
+    assert ended.stderr.endswith("; zenoh-tf explain map nobody says more\n")
+    ended = command("wait", "map", "odom", "--at", "now+1000s", "--for", "0")
+    assert "ForwardExtrapolationException" in ended.stderr
+
+
+def test_wait_for_a_server(start_server: StartServer) -> None:
+    endpoint = free_endpoint()
+    with subprocess.Popen(
+        [sys.executable, *MODULE, "wait", "a", "b", "--connect", endpoint, "--for", "50"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        time.sleep(0.5)
+        with start_server(endpoint=endpoint).connect() as tf:
+            tf.set_transform(StampedTransform("a", "b", 0, Transform()), static=True)
+            out, err = process.communicate(timeout=50)
+    assert (process.returncode, err) == (0, "")
+    assert out.startswith("b in a\n")
+
+
+def test_wait_without_a_server(command: Run) -> None:
+    ended = command("wait", "a", "b", "--connect", free_endpoint(), "--for", "0.3")
+    assert ended.returncode == 1
+    assert "ServerUnavailable" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("echo", "a"),
+        ("echo", "a", "b", "--rate", "0"),
+        ("echo", "a", "b", "--count", "0"),
+        ("echo", "a", "b", "--count", "some"),
+        ("wait", "a", "b", "--for", "-1"),
+        ("wait", "a", "b", "--for", "nan"),
+        ("monitor", "--every", "0"),
+    ],
+)
+def test_wrong_usage(command: Run, arguments: tuple[str, ...]) -> None:
+    ended = command(*arguments)
+    assert (ended.returncode, ended.stdout) == (2, "")

@@ -1,0 +1,72 @@
+"""Every command has examples in its --help, and each of them works."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from collections.abc import Iterator
+
+import pytest
+
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.cli.main import _for_argparse, _parser
+
+from .conftest import Run
+
+
+def commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """The parsers of all commands, with those of their actions."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for child in action.choices.values():
+                yield child
+                yield from commands(child)
+
+
+def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
+    """The arguments of `zenoh-tf` in each example."""
+    lines = re.findall(r"zenoh-tf ([^|&>)\n]*)", (parser.epilog or "").partition("examples:")[2])
+    return [shlex.split(line, comments=True) for line in lines]
+
+
+ALL = {parser.prog: parser for parser in commands(_parser())}
+#: These have tests of their own, which make the files and servers that they need.
+ELSEWHERE = ("calibration", "certificates", "replay")
+#: After these the tree is another one.
+LAST = ("remove", "clear", "reset")
+RUNNABLE = sorted(
+    (
+        line
+        for prog, parser in ALL.items()
+        if prog.split()[1] not in ELSEWHERE
+        for line in examples(parser)
+    ),
+    key=lambda line: LAST.index(line[0]) if line[0] in LAST else -1,
+)
+
+
+@pytest.mark.parametrize("prog", ALL)
+def test_every_command_has_an_example(prog: str) -> None:
+    found = examples(ALL[prog])
+    assert found
+    for line in found:
+        # Wrong usage would end the process.
+        _parser().parse_args(_for_argparse(line))
+
+
+def test_no_command_is_left_out() -> None:
+    names = {prog.split()[1] for prog in ALL}
+    assert {line[0] for line in RUNNABLE} == names - set(ELSEWHERE)
+
+
+def test_the_examples_run(robot: TransformClient, command: Run) -> None:
+    for line in RUNNABLE:
+        endless = line[0] in ("echo", "monitor", "top") and "--count" not in line
+        ended = command(*line, *(["--count", "1"] if endless else []))
+        if line[0] == "doctor":  # the samples of this tree are ahead of the clock
+            assert (ended.returncode, ended.stderr) == (3, ""), line
+            assert "TF202" in ended.stdout
+        else:
+            assert (ended.returncode, ended.stderr) == (0, ""), (line, ended)
+        assert ended.stdout, line

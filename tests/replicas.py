@@ -1,0 +1,36 @@
+"""What the tests of replicas share: transforms that change together, and waiting."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+DEADLINE_S = 40.0
+FRAMES = [f"frame{i}" for i in range(10)]
+
+
+def wait(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.02)
+
+
+def step(stamp: int) -> list[StampedTransform]:
+    """Transforms that always change together."""
+    return [StampedTransform("map", name, stamp, Transform((stamp, 0, 0))) for name in FRAMES]
+
+
+def seen(tf: TransformClient) -> int:
+    """The stamp of the last step; all frames must be of it."""
+    found = tf.lookup_latest_transforms_xact([("map", name) for name in FRAMES])
+    stamps = {one.stamp_ns for one in found}
+    assert len(stamps) == 1, stamps
+    return stamps.pop()
+
+
+def reads_near(tf: TransformClient) -> bool:
+    return tf._connection.exchange.replica is not None

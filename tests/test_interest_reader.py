@@ -1,0 +1,256 @@
+"""What an interested mirror is told: the frames on the ways, whole and at one instant."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.logged_trees import FRAMES, Mirror, State, Writer, logged, make_tree, state
+from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf._core import InterestReader, wait_for_changes
+from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
+
+MANY = 1 << 20
+#: The bits of a mirror's version that are the server's.
+SERVER_VERSION = (1 << 48) - 1
+
+
+def mirror_state(mirror: Mirror) -> State:
+    found = state(mirror.tree)
+    return {name: (version & SERVER_VERSION, *rest) for name, (version, *rest) in found.items()}  # type: ignore[misc]
+
+
+def path(tree: State, name: str) -> list[str]:
+    found = [name]
+    while tree[found[-1]][3]:
+        parent = tree[found[-1]][3][-1][1]
+        assert parent is not None
+        found.append(parent)
+    return found
+
+
+def parents(tree: State, name: str) -> set[str]:
+    return {parent for _, parent, _ in tree[name][3] if parent in tree}
+
+
+def ways(tree: State, pairs: list[tuple[str, str]]) -> set[str]:
+    """The reference: which frames a mirror of the pairs must have."""
+    found: set[str] = set()
+    for a, b in pairs:
+        if a not in tree or b not in tree:
+            found |= {name for name in (a, b) if name in tree}
+            continue
+        one, other = path(tree, a), path(tree, b)
+        while len(one) > 1 and len(other) > 1 and one[-2] == other[-2]:
+            del one[-1], other[-1]
+        while one[-1] == other[-1] and (
+            (len(one) > 1 and one[-2] in other) or (len(other) > 1 and other[-2] in one)
+        ):
+            del one[-1], other[-1]
+        way = {*one, *other}
+        if any(len({parent for _, parent, _ in tree[name][3]}) > 1 for name in way):
+            open_ = [a, b]
+            while open_:
+                name = open_.pop()
+                more = parents(tree, name) - way
+                way |= more
+                open_ += more
+            way |= {name for start in (a, b) for name in all_ancestors(tree, start)}
+        found |= way
+    return found
+
+
+def all_ancestors(tree: State, start: str) -> set[str]:
+    found, open_ = {start}, [start]
+    while open_:
+        more = parents(tree, open_.pop()) - found
+        found |= more
+        open_ += more
+    return found
+
+
+def follow(mirror: Mirror, reader: InterestReader, *, begin: bool = False) -> int:
+    seq, reparented, changes, everything = reader.read(begin, MANY)
+    if begin:
+        assert everything is not None
+        if reparented:
+            mirror.replay.set_ever_reparented()
+        mirror.replay.apply(seq, *everything)
+    elif changes is not None:
+        mirror.replay.apply(seq, *changes)
+    return seq
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_frames_on_the_ways_are_the_servers(seed: int) -> None:
+    tree, log = logged(("optimistic", "2pl", "giant")[seed % 3])
+    writer = Writer(tree, seed)
+    chance = random.Random(seed)
+    pairs = [(chance.choice(FRAMES), chance.choice(FRAMES)) for _ in range(chance.randrange(1, 4))]
+    reader = InterestReader(tree, pairs, False)
+    mirrors = [Mirror(max_frames=4096)]
+    follow(mirrors[0], reader, begin=True)
+    for step in range(600):
+        for _ in range(chance.randrange(3)):
+            writer.write()
+        before = state(tree)
+        if step % 150 == 149:  # another one begins: what it gets is told to the others, too
+            seq, reparented, changes, everything = reader.read(True, MANY)
+            assert everything is not None
+            for mirror in mirrors:
+                if changes is not None:
+                    mirror.replay.apply(seq, *changes)
+            mirrors.append(Mirror(max_frames=4096))
+            if reparented:
+                mirrors[-1].replay.set_ever_reparented()
+            mirrors[-1].replay.apply(seq, *everything)
+        else:
+            seq, _, changes, _ = reader.read(False, MANY)
+            for mirror in mirrors:
+                if changes is not None:
+                    mirror.replay.apply(seq, *changes)
+        assert seq == log.last
+        assert not reader.has_changed()
+        wanted = ways(before, pairs)
+        for mirror in mirrors:
+            assert mirror_state(mirror) == {name: before[name] for name in wanted}
+            same_answers(mirror.tree, tree, pairs, writer.now)
+        assert reader.frames == len(wanted)
+
+
+def same_answers(
+    mirror: TransformTree, tree: TransformTree, pairs: list[tuple[str, str]], now: int
+) -> None:
+    stamps = np.arange(now - 120, now + 10, 7)
+    for a, b in pairs:
+        here, there = mirror.sample(a, b, stamps), tree.sample(a, b, stamps)
+        same = (here.ok == there.ok) & (
+            ~here.ok | np.all(abs(here.translations - there.translations) < 1e-9, axis=1)
+        )
+        for stamp in stamps[~same].tolist():
+            # Past links may form a loop, with two ways; the tree may take one that leads outside.
+            assert not {*tree.chain(a, b, stamp)} <= {*mirror.frames()}, (a, b, stamp)
+        for lookup in ("lookup_transform", "lookup_latest_transform_xact"):
+            assert answer(mirror, lookup, a, b) == answer(tree, lookup, a, b)
+
+
+def answer(tree: TransformTree, lookup: str, a: str, b: str) -> object:
+    try:
+        found = getattr(tree, lookup)(a, b)
+    except TransformException:
+        return None
+    return found.stamp_ns, np.round(found.transform.translation, 9).tolist()
+
+
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
+    """Each commit moves a chain as a whole, by turns under two parents; frames come and go."""
+    tree, _ = logged(concurrency)
+    names = [f"f{i}" for i in range(6)]
+
+    def links(number: int, top: str) -> list[StampedTransform]:
+        chain = [top, *names]
+        return [
+            StampedTransform(parent, child, number, Transform((number, 0, 0)))
+            for parent, child in pairwise(chain)
+        ]
+
+    tree.set_transforms_xact([*links(1, "a"), StampedTransform("root", "a", 1, Transform())])
+    tree.set_transform(StampedTransform("root", "b", 1, Transform()), static=True)
+    ending = threading.Event()
+
+    def write() -> None:
+        number = 1
+        while not ending.is_set():
+            number += 1
+            tree.set_transforms_xact(links(number, "ab"[number // 50 % 2]))
+            if number % 70 == 0:
+                tree.clear(keep_static=False)
+                again = [*links(number, "a"), StampedTransform("root", "a", 1, Transform())]
+                tree.set_transforms_xact(again)
+                tree.set_transform(StampedTransform("root", "b", 1, Transform()), static=True)
+
+    reader = InterestReader(tree, [("root", "f5"), ("a", "nobody")], False)
+    mirror = Mirror(max_frames=4096)
+    follow(mirror, reader, begin=True)
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        last = 0
+        seen: set[int] = set()
+        end_s = time.monotonic() + 60
+        while len(seen) < 300:
+            assert time.monotonic() < end_s
+            position = follow(mirror, reader)
+            assert position >= last
+            last = position
+            state_now = mirror_state(mirror)
+            linked = [name for name in names if name in state_now and state_now[name][3]]
+            stamps = {state_now[name][3][-1][0] for name in linked}
+            assert len(stamps) <= 1, stamps
+            seen |= stamps
+    finally:
+        ending.set()
+        writer.join()
+    follow(mirror, reader)
+    assert mirror_state(mirror) == {name: state(tree)[name] for name in state(mirror.tree)}
+
+
+def test_newest_samples_only() -> None:
+    tree, log = logged()
+    tree.set_transform(StampedTransform("map", "base", 100, Transform((1, 0, 0))))
+    reader = InterestReader(tree, [], True)
+    mirror = Mirror()
+    follow(mirror, reader, begin=True)
+    assert reader.has_changed()  # it is not known
+    for stamp in range(101, 121):
+        tree.set_transform(StampedTransform("map", "base", stamp, Transform((stamp, 0, 0))))
+        tree.set_transform(StampedTransform("map", f"x{stamp}", 1, Transform()), static=True)
+        if stamp % 5 == 0:
+            assert follow(mirror, reader) == log.last
+            assert mirror.tree.lookup_transform("map", "base").stamp_ns == stamp
+            assert mirror.tree.frame("base").version == tree.frame("base").version
+            assert sorted(mirror.tree.frames()) == sorted(tree.frames())
+    assert [stamp for stamp, _, _ in state(mirror.tree)["base"][3]] == [100, 105, 110, 115, 120]
+    tree.set_transform(StampedTransform("map", "base", 118, Transform((7, 0, 0))))
+    follow(mirror, reader)  # a late sample: what is newest stays
+    assert len(state(mirror.tree)["base"][3]) == 5
+    tree.remove_frame("x101")
+    tree.clear(keep_static=True)
+    follow(mirror, reader)
+    assert "x101" not in mirror.tree.frames()
+    assert mirror.tree.parent("base") is None
+
+
+def test_waiting_for_changes() -> None:
+    tree, _ = logged()
+    one = InterestReader(tree, [("map", "base")], False)
+    other = InterestReader(tree, [("map", "arm")], False)
+    for reader in (one, other):
+        assert wait_for_changes([reader], 0.001, 0) == [0]  # it was never read
+        reader.read(False, MANY)
+    assert wait_for_changes([one, other], 0.001, 0.01) == []
+    tree.set_transform(StampedTransform("map", "arm", 1, Transform()))
+    assert wait_for_changes([one, other], 0.001, 10) == [0, 1]  # "map" is there for both
+    one.read(False, MANY)
+    other.read(False, MANY)
+    tree.set_transform(StampedTransform("map", "arm", 2, Transform()))
+    assert wait_for_changes([one, other], 0.001, 10) == [1]
+
+
+def test_limits_and_arguments() -> None:
+    tree, _ = logged()
+    for i in range(20):
+        tree.set_transform(StampedTransform(f"f{i}", f"f{i + 1}", 1, Transform()))
+    reader = InterestReader(tree, [("f0", "f20")], False)
+    with pytest.raises(LimitExceeded) as caught:
+        reader.read(True, 10)
+    assert caught.value.field == "interest_frames"
+    assert len(reader.read(True, 21)[3][0]) == 21  # type: ignore[index]
+    with pytest.raises(InvalidArgumentException):
+        InterestReader(make_tree(), [], True)

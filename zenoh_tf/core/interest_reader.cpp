@@ -1,0 +1,389 @@
+// How the frames on the ways are found, copied and told.
+#include "interest_reader.hpp"
+
+#include <algorithm>
+#include <unordered_set>
+
+#include "snapshot.hpp"
+#include "write_locks.hpp"
+
+namespace ztf {
+
+namespace {
+
+constexpr int kOptimisticReads = 32;
+constexpr auto kAcquire = std::memory_order_acquire;
+// Added to a frame's version it is above all that the frame will ever have.
+constexpr Version kAfterAll = Version{1} << 40;
+
+}  // namespace
+
+// Collects changes with the names that they refer to.
+class InterestReader::Rows {
+ public:
+  Rows(const Tree& tree, ChangeRows& out) : tree_(tree), out_(out) {}
+
+  std::uint32_t name(const std::string& text) {
+    const auto [at, is_new] = texts_.try_emplace(text, size(out_.names));
+    if (is_new) out_.names.push_back(text);
+    return at->second;
+  }
+  std::uint32_t name(FrameId id) {
+    const auto at = ids_.find(id);
+    if (at != ids_.end()) return at->second;
+    return ids_[id] = name(tree_.name(id));
+  }
+  void add(ChangeKind kind, std::uint32_t frame, Version version) {
+    out_.kind.push_back(kind);
+    out_.frame.push_back(frame);
+    out_.version.push_back(version);
+  }
+  void add_sample(const Copy& copy, std::uint32_t frame, const CopiedSample& sample) {
+    add(copy.is_static ? ChangeKind::static_link : ChangeKind::sample, frame, copy.version);
+    out_.parent.push_back(sample.parent == 0 ? SnapshotPiece::kNoParent : name(sample.parent));
+    out_.authority.push_back(authority(copy.authority));
+    out_.stamp.push_back(sample.stamp);
+    out_.pose.push_back(sample.pose);
+  }
+
+ private:
+  static std::uint32_t size(const std::vector<std::string>& list) {
+    return static_cast<std::uint32_t>(list.size());
+  }
+  std::uint32_t authority(AuthorityId id) {
+    const auto [at, is_new] = authorities_.try_emplace(id, size(out_.authorities));
+    if (is_new) out_.authorities.push_back(tree_.authority(id));
+    return at->second;
+  }
+
+  const Tree& tree_;
+  ChangeRows& out_;
+  std::unordered_map<std::string, std::uint32_t> texts_;
+  std::unordered_map<FrameId, std::uint32_t> ids_;
+  std::unordered_map<AuthorityId, std::uint32_t> authorities_;
+};
+
+InterestReader::InterestReader(Tree& tree, Pairs pairs, bool newest_only)
+    : tree_(tree), pairs_(std::move(pairs)), newest_only_(newest_only) {}
+
+std::size_t InterestReader::frames() const {
+  const std::lock_guard lock(mutex_);
+  return told_.size();
+}
+
+bool InterestReader::has_changed() const {
+  const std::lock_guard lock(mutex_);
+  if (pairs_.empty() || refs_.empty()) return true;
+  // A frame that is removed gets another version, too.
+  for (const auto& [id, told] : told_)
+    if (tree_.version(id) != told.version) return true;
+  for (std::size_t i = 0; i < refs_.size(); ++i)
+    if (refs_[i].id == 0 && tree_.find(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) != 0)
+      return true;
+  return false;
+}
+
+InterestReader::Result InterestReader::read(bool with_all, std::size_t max_frames) {
+  const std::lock_guard lock(mutex_);
+  for (int attempt = 0; attempt < kOptimisticReads; ++attempt)
+    if (std::optional<Result> result = try_read(with_all, max_frames)) return std::move(*result);
+  return read_locked(with_all, max_frames);
+}
+
+std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
+                                                               std::size_t max_frames) {
+  // A commit with a number up to this one makes readers wait for its frames (WriteLocks). If it
+  // adds names, it also holds the topology mutex, until the names can be found.
+  seq_ = tree_.change_log_->last_drawn();
+  {
+    const auto topology = lock_announced(tree_.topology_);
+  }
+  begin_attempt();
+  find_frames(max_frames);
+  copy_frames(with_all);
+  Result result = tell(with_all);  // before the comparison, which is for the names, too
+  if (!is_valid()) return std::nullopt;
+  remember();
+  return result;
+}
+
+// Holds the locks of all frames that it reads, so that they do not change. The topology mutex keeps
+// links and names as they are.
+InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t max_frames) {
+  const auto giant = tree_.lock_giant();
+  const auto topology = lock_announced(tree_.topology_);
+  begin_attempt();
+  find_frames(max_frames);
+  FrameList ascending;
+  for (const FrameId id : frames_) ascending.push_back(id);
+  std::sort(ascending.begin(), ascending.end());
+  const WriteLocks locks(tree_, ascending, true);
+  seq_ = tree_.change_log_->last_drawn();
+  begin_attempt();
+  find_frames(max_frames);
+  copy_frames(with_all);
+  Result result = tell(with_all);
+  remember();
+  return result;
+}
+
+void InterestReader::begin_attempt() {
+  ids_freed_ = tree_.ids_freed_.load(kAcquire);
+  links_.clear();
+  wanted_.clear();
+  frames_.clear();
+  reads_.clear();
+  copies_.clear();
+  left_.clear();
+  new_refs_.clear();
+}
+
+// Lists the frames on the ways.
+void InterestReader::find_frames(std::size_t max_frames) {
+  const auto check = [&] {
+    if (frames_.size() > max_frames)
+      throw Rejected{.code = Code::limit,
+                     .message = "the ways of the interest have more than " +
+                                std::to_string(max_frames) + " frames",
+                     .field = "interest_frames",
+                     .limit = static_cast<std::int64_t>(max_frames),
+                     .value = static_cast<std::int64_t>(frames_.size())};
+  };
+  if (pairs_.empty()) {
+    size_ = tree_.size();
+    for (FrameId id = 1; id <= size_; ++id) {
+      // Before it is known whether the frame has a name: one that gets or loses it gets a version.
+      reads_.push_back({id, tree_.frames_[id].version.read_begin()});
+      if (!tree_.removed(id)) frames_.push_back(id);
+    }
+    return check();
+  }
+  for (const auto& [target, source] : pairs_) {
+    new_refs_.push_back(tree_.find_ref(target));
+    new_refs_.push_back(tree_.find_ref(source));
+  }
+  for (std::size_t i = 0; i < new_refs_.size(); i += 2) {
+    add_ways(new_refs_[i].id, new_refs_[i + 1].id);
+    check();
+  }
+  for (const FrameId id : frames_) reads_.push_back({id, link(id).version});
+}
+
+void InterestReader::add_ways(FrameId a, FrameId b) {
+  const auto add = [&](FrameId id) {
+    if (wanted_.try_emplace(id, false).second) frames_.push_back(id);
+  };
+  if (a == 0 || b == 0) {
+    if (a + b != 0) add(a + b);
+    return;
+  }
+  std::vector<FrameId> from_a, from_b;
+  list_path(a, from_a);
+  list_path(b, from_b);
+  // Both end at the root, so what they have in common are their ends.
+  std::size_t common = 0;
+  while (common < std::min(from_a.size(), from_b.size()) &&
+         from_a.rbegin()[static_cast<std::ptrdiff_t>(common)] ==
+             from_b.rbegin()[static_cast<std::ptrdiff_t>(common)])
+    ++common;
+  if (common > 1) {  // all but the lowest
+    from_a.resize(from_a.size() - (common - 1));
+    from_b.resize(from_b.size() - (common - 1));
+  }
+  bool has_several_parents = false;
+  for (const std::vector<FrameId>* path : {&from_a, &from_b})
+    for (const FrameId id : *path) {
+      add(id);
+      has_several_parents |= link(id).has_several_parents;
+    }
+  if (!has_several_parents) return;
+  add_all_ancestors(a);
+  add_all_ancestors(b);
+}
+
+// Adds a frame and its ancestors at all times.
+void InterestReader::add_all_ancestors(FrameId start) {
+  std::vector<FrameId> open{start};
+  while (!open.empty()) {
+    const FrameId id = open.back();
+    open.pop_back();
+    const auto [at, is_new] = wanted_.try_emplace(id, false);
+    if (is_new) frames_.push_back(id);
+    if (std::exchange(at->second, true)) continue;  // its parents are there already
+    const Link& found = link(id);
+    if (found.parent != 0) open.push_back(found.parent);
+    if (!found.has_several_parents) continue;
+    const Frame& frame = tree_.frames_[id];
+    const Ring ring = frame.ring.load(kAcquire);
+    const std::uint32_t first = frame.first.load(kAcquire), count = frame.count.load(kAcquire);
+    if (!ring) continue;  // a torn read, as is an id below that no frame has
+    std::unordered_set<FrameId> parents;
+    for (std::uint32_t i = 0; i < std::min(count, ring.capacity()); ++i)
+      if (const FrameId parent = ring.parent(first + i); parent != 0 && parent <= tree_.size())
+        parents.insert(parent);
+    for (const FrameId parent : parents)
+      if (!tree_.removed(parent)) open.push_back(parent);
+  }
+}
+
+// The frame's newest link, read once.
+const InterestReader::Link& InterestReader::link(FrameId id) {
+  const auto [at, is_new] = links_.try_emplace(id);
+  if (is_new) {
+    const Frame& frame = tree_.frames_[id];
+    at->second = frame.version.read_consistent([&](Version version) noexcept {
+      return Link{version, frame.parent.load(kAcquire),
+                  frame.count.load(kAcquire) > 1 && frame.parent_changes.load(kAcquire) != 0};
+    });
+  }
+  return at->second;
+}
+
+// Lists a frame and its ancestors along the newest links.
+void InterestReader::list_path(FrameId id, std::vector<FrameId>& path) {
+  // A frame that moves meanwhile may be met twice, so the length is bounded.
+  for (std::size_t left = tree_.options_.max_depth + std::size_t{1}; id != 0 && left > 0; --left) {
+    path.push_back(id);
+    id = link(id).parent;
+  }
+}
+
+void InterestReader::copy_frames(bool with_all) {
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const FrameId id = frames_[i];
+    const auto at = told_.find(id);
+    const Told* told =
+        at != told_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
+    if (told && !with_all && told->version == tree_.version(id)) continue;
+    copies_.emplace_back().id = id;
+    copy_frame(copies_.back(), told, with_all);
+  }
+  ever_reparented_ = tree_.ever_reparented_.load();
+}
+
+void InterestReader::copy_frame(Copy& copy, const Told* told, bool with_all) {
+  const Frame& frame = tree_.frames_[copy.id];
+  copy.is_new = !told;
+  if (copy.is_new) {
+    copy.name = tree_.name(copy.id);
+    copy.ref = tree_.find_ref(copy.name);
+  }
+  std::vector<CopiedSample>& samples = copy.samples;
+  std::size_t room = told && !with_all ? 8 : 16;
+  do {
+    samples.resize(room);
+    frame.version.read_consistent([&](Version version) noexcept {
+      copy.version = version;
+      copy.parent = frame.parent.load(kAcquire);
+      copy.authority = frame.authority.load(kAcquire);
+      copy.oldest = frame.oldest_stamp.load(kAcquire);
+      copy.edits = tree_.edits_[copy.id].load(kAcquire);
+      copy.count = frame.count.load(kAcquire);
+      copy.is_static = frame.is_static.load(kAcquire);
+      copy.is_append = told && copy.edits == told->edits;
+      copy.first_new = 0;
+      copy.fits = true;
+      if (copy.is_static || copy.count == 0) {
+        copy.count = copy.is_static ? 1 : 0;
+        samples[0] = {frame.latest.stamp.load(kAcquire), copy.parent, frame.latest.pose.load()};
+        if (copy.is_append) copy.first_new = copy.count;  // only the version has changed
+        return 0;
+      }
+      const Ring ring = frame.ring.load(kAcquire);
+      if (!ring) return 0;  // a torn read
+      const std::uint32_t first = frame.first.load(kAcquire);
+      const bool has_parents = frame.parent_changes.load(kAcquire) != 0;
+      std::uint32_t begin = copy.count;  // of those that were not told
+      if (copy.is_append)
+        while (begin > 0 && copy.count - begin < ring.capacity() &&
+               ring.stamp(first + begin - 1) > told->newest)
+          --begin;
+      else
+        begin = 0;
+      if (newest_only_) begin = std::max(begin, copy.count - 1);
+      const std::uint32_t from = !with_all ? begin : newest_only_ ? copy.count - 1 : 0;
+      copy.first_new = begin - from;
+      copy.fits = copy.count - from <= samples.size();
+      if (!copy.fits) return 0;
+      for (std::uint32_t i = from; i < copy.count; ++i)
+        samples[i - from] = {ring.stamp(first + i),
+                             has_parents ? ring.parent(first + i) : copy.parent,
+                             ring.sample(first + i).pose.load()};
+      copy.count -= from;
+      return 0;
+    });
+    room = std::min<std::size_t>(copy.count, tree_.options_.max_samples_per_frame) + 16;
+  } while (!copy.fits);
+  samples.resize(copy.count);
+}
+
+// Whether all that was read was the tree's state at one instant.
+bool InterestReader::is_valid() const {
+  yield_point();
+  for (const Copy& copy : copies_)
+    if (tree_.version(copy.id) != copy.version || (copy.is_new && copy.ref.id != copy.id))
+      return false;
+  for (const ReadVersion& read : reads_)
+    if (tree_.version(read.frame) != read.version) return false;
+  if (tree_.ids_freed_.load(kAcquire) != ids_freed_) return false;
+  if (pairs_.empty()) return tree_.size() == size_;
+  for (std::size_t i = 0; i < new_refs_.size(); ++i)
+    if (!(tree_.find_ref(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) == new_refs_[i]))
+      return false;
+  return true;
+}
+
+// Makes the result of a read, which may turn out to be invalid.
+InterestReader::Result InterestReader::tell(bool with_all) {
+  Result result{seq_, ever_reparented_, {}, {}};
+  Rows changes(tree_, result.changes), all(tree_, result.all);
+  const std::unordered_set<FrameId> present(frames_.begin(), frames_.end());
+  for (const auto& [id, told] : told_)
+    if (!present.contains(id) || !tree_.is_current(told.ref)) {
+      left_.push_back(id);
+      // The frame may come back with the version that it has now.
+      changes.add(ChangeKind::removed, changes.name(told.name), told.version + kAfterAll);
+    }
+  if (ever_reparented_ && !told_reparented_ && !copies_.empty())
+    changes.add(ChangeKind::new_version, changes.name(copies_.front().id), copies_.front().version);
+  for (const Copy& copy : copies_) {
+    const auto at = told_.find(copy.id);
+    if (copy.is_new || at->second.version != copy.version) tell_frame(copy, false, changes);
+    if (with_all) tell_frame(copy, true, all);
+  }
+  return result;
+}
+
+// Remembers what the last tell() has told.
+void InterestReader::remember() {
+  for (const FrameId id : left_) told_.erase(id);
+  for (Copy& copy : copies_) {
+    Told& told = told_[copy.id];
+    if (copy.is_new) {
+      told.name = std::move(copy.name);
+      told.ref = copy.ref;
+    }
+    told.version = copy.version;
+    told.edits = copy.edits;
+    if (!copy.samples.empty()) told.newest = copy.samples.back().stamp;
+  }
+  told_reparented_ |= ever_reparented_ && !copies_.empty();
+  refs_ = new_refs_;
+}
+
+void InterestReader::tell_frame(const Copy& copy, bool all, Rows& rows) const {
+  const std::uint32_t frame = rows.name(copy.id);
+  if (!all && !copy.is_new && !copy.is_append) {
+    // Newest samples alone are kept if they may still belong to the history.
+    const Stamp before = told_.at(copy.id).newest;
+    const bool goes_on = newest_only_ && !copy.is_static && !copy.samples.empty() &&
+                         copy.oldest <= before && copy.samples.back().stamp >= before;
+    if (!goes_on) rows.add(ChangeKind::cleared, frame, copy.version);
+  }
+  const std::size_t begin = all ? 0 : copy.first_new;
+  if (begin == copy.samples.size()) rows.add(ChangeKind::created, frame, copy.version);
+  for (std::size_t i = begin; i < copy.samples.size(); ++i)
+    rows.add_sample(copy, frame, copy.samples[i]);
+}
+
+}  // namespace ztf

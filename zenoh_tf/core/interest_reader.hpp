@@ -1,0 +1,139 @@
+// What an interested mirror has of a tree: the frames on the ways between pairs of frames. Tells
+// what has changed in them since the last time, read at one instant from the tree itself.
+//
+// A commit pays nothing for it. A read copies the frames' newest links, walks them, copies what is
+// new of each history, and compares all versions at the end. If they have not moved, there was an
+// instant at which all of it was the tree's state (guards.hpp). After some attempts in vain it
+// takes the frames' writer locks.
+//
+// The ways: for each pair the frames up to the lowest common ancestor, that one included; all
+// ancestors of both if they have none. If a frame of them has samples of several parents, so that
+// past ways may differ, all of its ancestors in all of its samples.
+//
+// Thread safety: all functions, from any thread.
+// Invariants
+// 1. A mirror that was given `all` of one read, and applies the `changes` of all later ones in
+//    order, has the tree's state as of the last one, in the frames on the ways.
+// 2. All commits up to Result::seq are in the state. Later ones may be, each as a whole.
+#pragma once
+
+#include <mutex>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "change_log.hpp"
+#include "tree.hpp"
+
+namespace ztf {
+
+// Changes as columns, with texts of their own; else as ChangeBatch (change_batch.hpp).
+struct ChangeRows {
+  std::vector<std::string> names, authorities;
+  std::vector<ChangeKind> kind;
+  std::vector<std::uint32_t> frame;
+  std::vector<Version> version;
+  std::vector<std::uint32_t> parent, authority;  // a parent that was removed: kNoParent
+  std::vector<Stamp> stamp;
+  std::vector<Pose> pose;
+};
+
+class InterestReader {
+ public:
+  using Pairs = std::vector<std::pair<std::string, std::string>>;
+
+  // Without pairs, of all frames. With `newest_only`, tells a frame's newest sample only. Requires
+  // a change log, and that the tree outlives this object.
+  InterestReader(Tree& tree, Pairs pairs, bool newest_only);
+
+  struct Result {
+    Seq seq;
+    bool ever_reparented;  // frames may have samples of several parents
+    ChangeRows changes;    // since the last read
+    ChangeRows all;        // as for a mirror that has nothing yet; empty if not asked for
+  };
+  // Throws Rejected if there are more than `max_frames` frames on the ways, and bad_alloc; then the
+  // next read() tells the same changes.
+  Result read(bool with_all, std::size_t max_frames);
+
+  // Returns whether read() would tell anything. Always true without pairs.
+  [[nodiscard]] bool has_changed() const;
+  // The number of frames as of the last read().
+  [[nodiscard]] std::size_t frames() const;
+
+ private:
+  // What was told about a frame.
+  struct Told {
+    NameRef ref;
+    std::string name;
+    Version version;
+    Stamp newest;
+    std::uint32_t edits;  // Tree::edits()
+  };
+  struct Link {
+    Version version;
+    FrameId parent;
+    bool has_several_parents;
+  };
+  struct CopiedSample {
+    Stamp stamp;
+    FrameId parent;
+    Pose pose;
+  };
+  // A frame's state at one instant.
+  struct Copy {
+    FrameId id;
+    std::string name;  // if it is new
+    NameRef ref;
+    Version version;
+    FrameId parent;
+    AuthorityId authority;
+    Stamp oldest;
+    std::uint32_t edits, count;
+    std::uint32_t first_new;  // index of the first of `samples` that was not told
+    bool is_static, is_new, is_append, fits;
+    std::vector<CopiedSample> samples;
+  };
+  class Rows;
+
+  [[nodiscard]] std::optional<Result> try_read(bool with_all, std::size_t max_frames);
+  [[nodiscard]] Result read_locked(bool with_all, std::size_t max_frames);
+  void begin_attempt();
+  void find_frames(std::size_t max_frames);
+  void add_ways(FrameId a, FrameId b);
+  void add_all_ancestors(FrameId id);
+  const Link& link(FrameId id);
+  void list_path(FrameId id, std::vector<FrameId>& path);
+  void copy_frames(bool with_all);
+  void copy_frame(Copy& copy, const Told* told, bool with_all);
+  [[nodiscard]] bool is_valid() const;
+  [[nodiscard]] Result tell(bool with_all);
+  void remember();
+  void tell_frame(const Copy& copy, bool all, Rows& rows) const;
+
+  Tree& tree_;
+  const Pairs pairs_;
+  const bool newest_only_;
+
+  mutable std::mutex mutex_;  // guards what follows
+  std::unordered_map<FrameId, Told> told_;
+  std::vector<NameRef> refs_;  // of the pairs' names, as of the last read
+  bool told_reparented_ = false;
+
+  // Of one attempt.
+  Seq seq_ = 0;
+  std::uint64_t ids_freed_ = 0;
+  std::uint32_t size_ = 0;
+  bool ever_reparented_ = false;
+  std::vector<NameRef> new_refs_;
+  std::unordered_map<FrameId, Link> links_;
+  std::unordered_map<FrameId, bool> wanted_;
+  std::vector<FrameId> frames_;
+  std::vector<ReadVersion> reads_;
+  std::vector<Copy> copies_;   // of the frames whose versions were not told
+  std::vector<FrameId> left_;  // the frames of told_ that are not on the ways any more
+};
+
+}  // namespace ztf

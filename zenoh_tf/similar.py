@@ -1,0 +1,66 @@
+"""Which of the names that exist was probably meant by one that does not."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection
+
+from zenoh_tf.text import quoted
+
+__all__ = ["did_you_mean", "similar", "spelling"]
+
+#: Names that are compared letter by letter, which takes some 10 us each.
+_MAX_COMPARED = 5_000
+
+
+def spelling(name: str) -> str:
+    """Return a name without what people confuse: case and slashes.
+
+    Args:
+        name: The name of a frame.
+    """
+    return name.replace("/", "").casefold()
+
+
+def similar(name: str, names: Collection[str], most: int = 3) -> list[str]:
+    """Return the names that are most like a given one, the most similar first.
+
+    First come names that differ in case or slashes, then those that differ by a prefix, as
+    ``robot1/base_link`` does from ``base_link``, then those that differ by some letters.
+
+    Args:
+        name: The name that does not exist.
+        names: The names that exist.
+        most: How many to return at most.
+    """
+    found: dict[str, None] = {}  # a set that keeps the order
+    wanted, last = spelling(name), _last_part(name)
+    others = sorted(other for other in names if other != name)
+    found.update(dict.fromkeys(other for other in others if spelling(other) == wanted))
+    end = name.rpartition("/")[2]
+    exact_first = sorted(others, key=lambda other: other.rpartition("/")[2] != end)
+    found.update(dict.fromkeys(other for other in exact_first if _last_part(other) == last))
+    if len(found) < most:
+        by_spelling: dict[str, str] = {}
+        for other in others[:_MAX_COMPARED]:
+            by_spelling.setdefault(spelling(other), other)
+        close = difflib.get_close_matches(wanted, by_spelling, n=most, cutoff=0.6)
+        found.update(dict.fromkeys(by_spelling[key] for key in close))
+    return [*found][:most]
+
+
+def did_you_mean(name: str, names: Collection[str]) -> str | None:
+    """Return a question such as ``did you mean 'base_link'?``; None if no name is like it.
+
+    Args:
+        name: The name that does not exist.
+        names: The names that exist.
+    """
+    found = [quoted(other) for other in similar(name, names)]
+    if not found:
+        return None
+    return f"did you mean {' or '.join(filter(None, [', '.join(found[:-1]), found[-1]]))}?"
+
+
+def _last_part(name: str) -> str:
+    return spelling(name.rstrip("/").rpartition("/")[2])

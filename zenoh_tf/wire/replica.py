@@ -1,0 +1,46 @@
+"""What requests to a replica and its replies have beside the usual fields."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from .fields import Message, integer, mapping, pack
+
+#: Of a reply: a map with `seq`, the number of a commit that the read has seen, and `age_ns`.
+REPLICA: Final = "replica"
+#: Of a request: the commit that the read must see, and the instance of the server that numbered it.
+LEAST_SEQ: Final = "least_seq"
+LEAST_INSTANCE: Final = "least_instance"
+
+_FIXED_MAP: Final = 0x80  # with up to 15 entries
+_MAP_16: Final = 0xDE
+_MOST_FIXED: Final = 15
+
+
+def with_field(packed: bytes, name: str, value: dict[str, Any]) -> bytes:
+    """A packed map of less than 2^16 - 1 entries with one more, which it must not have."""
+    entry = pack({name: value})[1:]
+    first = packed[0]
+    if first == _MAP_16:
+        count = int.from_bytes(packed[1:3], "big")
+        rest = packed[3:]
+    else:
+        count = first - _FIXED_MAP
+        rest = packed[1:]
+    if count < _MOST_FIXED:
+        return b"".join((bytes((_FIXED_MAP + count + 1,)), rest, entry))
+    return b"".join((bytes((_MAP_16,)), (count + 1).to_bytes(2, "big"), rest, entry))
+
+
+def least(instance: str, seq: int) -> Message:
+    """The fields of a request that must see a commit."""
+    return {LEAST_INSTANCE: instance, LEAST_SEQ: seq}
+
+
+def parse_replica(reply: Message) -> tuple[int, int] | None:
+    """The number of a commit that a replica's reply has seen, and its age in nanoseconds. None: it
+    is not a replica's. Raises ProtocolError."""
+    if REPLICA not in reply:
+        return None
+    told = mapping(reply, REPLICA)
+    return integer(told, "seq", low=0), integer(told, "age_ns", low=0)
