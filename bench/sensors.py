@@ -66,7 +66,8 @@ def _deskew(report: Report, tree: TransformTree, fixed: str, labels: dict[str, A
         axis, w, u = poses[:, 3:6], poses[:, 6:], 2 * np.cross(poses[:, 3:6], points)
         moved = points + w * u + np.cross(axis, u) + poses[:, :3]
         matrix = np.linalg.inv(tree.lookup_transform(fixed, "lidar", AT).transform.matrix())
-        return moved @ matrix[:3, :3].T + matrix[:3, 3]
+        result: Array = moved @ matrix[:3, :3].T + matrix[:3, 3]
+        return result
 
     def ours() -> Array:
         return tree.deskew(points, stamps, "lidar", fixed, AT)
@@ -94,17 +95,24 @@ def _deskew(report: Report, tree: TransformTree, fixed: str, labels: dict[str, A
 def _apply(report: Report) -> None:
     transform = Transform.from_rpy(0.1, 0.2, 0.3, (1, 2, 3))
     for kind in (np.float32, np.float64):
-        points = np.random.default_rng(1).normal(size=(MANY, 3)).astype(kind)
-        out = np.zeros_like(points)
-        matrix = transform.matrix().astype(kind)
-        runs: dict[str, Callable[[], object]] = {
-            "apply": lambda p=points, o=out: transform.apply(p, out=o),
-            "np.copyto": lambda p=points, o=out: np.copyto(o, p),
-            "NumPy": lambda p=points, m=matrix: p @ m[:3, :3].T + m[:3, 3],
-        }
+        points: Array = np.random.default_rng(1).normal(size=(MANY, 3)).astype(kind)
         labels = {"case": f"apply to {MANY:,} points", "type": np.dtype(kind).name}
-        cells = [Cell(labels, name, run=_timed(run, MANY)) for name, run in runs.items()]
+        cells = [
+            Cell(labels, name, run=_timed(run, MANY))
+            for name, run in _ways_to_apply(transform, points, np.zeros_like(points)).items()
+        ]
         report.measure("sensors", cells, report.repetitions(), baseline="np.copyto")
+
+
+def _ways_to_apply(
+    transform: Transform, points: Array, out: Array
+) -> dict[str, Callable[[], object]]:
+    matrix = transform.matrix().astype(points.dtype)
+    return {
+        "apply": lambda: transform.apply(points, out=out),
+        "np.copyto": lambda: np.copyto(out, points),
+        "NumPy": lambda: points @ matrix[:3, :3].T + matrix[:3, 3],
+    }
 
 
 def _timed(run: Callable[[], object], points: int) -> Callable[[], Trial]:
