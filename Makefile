@@ -15,11 +15,11 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo test histories anomalies anomalies-service chaos fuzz soak attack lint format docs bench figures core-test platforms \
+.PHONY: help native demo demo-ros2 test histories anomalies anomalies-service chaos fuzz soak attack lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
+	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/make \1	\2/p' Makefile | expand -t 20
 
 native: .venv/native.stamp .venv/requirements.stamp ## make .venv, build the native module, install it all editable
 
@@ -41,6 +41,9 @@ native: .venv/native.stamp .venv/requirements.stamp ## make .venv, build the nat
 
 demo: .venv/native.stamp ## a server, sensors and clients, in under 20 s (after minutes of set-up)
 	@$(BIN)/python examples/demo.py
+
+demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in under 20 s
+	@$(BIN)/python examples/demo_ros2.py
 
 test: native ## the C++ tests of the core, then pytest
 	@$(LOCK) sh scripts/core_test.sh plain

@@ -13,7 +13,7 @@ from zenoh_tf_client import Mirror, TransformClient
 
 #: The frames of the interest are three: the parent of the pair's frames, and these.
 TARGET, SOURCE = "robot3/frame10", "robot3/frame11"
-_LOOK_S = 0.1
+_LOOK_S = 0.25
 
 
 def mirror(tf: TransformClient, kind: str) -> Mirror:

@@ -17,7 +17,7 @@ from zenoh_tf_client import TransformClient
 
 #: What each mirror has; the keys are those of `mirror_process`.
 KINDS = ("none", "full", "interest", "interest at once", "thinned")
-SLICE_S = 3.0
+SLICE_S = 6.0
 #: Until the load runs evenly, and the mirror has its first copy.
 SETTLE_S = 1.0
 

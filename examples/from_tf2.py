@@ -22,12 +22,12 @@ tf_listener = TransformListener(tf_buffer)
 tf_broadcaster = TransformBroadcaster()
 
 t = TransformStamped()
-t.header.stamp = Time(*divmod(time.time_ns(), 10**9))
+t.header.stamp = Time(nanoseconds=time.time_ns())
 t.header.frame_id = "map"
 t.child_frame_id = "base_link"
 t.transform.translation.x = 2.0
 t.transform.rotation.w = 1.0
 tf_broadcaster.sendTransform(t)
 
-t = tf_buffer.lookup_transform("map", "base_link", t.header.stamp, timeout=Duration(sec=5))
+t = tf_buffer.lookup_transform("map", "base_link", t.header.stamp, timeout=Duration(seconds=5))
 print("base_link at", t.transform.translation)

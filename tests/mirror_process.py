@@ -1,7 +1,8 @@
 """A mirror in a process of its own: ``python -m tests.mirror_process ENDPOINT``.
 
 Each line on stdin is answered with a line of JSON: where the mirror is, and what it has. It may be
-stopped (SIGSTOP); a further argument slows it down, in seconds per message.
+stopped (SIGSTOP); a further argument slows it down, in seconds per message. With ``pair A B``, it
+is one of this pair of frames.
 """
 
 from __future__ import annotations
@@ -87,9 +88,16 @@ def versions(mirror: Mirror) -> dict[str, int]:
 
 
 def main() -> None:
-    if len(sys.argv) > 2:
+    pairs: list[tuple[str, str]] | None = None
+    if sys.argv[2:3] == ["pair"]:
+        pairs = [(sys.argv[3], sys.argv[4])]
+    elif len(sys.argv) > 2:
         slow_down(float(sys.argv[2]))
-    with TransformClient.connect(sys.argv[1], timeout_s=20) as tf, tf.mirror() as mirror:
+    delay_s = None if pairs is None else 0.0
+    with (
+        TransformClient.connect(sys.argv[1], timeout_s=20) as tf,
+        tf.mirror(pairs, max_delay_s=delay_s) as mirror,
+    ):
         while True:
             state = {
                 "seq": mirror.seq,

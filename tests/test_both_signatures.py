@@ -40,18 +40,15 @@ PLAIN = {
 }
 #: Their docstrings say what the event loop changes.
 OWN_DOCS = {
-    *("batch", "broadcaster", "close", "connect", "gate", "instance", "reads"),
+    *("batch", "broadcaster", "close", "connect", "gate", "instance", "mirror", "reads"),
     *("run_transaction", "transaction"),
 }
-
-#: A mirror has threads of its own, and no event loop waits for it.
-ONLY_SYNCHRONOUS = {"mirror"}
 
 MEMBERS = [
     (old, new, name)
     for old, new in PAIRS
     for name in sorted({*dir(old), *dir(new)})
-    if not name.startswith("_") and name not in ONLY_SYNCHRONOUS
+    if not name.startswith("_")
 ]
 
 

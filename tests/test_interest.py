@@ -3,45 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from tests.conftest import ServerProcess, StartServer
-from tests.tcp_proxy import TcpProxy
-from zenoh_tf import StampedTransform, Transform
+from tests.small_robot import DEADLINE_S, robot, stamped, wait
 from zenoh_tf.errors import (
     ConnectivityException,
     InvalidArgumentException,
     LimitExceeded,
     LookupException,
     ServerBusy,
-    ServerUnavailable,
     TransformException,
 )
-from zenoh_tf_client import Mirror, OutsideInterest, Transaction, TransformClient
-
-DEADLINE_S = 30.0
-
-
-def wait(condition: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
-
-
-def stamped(child: str, stamp_ns: int, x: float = 0.0, parent: str = "map") -> StampedTransform:
-    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
-
-
-def robot(tf: TransformClient, stamp: int, prefix: str = "") -> None:
-    """map -> odom -> base -> (arm -> gripper, camera)"""
-    names = ["map", "odom", "base", "arm", "gripper"]
-    links = [stamped(prefix + b, stamp, stamp, prefix + a) for a, b in pairwise(names)]
-    tf.set_transforms_xact([*links, stamped(prefix + "camera", stamp, 2, prefix + "base")])
+from zenoh_tf_client import OutsideInterest, Transaction, TransformClient
 
 
 def test_the_frames_on_the_ways_and_no_others(client: TransformClient) -> None:
@@ -79,6 +55,7 @@ def test_questions_about_other_frames(client: TransformClient) -> None:
             lambda: m.lookup_latest_transforms_xact([("arm", "gripper"), ("odom", "arm")]),
             lambda: m.frame("odom"),
             lambda: m.parent("odom"),
+            lambda: m.explain("gripper", "odom"),
             lambda: m.run_transaction(lambda tx: tx.lookup_transform("map", "gripper")),
         ):
             with pytest.raises(OutsideInterest) as caught:
@@ -281,64 +258,3 @@ def test_limits(start_server: StartServer) -> None:
                 assert m.lookup_transform("base", "camera").stamp_ns == 1
                 with pytest.raises(TransformException):
                     tf.mirror([("base", "camera")], timeout_s=0.5)
-
-
-@pytest.mark.parametrize("fault", ["cut", "hold"])
-def test_behind_a_broken_link(server: ServerProcess, client: TransformClient, fault: str) -> None:
-    robot(client, 1)
-    with (
-        TcpProxy(server.endpoint) as proxy,
-        TransformClient.connect(proxy.endpoint, timeout_s=2, reads="query") as tf,
-        tf.mirror([("map", "gripper"), ("map", "later")]) as m,
-    ):
-        stamp = 1
-        for round_ in range(2):
-            if fault == "hold":
-                proxy.hold()
-                wait(lambda: m.age_s > 1, "it does not age")
-            for _ in range(50):
-                stamp += 1
-                robot(client, stamp)
-            if fault == "cut":
-                proxy.cut()
-            else:
-                assert m.lookup_transform("map", "gripper").stamp_ns < stamp
-                with pytest.raises(ServerUnavailable):
-                    m.lookup_latest_transform("map", "gripper", max_age_s=0.5)
-                proxy.release()
-            robot(client, stamp := stamp + 1)
-            m.wait_for(client.last_receipt, DEADLINE_S)
-            assert_same(m, client, [("map", "gripper")], stamp)
-            client.set_transform(stamped("later", stamp, round_))
-        m.wait_for(client.last_receipt, DEADLINE_S)
-        assert_same(m, client, [("later", "gripper")], stamp)
-
-
-def assert_same(
-    m: Mirror, tf: TransformClient, pairs: list[tuple[str, str]], last_stamp: int
-) -> None:
-    stamps = np.arange(1, last_stamp + 2)
-    for pair in pairs:
-        here, there = m.sample(*pair, stamps), tf.sample(*pair, stamps)
-        assert np.array_equal(here.ok, there.ok)
-        assert np.array_equal(here.translations[here.ok], there.translations[here.ok])
-
-
-def test_a_restarted_server(start_server: StartServer) -> None:
-    first = start_server()
-    with first.connect(20) as tf, tf.mirror([("map", "gripper")]) as m:
-        robot(tf, 7)
-        m.wait_for()
-        first.kill()
-        wait(lambda: m.age_s > 0.5, "it does not age")
-        assert m.lookup_transform("map", "gripper").stamp_ns == 7
-        old = m.instance
-        second = start_server(endpoint=first.endpoint)
-        with second.connect(20) as other:
-            robot(other, 1)
-            wait(lambda: m.instance != old, "it does not follow the new server")
-            m.wait_for(other.last_receipt, DEADLINE_S)
-            assert m.lookup_transform("map", "gripper").stamp_ns == 1
-            robot(other, 2)
-            m.wait_for(other.last_receipt, DEADLINE_S)
-            assert m.lookup_transform("map", "gripper").stamp_ns == 2

@@ -26,6 +26,7 @@ EXTRAS = {
     "rosbags": "zenoh_tf_client",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_client",
+    "xxhash": "zenoh_tf",
 }
 
 

@@ -86,7 +86,8 @@ def link(child: str, stamp_ns: int = 1) -> StampedTransform:
 @pytest.fixture
 def server(start_server: StartServer, tmp_path: Path) -> ServerProcess:
     flags = ["--metrics", "127.0.0.1:0", "--max-metrics-authorities", "2"]
-    return start_server(*flags, "--state-dir", str(tmp_path / "state"))
+    flags += ["--state-dir", str(tmp_path / "state"), "--ros2", "--ros2-publish"]
+    return start_server(*flags)
 
 
 def test_the_values_are_those_of_the_server(server: ServerProcess) -> None:
@@ -170,7 +171,7 @@ def test_the_page_of_the_docs_is_up_to_date() -> None:
 
 def test_names_follow_the_conventions_of_prometheus() -> None:
     for metric in metric_table.all_metrics():
-        assert re.fullmatch(r"zenoh_tf(_[a-z]+)+", metric.full_name)
+        assert re.fullmatch(r"zenoh_tf(_[a-z][a-z0-9]*)+", metric.full_name)
         assert (metric.kind == "counter") == metric.name.endswith("_total")
         assert metric.meaning and not metric.meaning.endswith(".")
         if metric.scale != 1.0 or metric.kind == "histogram":

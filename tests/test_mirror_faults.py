@@ -189,3 +189,14 @@ def test_listeners_end_with_all_commits(server: ServerProcess) -> None:
         for m in mirrors:
             wait(lambda m=m: versions(m) == expected, "commits are missing")  # type: ignore[misc]
             m._connection.close()
+
+
+def test_listening_anew_ends_no_mirror(server: ServerProcess) -> None:
+    """The thread that listens must find the new subscriber when the old one is undeclared."""
+    with server.connect(20) as tf, tf.mirror() as m:
+        for _ in range(100):
+            m._feed._listen_anew()
+            assert m.age_s < DEADLINE_S  # infinite once it is closed
+        tf.set_transforms_xact(step(5))
+        m.wait_for(timeout_s=DEADLINE_S)
+        assert check_whole(m) == 5

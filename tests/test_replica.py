@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import threading
 import time
 import urllib.request
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
-from zenoh_tf.errors import ReplicaBehind
-from zenoh_tf_client import Transaction, TransformClient
+from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
+from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.receipt import Receipt
+from zenoh_tf_client.shared_reads import Mode
 
-from .conftest import ServerProcess, StartServer, free_port
+from .conftest import ServerProcess, StartServer, free_port, linux
 from .raw import raw
 from .replicas import DEADLINE_S, FRAMES, reads_near, seen, step, wait
 
@@ -102,6 +105,28 @@ def test_a_client_reads_its_own_writes(near: TransformClient) -> None:
     assert near.frame(FRAMES[0]).samples == 0
 
 
+@pytest.mark.parametrize("reads", ["query", "auto"])
+def test_an_asynchronous_client_reads_its_own_writes(replica: ServerProcess, reads: Mode) -> None:
+    async def write_and_read() -> None:
+        async with await AsyncTransformClient.connect(replica.endpoint, reads=reads) as tf:
+            for stamp in range(1, 50):
+                await tf.set_transforms_xact(step(stamp))
+                found = await asyncio.gather(
+                    *(tf.lookup_latest_transform("map", name) for name in FRAMES)
+                )
+                assert {one.stamp_ns for one in found} == {stamp}
+            assert tf.reads == ("query" if reads == "query" else "shared")
+
+    asyncio.run(write_and_read())
+
+
+def test_a_mirror_near_a_replica(near: TransformClient) -> None:
+    with near.mirror() as m:
+        near.set_transforms_xact(step(5))
+        m.wait_for()
+        assert m.lookup_transform("map", FRAMES[0]).stamp_ns == 5
+
+
 def test_all_kinds_of_reads(primary: ServerProcess, near: TransformClient) -> None:
     tree = TransformTree()
     with primary.connect(10) as tf:
@@ -172,6 +197,36 @@ def test_transactions_of_clients_everywhere(primary: ServerProcess, replica: Ser
         assert pose.translation[0] == 3 * rounds
 
 
+@pytest.mark.parametrize("reads", ["query", "auto"])
+def test_a_transaction_of_one_read_is_validated(
+    primary: ServerProcess, replica: ServerProcess, reads: Mode
+) -> None:
+    """What a replica answers may be old, so also this one asks the primary."""
+    with primary.connect(10) as far, replica.connect(10, reads=reads) as tf:
+        tf.set_transforms_xact(step(1))
+        assert seen(tf) == 1
+        with pytest.raises(TransactionConflict), tf.transaction() as tx:
+            tx.lookup_latest_transform_xact("map", FRAMES[0])
+            far.set_transforms_xact(step(2))
+        with tf.transaction() as tx:
+            assert tx.lookup_latest_transform_xact("map", FRAMES[0]).stamp_ns == 2
+
+
+def test_an_asynchronous_transaction_of_one_read_is_validated(
+    primary: ServerProcess, replica: ServerProcess
+) -> None:
+    async def read(far: TransformClient) -> None:
+        async with await AsyncTransformClient.connect(replica.endpoint, reads="query") as tf:
+            await tf.set_transforms_xact(step(1))
+            with pytest.raises(TransactionConflict):
+                async with tf.transaction() as tx:
+                    await tx.lookup_latest_transform_xact("map", FRAMES[0])
+                    far.set_transforms_xact(step(2))
+
+    with primary.connect(10) as far:
+        asyncio.run(read(far))
+
+
 def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformClient) -> None:
     """It refuses the read, and the client asks the primary."""
     near.set_transforms_xact(step(1))
@@ -184,3 +239,70 @@ def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformCli
     with pytest.raises(ReplicaBehind, match=r"commit 1001 .* it has 1") as refusal:
         seen(near)
     assert (refusal.value.limit, refusal.value.value) == (receipt.seq + 1000, receipt.seq)
+
+
+# --- clients on the replica's host
+
+
+def way(tf: TransformClient) -> str:
+    """How a lookup would be answered now, which may change at any time."""
+    return tf.reads
+
+
+@linux
+def test_a_client_on_the_host_reads_the_replicas_memory(
+    primary: ServerProcess, start_replica: StartServer, socket_folder: Path
+) -> None:
+    replica = start_replica(primary, flags=("--share-dir", str(socket_folder)))
+    with primary.connect(10) as far, replica.connect(10, reads="auto") as tf:
+        assert way(tf) == "shared"
+        for stamp in range(1, 50):
+            tf.set_transforms_xact(step(stamp))
+            assert way(tf) == "query"  # until the replica is known to have it
+            assert seen(tf) == stamp
+            assert way(tf) == "shared"
+            assert tf.lookup_transform("map", FRAMES[0]).stamp_ns == stamp
+        asked = tf.stats()["reads_asked_absent"]
+        far.set_transforms_xact(step(50))
+        wait(lambda: seen(tf) == 50, "its memory does not change")
+        assert tf.stats()["reads_asked_absent"] == asked
+        # What was read in its memory is validated by the primary.
+        with pytest.raises(TransactionConflict), tf.transaction() as tx:
+            tx.lookup_latest_transform_xact("map", FRAMES[0])
+            far.set_transforms_xact(step(51))
+            tx.set_transform(step(99)[0])
+        assert seen(tf) == 51
+        primary.kill()
+        assert seen(tf) == 51
+        assert way(tf) == "shared"
+        replica.kill()
+        wait(lambda: way(tf) == "query", "it reads a dead replica's memory")
+        with pytest.raises(ServerUnavailable):
+            seen(tf)
+
+
+@linux
+def test_a_new_copy_has_memory_of_its_own(
+    primary: ServerProcess,
+    start_server: StartServer,
+    start_replica: StartServer,
+    socket_folder: Path,
+) -> None:
+    replica = start_replica(primary, flags=("--share-dir", str(socket_folder)))
+    with replica.connect(10, reads="auto") as tf:
+        tf.set_transforms_xact(step(7))
+        assert seen(tf) == 7
+        (old,) = socket_folder.glob("*.sock")
+        primary.kill()
+        start_server("--no-share", endpoint=primary.endpoint)
+        wait(lambda: not old.exists(), "the old copy is still shared")
+
+        def is_new() -> bool:
+            tf.can_transform("map", "base")
+            return way(tf) == "shared" and tf.frames() == []
+
+        wait(is_new, "the new copy is not read")
+        tf.set_transforms_xact(step(1))
+        assert seen(tf) == 1
+    replica.stop()
+    assert list(socket_folder.iterdir()) == []

@@ -10,6 +10,7 @@ import urllib.request
 
 import pytest
 
+from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 from zenoh_tf_client import TransformClient
 
@@ -58,9 +59,26 @@ def lose_the_primary(
         with pytest.raises(OutcomeUnknown if attempt == 0 else ServerUnavailable) as refusal:
             near.set_transforms_xact(step(8))
         assert time.monotonic() - begin < 5
-    assert "the replica there answers reads only" in str(refusal.value)
+    assert "the primary of tree 'main' does not answer: writes fail" in str(refusal.value)
     with replica.connect(10) as newcomer:  # it does not need the primary, either
         assert seen(newcomer) == 7
+
+
+def test_static_links_are_announced_through_a_replica(
+    primary: ServerProcess, near: TransformClient, start_server: StartServer
+) -> None:
+    broadcaster = near.broadcaster("mount")
+    broadcaster.send_static([StampedTransform("base", "camera", 0, Transform((1, 0, 0)))])
+    wait(lambda: near.can_transform("base", "camera"), "the primary does not get it")
+    first = near.instance
+    primary.kill()
+    assert near.can_transform("base", "camera")
+    start_server(endpoint=primary.endpoint)
+
+    def is_back() -> bool:
+        return near.can_transform("base", "camera") and near.instance != first
+
+    wait(is_back, "the new primary does not get it")
 
 
 def test_nobody_sees_an_older_state(primary: ServerProcess, replica: ServerProcess) -> None:

@@ -61,6 +61,29 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
         assert tf.last_receipt == receipt
 
 
+def test_garbage_harms_nobody(replica: ServerProcess) -> None:
+    """Each request gets an error, and the replica goes on."""
+    body = wire.one_read("map", FRAMES[0], wire.OP_COMMON, wire.NO_STAMP)
+    request = wire.pack(body | wire.least("x", 1))
+    payloads = [b"", b"\xc1", b"\x80", request[:-1], request + b"\0", b"\xdf" + b"\xff" * 9]
+    values: tuple[object, ...] = (None, -1, 1.5, "x", [], b"")
+    for name in ("least_seq", "least_instance"):
+        payloads += [wire.pack(body | {name: value}) for value in values]
+    payloads += [request[:i] + bytes((255 - request[i],)) + request[i + 1 :] for i in range(90)]
+    with raw(replica.endpoint) as wires, replica.connect(10) as tf:
+        router = str(next(iter(wires.session.info.routers_zid())))
+        for name in keys.NEAR_OPERATIONS:
+            for payload in payloads:
+                key = keys.near_operation("main", router, name)
+                (reply,) = wires.session.get(key, payload=payload, timeout=5)
+                assert (reply.ok or reply.err) is not None
+        for name in ("commit", "admin", "snapshot", "set", "lookup/more"):
+            key = keys.near_operation("main", router, name)
+            assert list(wires.session.get(key, payload=request, timeout=5)) == []
+        tf.set_transforms_xact(step(1))
+        assert seen(tf) == 1
+
+
 def _commit() -> wire.Commit:
     return columns.commit(step(9))
 

@@ -182,3 +182,17 @@ def test_columns_are_views_of_the_message() -> None:
     assert message.changes is not None
     assert not message.changes[8].flags.writeable
     assert message.changes[8].dtype == np.float64
+
+
+def test_an_interest() -> None:
+    """Golden bytes: the id names the stream, so every implementation must compute the same."""
+    interest = wire.Interest.of([("map", "base"), ("arm", "map"), ("base", "map")], 0, 50_000_000)
+    assert interest.pairs == (("arm", "map"), ("base", "map"))
+    assert interest.id == "eb3115decec867bcea1fab3968b3fcd3"
+    assert interest == wire.Interest.of([("map", "arm"), ("base", "map")], 0, 50_000_000)
+    body = wire.unpack(wire.pack({"v": 1, "interest": interest.fields()}))
+    assert wire.parse_interest(body) == interest
+    assert wire.parse_interest({"v": 1}) is None
+    assert body["interest"]["names"] == ["arm", "base", "map"]
+    assert bytes(body["interest"]["target"]) == bytes([0, 0, 0, 0, 1, 0, 0, 0])
+    assert bytes(body["interest"]["source"]) == bytes([2, 0, 0, 0, 2, 0, 0, 0])

@@ -14,6 +14,8 @@ from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
 from zenoh_tf._change_log import InterestReader as InterestReader
 from zenoh_tf._change_log import wait_for_changes as wait_for_changes
+from zenoh_tf._columns import columns_of as columns_of
+from zenoh_tf._columns import decode_tf_message as decode_tf_message
 from zenoh_tf._points import deskew_by_samples as deskew_by_samples
 from zenoh_tf._points import map_rows as map_rows
 from zenoh_tf._shared import LAYOUT as LAYOUT
@@ -37,12 +39,6 @@ OP_COMMON_TIME: int  # only the latest common time, in the answer's stamp
 OP_FULL: int  # source at source_stamp_ns in target at stamp_ns, through fixed; NO_STAMP: latest
 NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 
-# Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
-def columns_of(
-    stampeds: Sequence[StampedTransform],
-) -> tuple[
-    list[str], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.int64], NDArray[np.float64]
-]: ...
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 

@@ -170,7 +170,10 @@ class GateQueue(Generic[T]):
         """Note why an item's lookup failed. `for_good`: it can never succeed."""
         if held.frame in self._frames:
             self._errors[held.frame] = error
-        if isinstance(error, BackwardExtrapolationException) or for_good:
+        if isinstance(error, LookupException):
+            if for_good:  # such as a frame outside of what a mirror has
+                self.drop(held, "unknown_frame")
+        elif isinstance(error, BackwardExtrapolationException) or for_good:
             self.drop(held, "too_old")
 
     def begin_wait(self, frame: str, now_s: float) -> tuple[Held[T], float] | None:

@@ -92,12 +92,12 @@ class Source(Protocol):
     def calls(self) -> AbstractContextManager[None]:
         """To be entered while a message is waited for."""
 
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
-        """Listen to the stream, in place of an earlier call. Returns the channel's receiver, which
-        raises ZError when the source listens no more."""
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
+        """Listen to the stream."""
 
-    def unsubscribe(self) -> bool:
-        """Listen no more; never raises. False: the process is forked, and has no threads."""
+    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
+        """Undeclare a subscriber; never raises. False: the process is forked, and has no
+        threads."""
 
     def ask(self, operation: str, body: wire.Message) -> wire.Message:
         """Send a request, and return the reply, or raise its error."""
@@ -138,7 +138,7 @@ class MirrorFeed:
         self._has_warned = False
         self._is_silent = True  # since the last look; read and written without the lock
         self._clock = ServerClock()
-        self._receiver = source.subscribe(RingChannel(_RING_MESSAGES))
+        self._subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
         self._thread = threading.Thread(target=self._listen, name="mirror", daemon=True)
         self._thread.start()
         self._in_thread(self._watch)
@@ -189,7 +189,7 @@ class MirrorFeed:
 
     def close(self) -> None:
         """Listen no more. May be called again."""
-        if not self._source.unsubscribe():
+        if not self._source.unsubscribe(self._subscriber):
             return
         self._closed = True
         if threading.current_thread() is not self._thread:
@@ -201,10 +201,10 @@ class MirrorFeed:
         """Apply messages until the mirror or the connection is closed."""
         try:
             while not self._closed:
-                receiver = self._receiver
+                subscriber = self._subscriber
                 with contextlib.suppress(zenoh.ZError):  # undeclared
-                    self._listen_to(receiver)
-                if receiver is self._receiver:  # no other one has taken its place
+                    self._listen_to(subscriber.handler)
+                if subscriber is self._subscriber:  # no other one has taken its place
                     break
         except ServerUnavailable:  # the connection is closed
             pass
@@ -249,8 +249,10 @@ class MirrorFeed:
 
     def _listen_anew(self) -> None:
         log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
+        old = self._subscriber
         with contextlib.suppress(ServerUnavailable, zenoh.ZError):
-            self._receiver = self._source.subscribe(RingChannel(_RING_MESSAGES))
+            self._subscriber = self._source.subscribe(RingChannel(_RING_MESSAGES))
+            self._source.unsubscribe(old)  # now that the thread finds the other one
             if self._closed:  # meanwhile
                 self.close()
 

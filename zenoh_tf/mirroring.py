@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 from . import wire
 from ._core import ChangeReplay
@@ -63,14 +63,15 @@ class _Piece:
 MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
 
 
-def make_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
-    """An empty tree with the settings of a server's."""
+def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> TransformTree:
+    """An empty tree with the settings of a server's, and further options."""
     return TransformTree(
         settings.cache_ns / 1e9,
         max_frames=settings.max_frames,
         max_samples_per_frame=settings.max_samples_per_frame,
         max_name_bytes=settings.max_name_bytes,
         max_depth=settings.max_depth,
+        **options,
     )
 
 

@@ -7,6 +7,7 @@ from .aio.batch import AsyncBatch
 from .aio.broadcaster import AsyncBroadcaster
 from .aio.client import AsyncTransformClient
 from .aio.gate import AsyncGate
+from .aio.mirror import AsyncMirror
 from .aio.transaction import AsyncTransaction
 from .batch import Batch
 from .broadcaster import Broadcaster
@@ -21,6 +22,7 @@ __all__ = [
     "AsyncBatch",
     "AsyncBroadcaster",
     "AsyncGate",
+    "AsyncMirror",
     "AsyncTransaction",
     "AsyncTransformClient",
     "Batch",

@@ -231,8 +231,8 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
                 on the ways between them, whichever these are at a time, and no others. The frames
                 need not exist yet. None for all frames.
             max_delay_s: How long the server may gather changes of the pairs' frames before it sends
-                them, in seconds, up to 10; None for 0.03. Each message costs more than what is in
-                it, so that 0 costs about three times as much, beside frames at 100 Hz. A change
+                them, in seconds, up to 10; None for 0.05. Each message costs more than what is in
+                it, so that 0 costs about four times as much, beside frames at 100 Hz. A change
                 after a pause is sent sooner.
             max_rate_hz: Thin the stream: so many times a second at most, the newest sample of each
                 frame that has changed. Lookups at a time interpolate between those. From 0.001 to
@@ -256,9 +256,8 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
         Example:
             ``with tf.mirror([("map", "gripper")]) as m: m.lookup_transform("map", "gripper")``
         """
-        return Mirror(
-            self._connection, self._reads, timeout_s, interest_of(pairs, max_delay_s, max_rate_hz)
-        )
+        interest = interest_of(pairs, max_delay_s, max_rate_hz)
+        return Mirror(self._connection, self._reads, timeout_s, interest)
 
     @property
     def replica_age_s(self) -> float | None:

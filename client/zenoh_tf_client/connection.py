@@ -108,6 +108,11 @@ class Connection:
         return self.exchange.server if replica is None else replica.server
 
     @property
+    def reads_may_be_old(self) -> bool:
+        """True once a replica has answered: only the server can tell whether a read is current."""
+        return self.exchange.reads_may_be_old
+
+    @property
     def replica_age_s(self) -> float | None:
         """How old the last reply may be, in seconds; None if it was the server's own."""
         return self.exchange.replica_age_s

@@ -96,10 +96,16 @@ class Exchange:
         self.router: Callable[[], str | None] = lambda: None
         #: What answers reads in place of the server; None if there is none.
         self.replica: Replica | None = None
+        #: A replica has been there, so a read may be older than what another client has seen.
+        self.reads_may_be_old = False
         #: How old the last reply may be, in seconds; None if it was the server's own.
         self.replica_age_s: float | None = None
         #: What reads of a replica must see; None if the client has written nothing.
         self._least: Receipt | None = None
+        #: The replica may lack the client's last write, so its memory must not be read.
+        self.is_behind = False
+        #: Told when that changes.
+        self.on_behind: Callable[[], None] = lambda: None
         self._next_greeting_s = 0.0  # of the replica
         #: What this client may do; None if the server has no access rules.
         self.access: Access | None = None
@@ -129,8 +135,12 @@ class Exchange:
             reply = yield from self._query(self._keys["info"], payload, timeout_s)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
-            note = "; the replica there answers reads only" if self.replica is not None else ""
-            raise ServerUnavailable(reply.reason + note)
+            if self.replica is None:
+                raise ServerUnavailable(reply.reason)
+            raise ServerUnavailable(
+                f"the primary of tree {self._tree!r} does not answer: writes fail until it is "
+                f"back; the replica at {self._address} answers reads"
+            )
         self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
         access = value.get("access")
@@ -169,6 +179,7 @@ class Exchange:
             reply = yield Ask(near["hello"], wire.pack(request.body()), timeout_s)
             if not isinstance(reply, NoReply) and "error" not in reply:
                 value = request.parse(reply)
+                self.reads_may_be_old = True
                 found = Replica(near, parse_server_info(value, time.monotonic_ns()))
         self.replica = found
         return found
@@ -196,13 +207,15 @@ class Exchange:
         return request.parse(reply)
 
     def _read(self, operation: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
-        deadline_s = time.monotonic() + self._timeout_s + wait_s
+        timeout_s = self._timeout_s + wait_s
+        begin_s = time.monotonic()
+        least = self._least
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):
                 yield from self.greet(self._timeout_s * _FIND_SHARE)
         behind: wire.Message | None = None  # the replica's refusal
         if self.replica is not None and operation in self.replica.keys:
-            found = yield from self._read_near(self.replica, operation, body, deadline_s)
+            found = yield from self._read_near(self.replica, operation, body, begin_s + timeout_s)
             if isinstance(found, NoReply):
                 if not found.at_once:
                     raise ServerUnavailable(found.reason)
@@ -211,10 +224,10 @@ class Exchange:
                 return found
             else:
                 behind = found
+            timeout_s = max(begin_s + timeout_s - time.monotonic(), 0.001)
         key = self._key(operation, body)
         payload = self._pack(body)
-        left_s = max(deadline_s - time.monotonic(), 0.001)
-        reply = yield from self._query_until_served(key, payload, left_s)
+        reply = yield from self._query_until_served(key, payload, timeout_s)
         if isinstance(reply, NoReply):
             if behind is not None:
                 wire.raise_error(behind)
@@ -222,8 +235,8 @@ class Exchange:
                 yield from self._check_new_rules(operation, body)
             raise ServerUnavailable(reply.reason)
         self.replica_age_s = None
-        if self._least is not None and reply.get("instance") != self._least.instance:
-            self._least = None  # what was written there went with the server
+        if least is not None and reply.get("instance") != least.instance:
+            self._caught_up(least, is_gone=True)
         if time.monotonic() >= self._next_hello_s:
             with contextlib.suppress(TransformException):  # the read itself was answered
                 yield from self.hello(_CLOCK_TIMEOUT_S)
@@ -252,6 +265,8 @@ class Exchange:
             if pause_s is None:
                 break
             yield Pause(pause_s)
+        if self.is_behind and not _is_behind(reply):
+            self._caught_up(least)
         told = wire.parse_replica(reply)
         self.replica_age_s = None if told is None else told[1] / 1e9
         instance = reply.get("instance")
@@ -261,6 +276,16 @@ class Exchange:
             with contextlib.suppress(TransformException):  # the read itself was answered
                 yield from self._find_replica(_CLOCK_TIMEOUT_S)
         return reply
+
+    def _caught_up(self, seen: Receipt | None, *, is_gone: bool = False) -> None:
+        """Note that the replica has the client's writes up to `seen`. `is_gone`: that the server
+        that had them was restarted."""
+        with self._receipt_lock:
+            if self._least is seen:  # nothing was written meanwhile
+                self.is_behind = False
+                if is_gone:
+                    self._least = None
+                self.on_behind()
 
     def _write(
         self, operation: str, body: wire.Message, instance: str | None
@@ -296,6 +321,9 @@ class Exchange:
             raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         with self._receipt_lock:
             self.last_receipt = self._least = later(self.last_receipt, reply)
+            if self.replica is not None:
+                self.is_behind = True
+                self.on_behind()
         wire.raise_error(reply)
         return reply
 

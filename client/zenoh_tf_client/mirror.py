@@ -6,7 +6,7 @@ import os
 import weakref
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Final, Self, TypeVar
+from typing import Self, TypeVar
 
 from zenoh_tf import LatestTransform, TransformTree, wire
 from zenoh_tf.errors import (
@@ -23,7 +23,7 @@ from .connection import Connection
 from .mirror_interest import interested
 from .mirror_reads import TAKEN, MirrorReads
 from .mirror_source import MirrorSource
-from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites
+from .mirror_transaction import CATCH_UP_S, MirrorTransaction, OwnWrites, reads_by_query
 from .receipt import Receipt
 from .request import Request
 from .session_calls import raise_if_forked
@@ -31,10 +31,6 @@ from .shared_reads import SharedReads
 from .transaction import Transaction, repeat
 
 T = TypeVar("T")
-
-#: Attempts of a transaction in a mirror of some frames. The read set may have a frame above those
-#: that the mirror has, in which case it conflicts each time.
-_PARTIAL_ATTEMPTS: Final = 2
 
 _all: weakref.WeakSet[Mirror] = weakref.WeakSet()
 
@@ -301,11 +297,10 @@ class Mirror(MirrorReads):
 
     def _transaction(self, attempt: int) -> Transaction:
         """A transaction that reads here; after a conflict, once the mirror has what it was in
-        conflict with. If that takes long, it reads by query. So does one in a thinned mirror, which
-        has the versions of the server, but not all samples."""
+        conflict with. If that takes long, it reads by query."""
         raise_if_forked()
         interest = self._interest
-        if interest is not None and (interest.period_ns or attempt > _PARTIAL_ATTEMPTS):
+        if reads_by_query(interest, attempt):
             return Transaction(self._connection, self._reads)
         if attempt > 1:
             try:

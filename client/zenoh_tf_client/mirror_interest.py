@@ -8,9 +8,9 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, ParamSpec, TypeVar, cast
+from typing import Final, ParamSpec, TypeVar, cast
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import Explanation, TransformTree, wire
 from zenoh_tf.errors import (
     ConnectivityException,
     InvalidArgumentException,
@@ -28,7 +28,7 @@ T = TypeVar("T")
 _LOWEST_HZ: Final = 0.001
 _HIGHEST_HZ: Final = 1000.0
 #: How long the server gathers changes of the pairs' frames, if not said otherwise, and at most.
-_DELAY_S: Final = 0.03
+_DELAY_S: Final = 0.05
 _LONGEST_DELAY_S: Final = 10.0
 #: Errors that may be due to frames that the mirror has not.
 _EXPLAINED: Final = (LookupException, ConnectivityException)
@@ -123,8 +123,13 @@ class _InterestedTree:
         for name in (*TAKEN, *LATEST):
             setattr(self, name, explained(getattr(tree, name), tree, interest))
 
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(name)
+        def explain(target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+            for name in (target, source):
+                if _is_outside(name, {*tree.frames()}, interest):
+                    raise _outside(name, {"frame": name})
+            return tree.explain(target, source, stamp_ns)
+
+        self.explain = explain
 
 
 def _explain(
@@ -134,15 +139,20 @@ def _explain(
         suspects = [error.frame, error.target_frame, error.source_frame]
     else:
         suspects = [error.target_root, error.source_root]
-    wanted = {name for pair in interest.pairs for name in pair}
     present = {*tree.frames()}
     for name in suspects:
-        if name is not None and name not in present and name not in wanted:
-            facts = error.facts | {"frame": name}
-            return OutsideInterest(
-                f"frame {quoted(name)} is not in this mirror: it is on no way between the pairs of "
-                "frames that the mirror was made for; add a pair with it, or ask by query "
-                "(TransformClient)",
-                **facts,
-            )
+        if name is not None and _is_outside(name, present, interest):
+            return _outside(name, error.facts | {"frame": name})
     return error
+
+
+def _is_outside(name: str, present: set[str], interest: wire.Interest) -> bool:
+    return name not in present and not any(name in pair for pair in interest.pairs)
+
+
+def _outside(name: str, facts: dict[str, object]) -> OutsideInterest:
+    return OutsideInterest(
+        f"frame {quoted(name)} is not in this mirror: it is on no way between the pairs of frames "
+        "that the mirror was made for; add a pair with it, or ask by query (TransformClient)",
+        **facts,
+    )

@@ -5,6 +5,7 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import zenoh
@@ -24,7 +25,8 @@ class MirrorSource:
     def __init__(self, connection: Connection, interest: wire.Interest | None = None) -> None:
         self._connection = connection
         self._key = keys.streams(connection.tree, interest.id if interest else "")
-        self._subscriber: zenoh.Subscriber[Any] | None = None
+        #: Kept here for `SessionCalls.never_free`.
+        self._subscribers: list[zenoh.Subscriber[Any]] = []
         connection.calls.add_owner(self)
 
     @property
@@ -37,21 +39,21 @@ class MirrorSource:
         """To be entered while a message is waited for."""
         return self._connection.calls
 
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
         """Listen to the stream; see `Source`."""
-        connection, old = self._connection, self._subscriber
+        connection = self._connection
         with connection.calls:
-            self._subscriber = connection.session.declare_subscriber(self._key, channel)
-        if old is not None:
-            undeclare_unless_closed(old.undeclare, connection.calls)
-        return self._subscriber.handler
+            subscriber = connection.session.declare_subscriber(self._key, channel)
+        self._subscribers.append(subscriber)
+        return subscriber
 
-    def unsubscribe(self) -> bool:
-        """Listen no more; see `Source`."""
+    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
+        """Undeclare a subscriber; see `Source`."""
         if is_forked():
             return False
-        if self._subscriber is not None:
-            undeclare_unless_closed(self._subscriber.undeclare, self._connection.calls)
+        undeclare_unless_closed(subscriber.undeclare, self._connection.calls)
+        with contextlib.suppress(ValueError):  # undeclared before
+            self._subscribers.remove(subscriber)
         return True
 
     def ask(self, operation: str, body: wire.Message) -> wire.Message:

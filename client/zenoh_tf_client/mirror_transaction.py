@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final, TypeVar
 
 from zenoh_tf import TransformTree, wire
@@ -21,6 +21,15 @@ T = TypeVar("T")
 
 #: A transaction waits this long for the mirror.
 CATCH_UP_S: Final = 1.0
+#: Attempts that read in a mirror of some frames. The read set may have a frame above those that the
+#: mirror has, in which case it conflicts each time.
+_PARTIAL_ATTEMPTS: Final = 2
+
+
+def reads_by_query(interest: wire.Interest | None, attempt: int) -> bool:
+    """Whether an attempt, from 1 on, must not read in the mirror. A thinned one has the versions of
+    the server, but not all samples."""
+    return interest is not None and (interest.period_ns > 0 or attempt > _PARTIAL_ATTEMPTS)
 
 
 class OwnWrites:
@@ -43,19 +52,32 @@ class OwnWrites:
                     del self._receipts[name]
             self._receipts.update(dict.fromkeys(frames, receipt))
 
-    def wait_for(self, frames: Iterable[str]) -> bool:
-        """Wait until the mirror has all writes to these frames. False: it had them already."""
-        feed = self._feed
+    def has(self, frames: Iterable[str]) -> bool:
+        """Whether the mirror has all writes to these frames."""
+        state = self._feed.state
         with self._lock:
             awaited = [self._receipts[name] for name in frames if name in self._receipts]
+        return all(state.has(one.instance, one.seq) for one in awaited)
 
-        def has_all() -> bool:
-            return all(feed.state.has(one.instance, one.seq) for one in awaited)
+    def wait_for(self, frames: Iterable[str]) -> None:
+        """Wait until it has them, but not for long."""
+        names = list(frames)
+        self._feed.wait(lambda: self.has(names), CATCH_UP_S)
 
-        if has_all():
-            return False
-        feed.wait(has_all, CATCH_UP_S)
-        return True
+
+def look_up(
+    tree: TransformTree,
+    instance: str,
+    request: Read[T] | Rows[T],
+    interest: wire.Interest | None,
+) -> tuple[str, list[tuple[str, int]], Callable[[], T]]:
+    """Look up in a mirror's tree, with the versions that were read."""
+    found = read_tree(tree, instance, request)
+    assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
+    instance, versions, answer = found
+    if interest is not None:
+        answer = explained(answer, tree, interest)
+    return instance, list(versions), answer
 
 
 class MirrorTransaction(Transaction):
@@ -90,16 +112,9 @@ class MirrorTransaction(Transaction):
         return not self._sets and not self._reads
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
-        instance, versions, answer = self._look_up(request)
-        read_set = list(versions)
-        if self._own_writes.wait_for(name for name, _ in read_set):
-            return self._look_up(request)
-        return instance, read_set, answer
-
-    def _look_up(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
-        found = read_tree(self._tree, self._copy_of, request)
-        assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
-        if self._interest is None:
+        found = look_up(self._tree, self._copy_of, request, self._interest)
+        frames = [name for name, _ in found[1]]
+        if self._own_writes.has(frames):
             return found
-        instance, versions, answer = found
-        return instance, versions, explained(answer, self._tree, self._interest)
+        self._own_writes.wait_for(frames)
+        return look_up(self._tree, self._copy_of, request, self._interest)

@@ -101,6 +101,15 @@ class SharedReads:
         self._closed = threading.Event()
         self._follows = False
         self._is_on = mode == "auto"
+        self._held: SharedTree | None = None  # mapped, but not read now; guarded by the lock
+        me = weakref.ref(self)  # the connection must not keep it alive
+
+        def on_behind() -> None:
+            reads = me()
+            if reads is not None:
+                reads._hold()
+
+        connection.exchange.on_behind = on_behind
         _all.add(self)
         if not self._is_on:
             self._refused["not_chosen"] += 1
@@ -162,6 +171,7 @@ class SharedReads:
             return
         with self._lock:
             self._closed.set()
+            self._held = None
             self._install(NO_TREE)
         self._wanted.set()
 
@@ -222,8 +232,22 @@ class SharedReads:
 
     def _set(self, tree: SharedTree) -> None:
         with self._lock:
-            if not self._closed.is_set():
-                self._install(tree)
+            if self._closed.is_set():
+                return
+            hold = tree is not NO_TREE and self._connection.exchange.is_behind
+            self._held = tree if hold else None
+            self._install(NO_TREE if hold else tree)
+
+    def _hold(self) -> None:
+        """Read no memory of a replica that may lack what this client has written."""
+        is_behind = self._connection.exchange.is_behind
+        with self._lock:
+            if is_behind and self.tree is not NO_TREE:
+                self._held = self.tree
+                self._install(NO_TREE)
+            elif not is_behind and self._held is not None and not self._closed.is_set():
+                self._install(self._held)
+                self._held = None
 
     def _install(self, tree: SharedTree) -> None:
         self.tree = tree

@@ -311,8 +311,10 @@ class Transaction:
 
     def _is_done(self) -> bool:
         """Whether there is nothing to commit, and nothing to compare."""
-        # A single read is one snapshot by itself; several were taken at different times.
-        return not self._sets and self._reads <= 1
+        # A single read of the server is one snapshot by itself; several were taken at different
+        # times, and one of a replica may be old.
+        most = 0 if self._connection.reads_may_be_old else 1
+        return not self._sets and self._reads <= most
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         return self._shared.read_versions(request)

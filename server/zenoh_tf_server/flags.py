@@ -14,6 +14,7 @@ from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
 from . import config_file, future_stamps, limits, logs, operations, security, sharing, state
+from .ros2 import settings as ros2
 from .server import Settings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -67,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
     future_stamps.add_flags(flags)
     state.add_flags(flags)
     sharing.add_flags(flags)
+    ros2.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -116,6 +118,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         options.security = security.from_flags(options, options.access)
     except TransformException as error:
         flags.error(str(error))
+    if options.security.authenticates and not options.connect and ros2.from_flags(options).enabled:
+        flags.error(
+            "where clients must prove who they are, this server's router carries no ROS 2 keys: "
+            "join the robots' router with --connect"
+        )
     return options
 
 
@@ -128,6 +135,7 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
         flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
     state.check(flags, options)
     sharing.check(flags, options)
+    ros2.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -152,8 +160,8 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
         "state_dir": "a replica stores nothing: give --state-dir to the primary",
         "no_admin": "a replica takes no writes: give --no-admin to the primary",
         "one_authority_per_frame": "a replica takes no writes: give this flag to the primary",
-        "share_dir": "a replica does not share its tree",
-        "share_group": "a replica does not share its tree",
+        "ros2": "a replica takes no writes: give --ros2 to the primary",
+        "ros2_publish": "give --ros2-publish to the primary",
     }
     for name, reason in reasons.items():
         if getattr(options, name):
@@ -177,5 +185,6 @@ def settings(options: argparse.Namespace) -> Settings:
         operations=operations.from_flags(options),
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
+        ros2=ros2.from_flags(options),
         replica_of=options.replica_of,
     )

@@ -126,6 +126,37 @@ class Ingest:
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
 
+    def add(self, puts: list[Put], *, wait: bool = True) -> None:
+        """Queue puts that another part of the server has received.
+
+        Args:
+            puts: In the order in which they came.
+            wait: Hold the caller back for a moment while a queue of theirs presses.
+        """
+        accepted = [put for put in puts if self._is_small_enough(put)]
+        with self._lock:
+            lost = [each for put in accepted for each in self._queues.add(put)]
+            self._lock.notify_all()
+        if lost:
+            self._count_lost(lost)
+        if wait:
+            self._hold_back({put.authority for put in accepted})
+
+    def _is_small_enough(self, put: Put) -> bool:
+        if put.size <= self._limits.message_bytes:
+            return True
+        self._refuse("", put.authority, 1, self._limits.exceeded("message_bytes", put.size))
+        return False
+
+    def _hold_back(self, authorities: set[str]) -> None:
+        """Wait while one of the queues presses; not for long, as others wait behind it."""
+        until_s = time.monotonic() + _HOLD_BACK_S
+        with self._lock:
+            while not self._closing and time.monotonic() < until_s:
+                if not any(self._queues.is_full_for(each, _PRESSING) for each in authorities):
+                    return
+                self._lock.wait(_HOLD_BACK_S / 5)
+
     def authorities(self) -> set[str]:
         """Those that have published, of whose keys at most `_KNOWN_KEYS` are remembered."""
         return {source[0] for source in list(self._sources.values()) if source is not None}
@@ -308,7 +339,10 @@ class Ingest:
         transforms = 1  # a message that cannot be parsed counts as one transform
         try:
             payload = put.payload if type(put.payload) is bytes else put.payload.to_bytes()
-            commit = wire.parse_commit(self._limits.unpack(payload))
+            if put.decode is None:
+                commit = wire.parse_commit(self._limits.unpack(payload))
+            else:
+                commit = put.decode(payload)
             transforms = commit.rows
             self._limits.check("rows", commit.rows)
             # The key counts, not the message: Zenoh's access control has checked the key.

@@ -16,10 +16,12 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import logging
 import threading
 import time
+from collections.abc import Iterator
 from typing import Any, Final
 
 import zenoh
@@ -139,6 +141,8 @@ class Interests:
         self._interests: dict[str, _Interest] = {}
         self._shares = FairShare(limits, "interests")
         self._ended = {"messages": 0, "bytes": 0}  # of interests that have ended
+        self._frames = 0  # of all interests, counted anew at each sweep
+        self._rest_until_s = 0.0  # of the thread
         self._changed = threading.Event()  # the interests, their listeners, or `_closing`
         self._closing = False
         self._session: zenoh.Session | None = None
@@ -170,7 +174,8 @@ class Interests:
         for name in itertools.chain.from_iterable(wanted.pairs):
             self._limits.check("name_bytes", len(name.encode()))
         interest = self._add(wanted, client)
-        plan = interest.snapshot(self._room(interest), settings)
+        with self._counted(interest) as room:
+            plan = interest.snapshot(room, settings)
         self._changed.set()
         return plan
 
@@ -255,13 +260,13 @@ class Interests:
         except zenoh.ZError as error:  # the session is closed
             log.debug("cannot undeclare the stream of an interest: %s", error)
 
-    def _room(self, interest: _Interest) -> int:
-        """How many frames it may have."""
+    @contextlib.contextmanager
+    def _counted(self, interest: _Interest) -> Iterator[int]:
+        """Yields how many frames an interest may have, and counts what it has afterwards."""
+        before = interest.reader.frames
+        yield max(self._limits.interest_frames - self._frames + before, 0)
         with self._lock:
-            others = sum(
-                one.reader.frames for one in self._interests.values() if one is not interest
-            )
-        return max(self._limits.interest_frames - others, 0)
+            self._frames += interest.reader.frames - before
 
     # --- the thread
 
@@ -276,6 +281,7 @@ class Interests:
                         for interest in self._interests.values():
                             interest.listen()
                         self._sweep(_UNHEARD_S)
+                        self._frames = sum(one.reader.frames for one in self._interests.values())
                 self._publish(next_sweep_s)
             except Exception:  # the streams must go on
                 log.exception("internal error in the streams of interests")
@@ -300,10 +306,14 @@ class Interests:
                     ready.append(one)
                 else:
                     until_s = min(until_s, one.gathers_until_s())
+        if ready and now_s < self._rest_until_s:
+            time.sleep(self._rest_until_s - now_s)
+            return
         readers = [one.reader for one in ready]
         delay_s = min((one.delay_s for one in ready), default=0.0)
         period_s = min(max(_LEAST_PERIOD_S, delay_s / 4), _PERIOD_S) if ready else _WAIT_S
-        changed = wait_for_changes(readers, period_s, max(until_s - now_s, 0))
+        left_s = max(until_s, self._rest_until_s) - now_s
+        changed = wait_for_changes(readers, period_s, max(left_s, 0))
         begin_s = time.monotonic()
         due = (one for one in heard if one.due_s() <= begin_s)
         told: set[int] = set()
@@ -312,11 +322,13 @@ class Interests:
                 told.add(id(interest))
                 self._tell(interest)
         if told:
-            time.sleep(max(_LEAST_PERIOD_S, _REST * (time.monotonic() - begin_s)))
+            end_s = time.monotonic()
+            self._rest_until_s = end_s + max(_LEAST_PERIOD_S, _REST * (end_s - begin_s))
 
     def _tell(self, interest: _Interest) -> None:
         try:
-            interest.tell(self._room(interest))
+            with self._counted(interest) as room:
+                interest.tell(room)
         except TransformException as error:  # its mirrors learn why when they ask
             log.warning("an interest of %d pairs ends: %s", len(interest.wanted.pairs), error)
             with self._lock:

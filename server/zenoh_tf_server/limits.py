@@ -183,6 +183,17 @@ class Limits:
         "bytes of puts of all authorities that wait to be committed",
         "the same, with the authority that has the most waiting",
     )
+    ros2_publishers: int = _limit(
+        4096,
+        "publishers of ROS 2 that are remembered (`--ros2`)",
+        "transforms of others are named by their topic, and static ones that they sent before are "
+        "not asked for",
+    )
+    ros2_static_links: int = _limit(
+        100_000,
+        "static transforms of ROS 2 that are remembered by publisher (`--ros2`)",
+        "others are stored each time that they come, and stay when their publisher goes",
+    )
     metrics_authorities: int = _limit(
         100,
         "authorities with metrics of their own (`--metrics`)",

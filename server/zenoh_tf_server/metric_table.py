@@ -101,6 +101,27 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "interest_messages": _counter("interest_messages", "messages published for these mirrors"),
     "interest_message_bytes": _counter("interest_message_bytes", "bytes of these messages"),
     "change_log_bytes": _gauge("change_log_bytes", "bytes of changes that wait to be published"),
+    "ros2_messages": _counter("ros2_messages", "messages of ROS 2 that were received (`--ros2`)"),
+    "ros2_bad_keys": _counter("ros2_bad_keys", "messages dropped as their key is not of ROS 2"),
+    "ros2_bad_attachments": _counter(
+        "ros2_bad_attachments", "messages of ROS 2 whose attachment was not understood"
+    ),
+    "ros2_publishers": _gauge("ros2_publishers", "publishers of transforms on ROS 2"),
+    "ros2_static_links": _gauge(
+        "ros2_static_links", "static transforms of ROS 2, counted for each publisher"
+    ),
+    "ros2_statics_dropped": _counter(
+        "ros2_statics_dropped", "static links removed because their publisher was gone"
+    ),
+    "ros2_unanswered": _counter(
+        "ros2_unanswered", "times that a publisher did not tell its static transforms in time"
+    ),
+    "ros2_published_messages": _counter(
+        "ros2_published_messages", "messages published on ROS 2 (`--ros2-publish`)"
+    ),
+    "ros2_published_transforms": _counter(
+        "ros2_published_transforms", "transforms in these messages"
+    ),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),
     "bad_puts": _counter("puts_refused", "published messages that were refused"),

@@ -44,10 +44,13 @@ def open_session(
     limits: Limits,
     security: Security = OPEN,
     tree: str = "main",
+    *,
+    gossip: bool = False,
 ) -> zenoh.Session:
     """Open a session: a client of `connect` if that is not empty, else a router on `listen`.
 
-    `security` says who may use the router, and `tree` for which keys.
+    `security` says who may use the router, and `tree` for which keys. `gossip`: the router tells
+    peers of each other, which ROS 2 nodes rely on.
 
     Raises:
         NetworkError: The endpoints cannot be reached or listened on.
@@ -71,6 +74,8 @@ def open_session(
             )
         # The stream of changes is of this priority: a burst must not be dropped at once.
         config.insert_json5("transport/link/tx/queue/size/data_low", "16")
+        if gossip and not connect:
+            config.insert_json5("scouting/gossip/enabled", "true")
         config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
         return zenoh.open(config)
     except zenoh.ZError as error:

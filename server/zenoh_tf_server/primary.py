@@ -38,7 +38,6 @@ class Primary:
         self._calls: AbstractContextManager[None] = contextlib.nullcontext()
         self._queries = Queries(session, self._calls, own_id, f"the primary of tree {tree!r}")
         self._token = session.liveliness().declare_token(keys.client(tree, own_id))
-        self._subscriber: zenoh.Subscriber[Any] | None = None
 
     @property
     def tree(self) -> str:
@@ -77,19 +76,14 @@ class Primary:
                     f"{CONNECT_TIMEOUT_S:g} s (--replica-of): {reason}"
                 ) from error
 
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
         """Listen to the stream; see `Source`."""
-        old = self._subscriber
-        self._subscriber = self._session.declare_subscriber(keys.streams(self._tree), channel)
-        if old is not None:
-            old.undeclare()
-        return self._subscriber.handler
+        return self._session.declare_subscriber(keys.streams(self._tree), channel)
 
-    def unsubscribe(self) -> bool:
-        """Listen no more; see `Source`."""
-        if self._subscriber is not None:
-            with contextlib.suppress(zenoh.ZError):
-                self._subscriber.undeclare()
+    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
+        """Undeclare a subscriber; see `Source`."""
+        with contextlib.suppress(zenoh.ZError):
+            subscriber.undeclare()
         return True
 
     def ask(self, operation: str, body: wire.Message) -> wire.Message:

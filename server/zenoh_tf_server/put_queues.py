@@ -18,8 +18,11 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
+
+from zenoh_tf import wire
 
 #: A put costs its bytes, and this for the fixed part of decoding and committing it.
 PUT_COST: Final = 4096
@@ -42,6 +45,8 @@ class Put:
     payload: Any  # zenoh.ZBytes; None once it was dropped
     size: int
     arrival_ns: int  # real time
+    #: Makes the transaction of the payload's bytes, if they are not of this project's protocol.
+    decode: Callable[[bytes], wire.Commit] | None = None
 
 
 @dataclass(slots=True, eq=False)

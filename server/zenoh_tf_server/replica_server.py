@@ -16,6 +16,7 @@ from contextlib import ExitStack
 from zenoh_tf import keys
 
 from . import network
+from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .free_memory import FreeMemory
 from .link_sockets import LinkSockets
@@ -24,6 +25,7 @@ from .primary import Primary
 from .replica_service import ReplicaService
 from .replies import Replies
 from .server import Settings
+from .shared_copies import SharedCopies
 from .workers import Workers
 
 
@@ -45,9 +47,9 @@ class ReplicaServer:
             sockets.start(session)
             primary = Primary(session, settings.tree)
             primary.wait(settings.replica_of, settings.security.credentials)
-            self.service = service = ReplicaService(
-                settings.tree, secrets.token_hex(8), limits, loop
-            )
+            own_id = secrets.token_hex(8)
+            copies = SharedCopies(settings.sharing, settings.tree, own_id)
+            self.service = service = ReplicaService(settings.tree, own_id, limits, loop, copies)
             stack.callback(service.close)
             service.start(primary)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
@@ -59,6 +61,10 @@ class ReplicaServer:
             memory = FreeMemory()
             stack.callback(memory.close)
             memory.start()
+            abandoned = AbandonedKeys(settings.tree, service.authorities)
+            stack.callback(abandoned.close)
+            clients.when_gone(abandoned.client_gone)
+            abandoned.start(session)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
             #: The key of a query family.

@@ -28,6 +28,7 @@ from .reply_cache import ReplyCallback
 from .request_counters import RequestCounters
 from .request_guard import RequestGuard
 from .service import Service
+from .shared_copies import SharedCopies
 
 #: How long the first copy may take.
 _COPY_TIMEOUT_S: Final = 30.0
@@ -43,14 +44,20 @@ class ReplicaService:
     """Serves reads from copies of a tree."""
 
     def __init__(
-        self, name: str, own_id: str, limits: Limits, loop: asyncio.AbstractEventLoop
+        self,
+        name: str,
+        own_id: str,
+        limits: Limits,
+        loop: asyncio.AbstractEventLoop,
+        copies: SharedCopies,
     ) -> None:
-        """`own_id`: what `hello` calls this replica."""
+        """`own_id`: what `hello` calls this replica. `copies` makes the trees."""
         self.name = name
         self.limits = limits
         self.guard = RequestGuard()
         self.requests = RequestCounters()
         self._own_id = own_id
+        self._copies = copies
         self._loop = loop
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._feed: MirrorFeed | None = None
@@ -65,13 +72,14 @@ class ReplicaService:
         Raises:
             TransformException: There is none in time.
         """
-        self._feed = MirrorFeed(source, self._take)
+        self._feed = MirrorFeed(source, self._take, make_tree=self._copies.make_tree)
         self._feed.wait_for_copy(_COPY_TIMEOUT_S)
 
     def close(self) -> None:
         """Follow the primary no more, and answer what waits."""
         if self._feed is not None:
             self._feed.close()
+        self._copies.close()
         for service in list(self._services.values()):
             service.close()
 
@@ -128,6 +136,10 @@ class ReplicaService:
         """Those of the current copy's clients."""
         return self._current.clocks
 
+    def authorities(self) -> list[str]:
+        """The names of those that have published to the primary."""
+        return [record["name"] for record in self.info_requests.authorities()]
+
     def stats(self) -> dict[str, int]:
         """The counters of the tree and of the server."""
         return self._current.stats()
@@ -146,6 +158,8 @@ class ReplicaService:
         service = _CopyService(self, tree, instance)
         service.requests = self.requests
         service.add_counters(self._counters)
+        # From here on no client reads the copy before this one in memory.
+        service.offer = self._copies.share(tree, self.limits)
         replaced = dict(self._services)
         self._services[tree] = service
         if replaced:

@@ -13,7 +13,7 @@ from typing import Literal
 
 from zenoh_tf import TransformTree, keys
 
-from . import network, operations, sharing, tree_claim
+from . import network, operations, ros2, sharing, tree_claim
 from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .event_reports import EventReports
@@ -27,6 +27,7 @@ from .local_requests import LocalRequests
 from .outbox_links import OutboxLinks
 from .replies import Replies
 from .request_guard import RequestGuard
+from .ros2.settings import Settings as Ros2Settings
 from .security import OPEN, Security
 from .service import Service
 from .sharing import Sharing
@@ -55,6 +56,7 @@ class Settings:
     operations: operations.Settings = field(default_factory=operations.Settings)
     state: StateSettings = field(default_factory=StateSettings)
     sharing: sharing.Settings = field(default_factory=sharing.Settings)
+    ros2: Ros2Settings = field(default_factory=Ros2Settings)
     replica_of: Sequence[str] = ()  # endpoints of the primary's network
 
 
@@ -90,7 +92,12 @@ class Server:
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
             session = network.open_session(
-                settings.listen, settings.connect, limits, settings.security, settings.tree
+                settings.listen,
+                settings.connect,
+                limits,
+                settings.security,
+                settings.tree,
+                gossip=settings.ros2.enabled,
             )
             stack.callback(session.close)
             listens_since_s = time.monotonic()
@@ -147,6 +154,7 @@ class Server:
             )
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
+            ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
             self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             stack.callback(workers.close)

@@ -72,6 +72,8 @@ class Service:
         self.name = name
         #: Number of the tree's last commit, which replies to writes tell.
         self.last_seq: Callable[[], int] | None = None
+        #: Is told of each commit that the tree has applied, with what became of its rows.
+        self.on_commit: Callable[[wire.Commit, Any], None] | None = None
         self.requests = RequestCounters()
         self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
@@ -243,6 +245,8 @@ class Service:
         if commit.static:
             return self._links.commit(commit, by_call=by_call)
         stored = apply(self.tree, commit, max_stamp_ns)
+        if self.on_commit is not None:
+            self.on_commit(commit, stored)
         return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     # --- batches, info and administration

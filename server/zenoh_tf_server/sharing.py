@@ -109,10 +109,19 @@ def from_flags(options: argparse.Namespace) -> Settings:
 class Sharing:
     """The shared memory and the socket of one server's tree."""
 
-    def __init__(self, settings: Settings, tree: str, instance: str, *, joined: bool) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        tree: str,
+        instance: str,
+        *,
+        joined: bool = False,
+        owner: str | None = None,
+    ) -> None:
         """Make the socket, which nobody can open before `start`.
 
-        `joined`: the server is a client of an existing network.
+        `joined`: the server is a client of an existing network. `owner`: tells its socket from
+        those of other owners of the same instance's tree.
 
         Raises:
             NetworkError: Sharing is required, and there can be no socket.
@@ -120,6 +129,7 @@ class Sharing:
         self._settings = settings
         self._tree_name = tree
         self._instance = instance
+        self._owner = owner or instance
         self._listener: socket.socket | None = None
         self._path: Path | None = None
         self._keeper: LeaseKeeper | None = None
@@ -193,7 +203,7 @@ class Sharing:
         folder = self._folder()
         _remove_stale(folder)
         # Under another name at first: another server that starts must not take it for stale.
-        name = f"{_UNSAFE.sub('_', self._tree_name)[:40]}-{self._instance}.new"
+        name = f"{_UNSAFE.sub('_', self._tree_name)[:40]}-{self._owner}.new"
         path = folder / name
         if len(os.fsencode(path.with_suffix(handover.SUFFIX))) >= handover.MAX_PATH_BYTES:
             raise OSError(errno.ENAMETOOLONG, f"the path of the socket is too long: {path}")

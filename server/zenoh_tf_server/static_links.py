@@ -65,6 +65,8 @@ class StaticLinks:
         self._removed = OrderedDict(stored.removed_links)
         self._last_removal = max(self._removed.values(), default=0)
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.state"))
+        #: Grows with every change of a static link.
+        self.changes = 0
         #: False: nothing is stored, and dynamic commits need no call of `made_dynamic`.
         self.is_stored = writer is not None
 
@@ -98,6 +100,7 @@ class StaticLinks:
             return NO_TICKET
         with self.lock:
             switched = [name for name in children & self._names if not self._is_static(name)]
+            self.changes += bool(switched)
             self._drop_names(switched)
             return self._put({(Table.STATIC_LINKS, name): None for name in switched})
 
@@ -108,6 +111,7 @@ class StaticLinks:
         """Drop all samples, and static links unless they are kept."""
         with self.lock:
             self._tree._clear(keep_static, expires_ns)
+            self.changes += 1
             gone = [] if keep_static else list(self._names)
             return self._put(self._forget(gone) | self._forget_poses(self._remembered))
 
@@ -115,6 +119,7 @@ class StaticLinks:
         """Drop every frame, and what is known of removed links."""
         with self.lock:
             self._tree._reset(expires_ns)
+            self.changes += 1
             changes = self._forget_poses(self._remembered)
             changes |= {(Table.STATIC_LINKS, name): None for name in self._names}
             # The tree is as new: every broadcaster may announce its links to the next server.
@@ -133,9 +138,28 @@ class StaticLinks:
         with self.lock:
             before = self._names | self._remembered
             self._tree._remove_frame(name, subtree, expires_ns)
+            self.changes += 1
             gone = self._missing(list(before)) if subtree else before & {name}
             return self._put(
                 self._forget(list(gone & self._names)) | self._forget_poses(gone & self._remembered)
+            )
+
+    def records(self) -> list[dict[str, Any]]:
+        """The records of all frames with a static link."""
+        with self.lock:
+            names = list(self._names)
+        records = [record for name in names if (record := self._record(name)) is not None]
+        return [record for record in records if record["static"] and record["parent"] is not None]
+
+    def is_static_of(self, frame: str, authority: str) -> bool:
+        """True if a frame has a static link, and an authority has set it last, by a put."""
+        with self.lock:
+            record = self._record(frame)
+            return (
+                record is not None
+                and bool(record["static"])
+                and record["authority"] == authority
+                and frame not in self._by_call
             )
 
     def wait(self, ticket: int) -> None:
@@ -162,6 +186,7 @@ class StaticLinks:
         except BaseException:
             self._names -= new
             raise
+        self.changes += 1
         if by_call:
             self._by_call.update(links)
         else:

@@ -59,8 +59,8 @@ FAULTS = [
     ),
     Fault(
         "a snapshot has a number of its future",
-        "wire.SnapshotPlan(seq, ",
-        "wire.SnapshotPlan(seq + 20, ",
+        "wire.SnapshotPlan(seq, ever_",
+        "wire.SnapshotPlan(seq + 20, ever_",
     ),
     Fault(
         "the stream leaves commits out",

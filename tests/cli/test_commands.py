@@ -310,6 +310,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
         "reset",
         "set",
         "static",
+        "urdf",
     }
     without_a_server = {"certificates", "completion"}
     of_actions = {"calibration"}

@@ -32,7 +32,7 @@ def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
 
 ALL = {parser.prog: parser for parser in commands(_parser())}
 #: These have tests of their own, which make the files and servers that they need.
-ELSEWHERE = ("calibration", "certificates", "replay")
+ELSEWHERE = ("calibration", "certificates", "replay", "urdf")
 #: After these the tree is another one.
 LAST = ("remove", "clear", "reset")
 RUNNABLE = sorted(

@@ -14,7 +14,7 @@ from typing import Any
 
 import genpy  # type: ignore[import-not-found]
 import tf2_py  # type: ignore[import-not-found]
-from geometry_msgs.msg import TransformStamped  # type: ignore[import-not-found]
+from geometry_msgs.msg import TransformStamped
 
 #: tf2 has one class for three errors, and gives facts only in the message.
 EXTRAPOLATIONS = [

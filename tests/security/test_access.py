@@ -392,3 +392,7 @@ def test_the_stream_is_for_clients_that_may_read(secured: Secured) -> None:
         for operation in ("snapshot", "missed"):
             assert list(reader.get(keys.operation("main", operation), timeout=5.0))
             assert not list(listener.get(keys.operation("main", operation), timeout=5.0))
+    with secured.client("reader") as client, client.mirror([("map", "base")]) as m:
+        assert m.lookup_latest_transform("map", "base").stamp_ns == LINK.stamp_ns
+    with secured.client("listener") as client, pytest.raises(AccessDenied):
+        client.mirror([("map", "base")])

@@ -16,11 +16,13 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.tf2 import FilterFailureReason
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/from-tf2.md").read_text()
 CODE = [code.strip() for code in re.findall(r"`([^`\n]+)`", PAGE)]
 EXAMPLE = ROOT / "examples/from_tf2.py"
+FILTER_EXAMPLE = ROOT / "examples/message_filter.py"
 
 
 def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
@@ -35,10 +37,21 @@ def test_the_example_runs(shared_server: Any) -> None:
     assert done.stdout == "base_link at Vector3(x=2.0, y=0.0, z=0.0)\n"
 
 
-def test_the_example_is_short_and_on_the_page() -> None:
-    text = EXAMPLE.read_text()
+def test_the_example_of_a_filter_runs(shared_server: Any) -> None:
+    done = run(FILTER_EXAMPLE, "--connect", shared_server.endpoint)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"It prints\n\n```\n{done.stdout}```\n" in PAGE
+
+
+@pytest.mark.parametrize("example", [EXAMPLE, FILTER_EXAMPLE])
+def test_the_examples_are_short_and_on_the_page(example: Path) -> None:
+    text = example.read_text()
     assert len(text.splitlines()) < 40
     assert f"```python\n{text}```" in PAGE
+
+
+def test_every_reason_of_a_filter_is_on_the_page() -> None:
+    assert all(f"`{reason.name}`" in PAGE for reason in FilterFailureReason)
 
 
 def calls() -> Iterator[tuple[str, str, str]]:
@@ -73,7 +86,7 @@ def test_every_import_works(line: str) -> None:
 
 
 def test_the_page_has_imports_to_check() -> None:
-    assert len(IMPORTS) == 4
+    assert len(IMPORTS) == 6
 
 
 COMMANDS = [code for code in CODE if code.startswith("zenoh-tf ")]

@@ -89,11 +89,13 @@ if __name__ == "__main__":
 """
 
 WITH_REAL_MESSAGES = f"""
-import sys
+import queue, sys
 sys.path.append({str(ROS_1)!r})  # behind this Python's own packages
 import genpy
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from zenoh_tf_client.tf2 import Buffer, TransformBroadcaster, TransformListener, fill
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, WrenchStamped
+from zenoh_tf_client.tf2 import (
+    Buffer, TransformBroadcaster, TransformFilter, TransformListener, do_transform_wrench, fill
+)
 
 tf_buffer = Buffer(genpy.Duration(10.0))
 listener = TransformListener(tf_buffer)
@@ -113,14 +115,29 @@ p.header.stamp = genpy.Time(2, 500_000_000)
 p.pose.pose.orientation.w = 1.0
 p = tf_buffer.transform(p, "world", genpy.Duration(20.0))
 p._check_types()
+
+w = WrenchStamped()
+w.header.frame_id, w.header.stamp = "rover", genpy.Time(2, 500_000_000)
+w.wrench.force.y = 2.0
+found = queue.SimpleQueue()
+filter = TransformFilter(None, tf_buffer, "world", 5)
+filter.registerCallback(lambda *arguments: found.put(arguments))
+filter.add(w)
+w = do_transform_wrench(*found.get(timeout=20))
+w._check_types()
+assert (w.header.frame_id, w.wrench.torque.z) == ("world", 2.0), w
 print(p.header.frame_id, p.header.stamp.secs, p.header.stamp.nsecs, p.pose.pose.position.x)
 """
 
 ENDS_AT_ONCE = """
-from zenoh_tf_client.tf2 import Buffer, Time, TransformBroadcaster, TransformStamped
+from zenoh_tf_client.tf2 import (
+    Buffer, MessageFilter, Time, TransformBroadcaster, TransformStamped
+)
 
 sent = TransformStamped()
 sent.header.frame_id, sent.header.stamp, sent.child_frame_id = "port", Time(1), "ship"
+held = MessageFilter(None, Buffer(), "never", 10)
+held.add(sent)
 waits = [Buffer().wait_for_transform_async("port", "never", Time()) for _ in range(3)]
 TransformBroadcaster().sendTransform(sent)
 """

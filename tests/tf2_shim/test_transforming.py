@@ -135,6 +135,82 @@ def test_errors_of_the_lookup_are_raised(buffer: tf2.Buffer) -> None:
         buffer.transform(stamped(msg.PointStamped(), 9), "B")
 
 
+def wrench(force: Any, torque: Any) -> msg.Wrench:
+    return msg.Wrench(msg.Vector3(*force), msg.Vector3(*torque))
+
+
+def test_wrench() -> None:
+    """Row K07 of the conformance suite; and moved back again."""
+    transform = link("A", "B", 2, (0.0, -2.0, 0.0), (0.0, 0.0, -HALF, HALF))
+    message = msg.WrenchStamped(wrench=wrench((2.0, 1.0, 3.0), (2.0, 1.0, 3.0)))
+    out = tf2.do_transform_wrench(message, transform)
+    assert xyz(out.wrench.force) == [1.0, -2.0, 3.0]
+    assert xyz(out.wrench.torque) == [-5.0, -2.0, 5.0]
+    assert out.header == transform.header
+    assert message.wrench.force.x == 2.0
+
+
+def test_a_wrench_through_the_buffer(buffer: tf2.Buffer) -> None:
+    message = stamped(msg.WrenchStamped(wrench=wrench((0.0, 1.0, 0.0), (0.0, 0.0, 0.0))))
+    got = buffer.transform(message, "B").wrench
+    assert xyz(got.force) == [0.0, -1.0, 0.0]
+    assert xyz(got.torque) == [30.0, 0.0, 10.0]  # the lever arm from B is (-10, 20, 30)
+
+
+def test_a_pose_with_a_header_as_older_releases_take_it() -> None:
+    transform = link("A", "B", 2, (10.0, 20.0, 30.0), (1.0, 0.0, 0.0, 0.0))
+    out = tf2.do_transform_pose(msg.PoseStamped(pose=pose()), transform)
+    assert xyz(out.pose.position) == [11.0, 18.0, 27.0]
+    assert out.header == transform.header
+
+
+class Plane:
+    """A message of a script's own."""
+
+    def __init__(self) -> None:
+        self.header = msg.Header()
+        self.height = 1.0
+
+
+class Floor(Plane):
+    pass
+
+
+def raised(plane: Any, transform: Any) -> Any:
+    out = copy.deepcopy(plane)
+    out.height += transform.transform.translation.z
+    out.header = transform.header
+    return out
+
+
+def test_a_registered_type_and_its_subclasses(buffer: tf2.Buffer) -> None:
+    tf2.TransformRegistration().add(Plane, raised)
+    for kind in (Plane, Floor):
+        plane = stamped(kind())
+        got = buffer.transform(plane, "B")
+        assert (type(got), got.height, got.header.frame_id) == (kind, 31.0, "B")
+        assert plane.height == 1.0
+        got = buffer.transform_full(plane, "B", at(2), "A")
+        assert got.height == 31.0
+        assert tf2.TransformRegistration().get(kind) is raised
+
+
+def test_a_registered_type_comes_first(buffer: tf2.Buffer) -> None:
+    class Point(msg.PointStamped):
+        pass
+
+    tf2.TransformRegistration().add(Point, lambda point, transform: "mine")
+    assert buffer.transform(stamped(Point()), "B") == "mine"
+    assert type(buffer.transform(stamped(msg.PointStamped()), "B")) is msg.PointStamped
+
+
+def test_the_registry_names_what_it_lacks() -> None:
+    registration = tf2.TransformRegistration()
+    assert registration.get(msg.WrenchStamped) is tf2.do_transform_wrench
+    with pytest.raises(tf2.TypeException, match="PoseArray"):
+        registration.get(msg.PoseArray)
+
+
 def test_other_messages_are_refused(buffer: tf2.Buffer) -> None:
     with pytest.raises(tf2.TypeException, match="PoseArray"):
         buffer.transform(stamped(msg.PoseArray()), "B")

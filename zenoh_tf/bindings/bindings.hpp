@@ -171,6 +171,7 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
             bool release_gil);
 
 void bind_budget(nb::module_& m);
+void bind_cdr(nb::module_& m);
 void bind_join_buffers(nb::module_& m);
 void bind_message_size(nb::module_& m);
 void bind_transform(nb::module_& m);

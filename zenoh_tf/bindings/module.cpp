@@ -17,4 +17,5 @@ NB_MODULE(_core, m) {
   ztf::bind_interest_reader(m);
   ztf::bind_message_size(m);
   ztf::bind_join_buffers(m);
+  ztf::bind_cdr(m);
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
@@ -12,6 +12,8 @@ from zenoh_tf.zenoh_config import address
 
 from ..broadcaster import Broadcaster
 from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
+from ..mirror import Mirror
+from ..mirror_interest import interest_of
 from ..receipt import Receipt
 from ..shared_reads import Mode, check
 from .batch import AsyncBatch
@@ -20,8 +22,10 @@ from .connection import Connection
 from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
+from .mirror import AsyncMirror
 from .sensor_data import AsyncSensorData
 from .shared_reads import SharedReads
+from .threads import in_thread
 from .transaction import AsyncTransaction, run_transaction
 from .writes import AsyncWrites
 
@@ -256,6 +260,59 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ``await tf.run_transaction(lift)``
         """
         return await run_transaction(self._connection, self._reads, function, attempts)
+
+    async def mirror(
+        self,
+        pairs: Sequence[tuple[str, str]] | None = None,
+        *,
+        max_delay_s: float | None = None,
+        max_rate_hz: float | None = None,
+        timeout_s: float = 30.0,
+    ) -> AsyncMirror:
+        """Make a copy of the tree in this process, which follows the server's.
+
+        Lookups in it are as fast as in an embedded tree. A copy of the whole tree costs memory as
+        the server's does, and processor time for every change; one for some pairs of frames costs
+        that for the frames on the ways between them.
+
+        Args:
+            pairs: (target, source) frames of the lookups that the mirror is for. It has the frames
+                on the ways between them, whichever these are at a time, and no others. The frames
+                need not exist yet. None for all frames.
+            max_delay_s: How long the server may gather changes of the pairs' frames before it sends
+                them, in seconds, up to 10; None for 0.05. Each message costs more than what is in
+                it, so that 0 costs about four times as much, beside frames at 100 Hz. A change
+                after a pause is sent sooner.
+            max_rate_hz: Thin the stream: so many times a second at most, the newest sample of each
+                frame that has changed. Lookups at a time interpolate between those. From 0.001 to
+                1,000; None for all samples, at once.
+            timeout_s: How long to wait for the first copy, in seconds.
+
+        Returns:
+            An `AsyncMirror`, for an ``async with`` block. It is closed with the client, if not
+            before.
+
+        Raises:
+            ServerUnavailable: No server answered in time, it is too old to have mirrors, or the
+                client is closed.
+            ServerBusy: Too many mirrors have pairs or rates of their own.
+            AccessDenied: The server's access rules do not allow to read.
+            TimeoutException: The copy was not complete in time.
+            LimitExceeded: A frame's history is larger than a reply of the server may be, or there
+                are too many pairs or frames.
+            InvalidArgumentException: An argument is wrong; `field` names it.
+            ProtocolError: A reply is malformed.
+
+        Example:
+            ``async with await tf.mirror() as m: print(m.lookup_transform("map", "base"))``
+        """
+        interest = interest_of(pairs, max_delay_s, max_rate_hz)
+        connection = self._connection
+        made = await in_thread(
+            lambda: Mirror(connection.opened, connection.mapped, timeout_s, interest),
+            undo=lambda mirror: mirror.close(),
+        )
+        return AsyncMirror(connection, self._reads, made)
 
     async def broadcaster(self, authority: str) -> AsyncBroadcaster:
         """Make a publisher of transforms, which sends without waiting for a reply.

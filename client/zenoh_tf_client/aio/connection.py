@@ -88,6 +88,11 @@ class Connection:
         return self.opened.known_instance
 
     @property
+    def reads_may_be_old(self) -> bool:
+        """True once a replica has answered: only the server can tell whether a read is current."""
+        return self.opened.reads_may_be_old
+
+    @property
     def last_receipt(self) -> Receipt | None:
         """Of the latest write that the server has replied to; None if there was none."""
         return self.opened.last_receipt

@@ -38,6 +38,7 @@ from zenoh_tf_client.cli import (
     stamps,
     static,
     top,
+    urdf,
     view,
     write,
 )
@@ -154,7 +155,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     _add_common(common, top=False)
     for family in (
         *(query, explain, follow, doctor, view, monitor, top),
-        *(write, static, calibration, replay, certificates),
+        *(write, static, urdf, calibration, replay, certificates),
     ):
         family.add(commands, common)
     completion.add(commands, _parser)

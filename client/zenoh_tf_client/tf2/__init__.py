@@ -22,28 +22,31 @@ from zenoh_tf.errors import (
 )
 
 from .buffer import Buffer
+from .clouds import do_transform_cloud
 from .connection import close, connect
 from .future import TransformFuture
+from .message_filter import FilterFailureReason, MessageFilter, TransformFilter
 from .messages import (
-    Duration,
     Header,
     Quaternion,
-    Time,
     Transform,
     TransformStamped,
     Vector3,
     fill,
 )
 from .static_transform_broadcaster import StaticTransformBroadcaster
+from .times import Duration, Time
 from .transform_broadcaster import TransformBroadcaster
 from .transform_listener import TransformListener
 from .transforming import (
+    TransformRegistration,
     TypeException,
     do_transform_point,
     do_transform_pose,
     do_transform_pose_stamped,
     do_transform_pose_with_covariance_stamped,
     do_transform_vector3,
+    do_transform_wrench,
 )
 
 __all__ = [
@@ -52,10 +55,12 @@ __all__ = [
     "ConnectivityException",
     "Duration",
     "ExtrapolationException",
+    "FilterFailureReason",
     "ForwardExtrapolationException",
     "Header",
     "InvalidArgumentException",
     "LookupException",
+    "MessageFilter",
     "NoDataForExtrapolationException",
     "Quaternion",
     "StaticTransformBroadcaster",
@@ -64,17 +69,21 @@ __all__ = [
     "Transform",
     "TransformBroadcaster",
     "TransformException",
+    "TransformFilter",
     "TransformFuture",
     "TransformListener",
+    "TransformRegistration",
     "TransformStamped",
     "TypeException",
     "Vector3",
     "close",
     "connect",
+    "do_transform_cloud",
     "do_transform_point",
     "do_transform_pose",
     "do_transform_pose_stamped",
     "do_transform_pose_with_covariance_stamped",
     "do_transform_vector3",
+    "do_transform_wrench",
     "fill",
 ]

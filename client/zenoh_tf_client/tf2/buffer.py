@@ -14,15 +14,8 @@ from zenoh_tf.errors import (
 
 from . import frames_text
 from .connection import connect
-from .messages import (
-    Duration,
-    Time,
-    TransformStamped,
-    message_of,
-    nanoseconds,
-    stamped_of,
-    time_of,
-)
+from .messages import TransformStamped, message_of, stamped_of
+from .times import Duration, Time, nanoseconds, stamp_ns, time_of
 from .transforming import do_transform
 from .waiting_lookups import WaitingLookups
 
@@ -81,7 +74,9 @@ class Buffer(WaitingLookups):
             ServerUnavailable: No server answers.
         """
         return message_of(
-            connect().lookup_transform(target_frame, source_frame, _stamp(time), _seconds(timeout))
+            connect().lookup_transform(
+                target_frame, source_frame, stamp_ns(time), _seconds(timeout)
+            )
         )
 
     def lookup_transform_full(
@@ -116,9 +111,9 @@ class Buffer(WaitingLookups):
         return message_of(
             connect().lookup_transform_full(
                 target_frame,
-                _stamp(target_time),
+                stamp_ns(target_time),
                 source_frame,
-                _stamp(source_time),
+                stamp_ns(source_time),
                 fixed_frame,
                 _seconds(timeout),
             )
@@ -208,8 +203,9 @@ class Buffer(WaitingLookups):
         """Transform a stamped message to another frame, at the time of the message.
 
         Args:
-            object_stamped: A PointStamped, Vector3Stamped, PoseStamped or
-                PoseWithCovarianceStamped, recognised by its attributes.
+            object_stamped: A PointStamped, Vector3Stamped, PoseStamped, WrenchStamped,
+                PoseWithCovarianceStamped or PointCloud2, recognised by its attributes, or a
+                message of a type that `TransformRegistration` knows.
             target_frame: The frame to transform to.
             timeout: How long to wait for writes that make the lookup succeed.
 
@@ -241,8 +237,9 @@ class Buffer(WaitingLookups):
         """Transform a stamped message to another frame at another time.
 
         Args:
-            object_stamped: A PointStamped, Vector3Stamped, PoseStamped or
-                PoseWithCovarianceStamped, recognised by its attributes.
+            object_stamped: A PointStamped, Vector3Stamped, PoseStamped, WrenchStamped,
+                PoseWithCovarianceStamped or PointCloud2, recognised by its attributes, or a
+                message of a type that `TransformRegistration` knows.
             target_frame: The frame to transform to.
             target_time: The time to transform to.
             fixed_frame: The frame that is taken not to move between the two times.
@@ -339,11 +336,6 @@ def _attempt(lookup: Callable[[], TransformStamped]) -> tuple[bool, str]:
     except _NOT_POSSIBLE as error:
         return False, str(error)
     return True, ""
-
-
-def _stamp(time: Any) -> int | None:
-    """Return a time in nanoseconds; None for time 0, by which tf2 means the latest."""
-    return nanoseconds(time) or None
 
 
 def _seconds(timeout: Any) -> float:

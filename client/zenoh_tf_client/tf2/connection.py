@@ -15,8 +15,11 @@ from zenoh_tf.zenoh_config import address
 from zenoh_tf_client import environment
 from zenoh_tf_client.client import TransformClient
 
+from .wait_loop import WaitLoop
+
 _lock = threading.Lock()
 _client: TransformClient | None = None
+_waits: WaitLoop | None = None  # of `_client`, once a message filter waits
 
 
 def connect(endpoint: str | None = None, tree: str | None = None) -> TransformClient:
@@ -58,13 +61,31 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
         return _client
 
 
+def wait_loop() -> WaitLoop:
+    """Return the loop on which the process's message filters wait, on its connection.
+
+    Raises what `connect` raises.
+    """
+    global _waits  # noqa: PLW0603
+    while True:
+        client = connect()
+        with _lock:
+            if client is _client:  # else another thread has closed it
+                _waits = _waits or WaitLoop(client)
+                return _waits
+
+
 def close() -> None:
     """Close the process's connection and all broadcasters. The next use opens a new connection.
 
-    A script need not call it: connections are closed when the interpreter ends.
+    Message filters drop what they hold. A script need not call it: connections are closed when
+    the interpreter ends.
     """
-    global _client
+    global _client, _waits
     with _lock:
         client, _client = _client, None
+        waits, _waits = _waits, None
+    if waits is not None:
+        waits.close()
     if client is not None:
         client.close()

@@ -16,7 +16,8 @@ from zenoh_tf.errors import (
     LookupException,
 )
 
-from .messages import Duration, TransformStamped
+from .messages import TransformStamped
+from .times import Duration
 
 #: One lookup waits at most this long and is then repeated, so that a cancelled one ends soon.
 _ROUND = Duration(sec=5)

@@ -12,33 +12,9 @@ from typing import Any, TypeVar
 import zenoh_tf
 from zenoh_tf import StampedTransform
 
+from .times import Duration, Time, nanoseconds, time_of
+
 M = TypeVar("M")
-
-_NS_PER_S = 1_000_000_000
-
-
-@dataclass(slots=True)
-class Time:
-    """A time as in builtin_interfaces: whole seconds and nanoseconds.
-
-    As an argument, Time() means the latest common time.
-    """
-
-    sec: int = 0
-    nanosec: int = 0
-
-    @property
-    def nanoseconds(self) -> int:
-        """Returns the whole time in nanoseconds, as rclpy's times do."""
-        return self.sec * _NS_PER_S + self.nanosec
-
-
-@dataclass(slots=True)
-class Duration:
-    """A duration as in builtin_interfaces."""
-
-    sec: int = 0
-    nanosec: int = 0
 
 
 @dataclass(slots=True)
@@ -110,24 +86,6 @@ def fill(message: M, values: Any) -> M:
     return message
 
 
-def nanoseconds(time: Any) -> int:
-    """Return a time or duration in nanoseconds.
-
-    Takes the classes of rclpy, builtin_interfaces, ROS 1 and this module, else raises TypeError.
-    """
-    for whole, rest in (("sec", "nanosec"), ("secs", "nsecs")):
-        if hasattr(time, rest):
-            return int(getattr(time, whole)) * _NS_PER_S + int(getattr(time, rest))
-    if hasattr(time, "nanoseconds"):
-        return int(time.nanoseconds)
-    raise TypeError(f"neither a time nor a duration: {time!r}")
-
-
-def time_of(stamp_ns: int) -> Time:
-    """Return a stamp in nanoseconds as a time."""
-    return Time(*divmod(stamp_ns, _NS_PER_S))
-
-
 def transform_of(message: Any) -> zenoh_tf.Transform:
     """Return the transform in a TransformStamped, ``X_parent_child``."""
     t, q = message.transform.translation, message.transform.rotation
@@ -152,3 +110,11 @@ def message_of(stamped: StampedTransform) -> TransformStamped:
         stamped.child_frame,
         Transform(Vector3(x, y, z), Quaternion(qx, qy, qz, qw)),
     )
+
+
+def with_header(message: M, transform: Any) -> M:
+    """Give a transformed message the frame that the transform maps to, and its time."""
+    header = transform.header
+    values = Header(time_of(nanoseconds(header.stamp)), header.frame_id)
+    fill(message.header, values)  # type: ignore[attr-defined]
+    return message

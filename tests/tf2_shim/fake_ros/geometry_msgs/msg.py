@@ -83,6 +83,18 @@ class PoseWithCovarianceStamped:
 
 
 @dataclass(slots=True)
+class Wrench:
+    force: Vector3 = field(default_factory=Vector3)
+    torque: Vector3 = field(default_factory=Vector3)
+
+
+@dataclass(slots=True)
+class WrenchStamped:
+    header: Header = field(default_factory=Header)
+    wrench: Wrench = field(default_factory=Wrench)
+
+
+@dataclass(slots=True)
 class PoseArray:
     header: Header = field(default_factory=Header)
     poses: list[Pose] = field(default_factory=list)

@@ -1,5 +1,7 @@
 """The parts of rclpy that a script with timers needs, without any communication."""
 
+import time as _time
+
 from . import duration, node, time
 
 
@@ -12,8 +14,19 @@ def shutdown() -> None:
 
 
 def spin_once(a_node: node.Node) -> None:
-    for callback in a_node.timers:
+    for _, callback in a_node.timers:
         callback()
 
 
-__all__ = ["duration", "init", "node", "shutdown", "spin_once", "time"]
+def spin(a_node: node.Node) -> None:
+    """Calls the timers in their periods, until the process is interrupted."""
+    due_s = [_time.monotonic() + period_s for period_s, _ in a_node.timers]
+    while True:
+        _time.sleep(max(0.0, min(due_s, default=_time.monotonic() + 1.0) - _time.monotonic()))
+        for at, (period_s, callback) in enumerate(a_node.timers):
+            if due_s[at] <= _time.monotonic():
+                due_s[at] += period_s
+                callback()
+
+
+__all__ = ["duration", "init", "node", "shutdown", "spin", "spin_once", "time"]

@@ -20,7 +20,7 @@ class Logger:
 
 class Node:
     def __init__(self, name: str, namespace: str = "") -> None:
-        self.timers: list[Callable[[], None]] = []
+        self.timers: list[tuple[float, Callable[[], None]]] = []
         self._name = name
         self._namespace = namespace
 
@@ -37,4 +37,7 @@ class Node:
         return Logger()
 
     def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        self.timers.append(callback)
+        self.timers.append((period_s, callback))
+
+    def destroy_node(self) -> None:
+        pass

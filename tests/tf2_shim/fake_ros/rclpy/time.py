@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Time as TimeMessage  # type: ignore[import-not-found]
 
+from .duration import Duration
+
 
 class Time:
     def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
@@ -12,6 +14,9 @@ class Time:
     @property
     def nanoseconds(self) -> int:
         return self._nanoseconds
+
+    def __sub__(self, duration: Duration) -> Time:
+        return Time(nanoseconds=self._nanoseconds - duration.nanoseconds)
 
     def to_msg(self) -> TimeMessage:
         return TimeMessage(*divmod(self._nanoseconds, 10**9))

@@ -1,0 +1,74 @@
+"""`AsyncMirrorTransaction`: a transaction of an event loop whose reads are in a mirror."""
+
+from __future__ import annotations
+
+from typing import Self, TypeVar
+
+from zenoh_tf import TransformTree
+from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
+
+from ..mirror import Mirror
+from ..mirror_transaction import CATCH_UP_S, look_up, reads_by_query
+from ..request import Read, Rows, VersionedRead
+from .connection import Connection
+from .shared_reads import SharedReads
+from .threads import in_thread
+from .transaction import AsyncTransaction
+
+T = TypeVar("T")
+
+
+class AsyncMirrorTransaction(AsyncTransaction):
+    """One attempt, as `..mirror_transaction.MirrorTransaction`. Concurrency: one task at a time."""
+
+    def __init__(
+        self, connection: Connection, reads: SharedReads, mirror: Mirror, attempt: int
+    ) -> None:
+        super().__init__(connection, reads)
+        self._mirror = mirror
+        self._attempt = attempt
+        self._tree: TransformTree | None = None  # None: it reads by query
+        self._copy_of = ""
+
+    async def __aenter__(self) -> Self:
+        mirror = self._mirror
+        if not reads_by_query(mirror._interest, self._attempt) and await self._has_caught_up():
+            state = mirror._feed.state
+            if state.tree is None:
+                raise ServerUnavailable("the mirror is closed")
+            self._tree, self._copy_of = state.tree, state.instance
+        return self
+
+    async def _has_caught_up(self) -> bool:
+        """Wait until the mirror has what the last attempt was in conflict with."""
+        if self._attempt == 1:
+            return True
+        try:
+            await in_thread(
+                lambda: self._mirror.wait_for(timeout_s=CATCH_UP_S), undo=lambda _: None
+            )
+        except (TimeoutException, ServerRestarted):
+            return False
+        return True
+
+    async def commit(self) -> None:
+        await super().commit()
+        if self._sets:
+            frames = [stamped.child_frame for stamped in self._sets]
+            self._mirror._own_writes.add(frames, self._connection.last_receipt)
+
+    def _is_done(self) -> bool:
+        if self._tree is None:
+            return super()._is_done()
+        return not self._sets and not self._reads
+
+    async def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+        tree, mirror = self._tree, self._mirror
+        if tree is None:
+            return await super()._read_versions(request)
+        found = look_up(tree, self._copy_of, request, mirror._interest)
+        frames = [name for name, _ in found[1]]
+        if mirror._own_writes.has(frames):
+            return found
+        await in_thread(lambda: mirror._own_writes.wait_for(frames), undo=lambda _: None)
+        return look_up(tree, self._copy_of, request, mirror._interest)

@@ -1,0 +1,220 @@
+"""Turns positions of joints into transforms, all joints of a message at once.
+
+A joint turns or slides along its axis, so that its pose in the parent is a fixed function of one
+number q. With the origin (t, r) and the axis a, r as a quaternion and (a, 0) as one, too:
+
+    revolute, continuous   t                    r sin(q/2) (a, 0) + r cos(q/2)
+    prismatic              t + q R a            r
+
+So each joint has three constant rows: R a for a sliding one, r (a, 0) for a turning one, and r.
+
+Thread safety: `JointTransforms` is used by one thread at a time.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import StampedTransform
+
+from .reader import MOVING, Joint, Robot
+
+#: Sets of joint names that are remembered: a robot has one for each of its controllers.
+_MAX_PLANS: Final = 64
+
+
+class FrameNames:
+    """Names the frame of a link: PREFIX/LINK, or LINK alone without a prefix.
+
+    A link that is shared by several robots, or has the prefix already, keeps its name.
+    """
+
+    def __init__(self, prefix: str = "", shared: Iterable[str] = ()) -> None:
+        self._prefix = prefix.strip("/") + "/" if prefix.strip("/") else ""
+        self._shared = frozenset(shared)
+
+    def __call__(self, link: str) -> str:
+        return (
+            link if link in self._shared or link.startswith(self._prefix) else self._prefix + link
+        )
+
+
+#: No prefix.
+AS_IN_URDF: Final = FrameNames()
+
+
+@dataclass(slots=True)
+class Counts:
+    """What was left out or is doubtful."""
+
+    messages: int = 0
+    transforms: int = 0
+    unknown_joints: int = 0  # names that the robot has not
+    not_numbers: int = 0  # positions that are NaN or infinite; their joints are left out
+    beyond_limits: int = 0  # positions outside of the joint's limits; published all the same
+
+
+@dataclass(slots=True)
+class Moved:
+    """The transforms of one message: a row for each joint, ``X_parent_child`` in metres."""
+
+    names: list[str]  # frames, each once
+    parent: NDArray[np.uint32]  # (n,) indexes into names
+    child: NDArray[np.uint32]  # (n,)
+    pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """What the joints of a message move."""
+
+    row: NDArray[np.intp]  # (n,) the joints that move
+    source: NDArray[np.intp]  # (n,) the position in the message that moves each of them
+    multiplier: NDArray[np.float64]  # (n,)
+    offset: NDArray[np.float64]  # (n,)
+    unknown: list[str]
+    names: list[str]
+    parent: NDArray[np.uint32]
+    child: NDArray[np.uint32]
+
+
+class JointTransforms:
+    """The moving joints of a robot."""
+
+    def __init__(self, robot: Robot, frame: FrameNames = AS_IN_URDF) -> None:
+        self._joints = robot.of_kind(*MOVING)
+        self._known = {joint.name for joint in robot.joints}
+        self._frame = frame
+        self._plans: OrderedDict[tuple[str, ...], _Plan] = OrderedDict()
+        self.counts = Counts()
+        #: The first joint that was counted, by the name of the counter.
+        self.first: dict[str, str] = {}
+        turns = np.array([joint.kind != "prismatic" for joint in self._joints], bool)
+        self._half_turn = np.where(turns, 0.5, 0.0)
+        self._slide = np.where(turns, 0.0, 1.0)
+        self._lower = np.array([joint.lower for joint in self._joints])
+        self._upper = np.array([joint.upper for joint in self._joints])
+        origins = [joint.origin for joint in self._joints]
+        axes = [joint.axis for joint in self._joints]
+        self._origin = np.reshape([X.translation for X in origins], (-1, 3))
+        self._rotation = np.reshape([X.rotation for X in origins], (-1, 4))
+        self._direction = np.reshape(
+            [X.apply_vectors(axis) for X, axis in zip(origins, axes, strict=True)], (-1, 3)
+        )
+        self._turned = np.reshape(
+            [_times_axis(X.rotation, axis) for X, axis in zip(origins, axes, strict=True)], (-1, 4)
+        )
+
+    @property
+    def joints(self) -> Sequence[Joint]:
+        """The joints that a position moves."""
+        return self._joints
+
+    def move(self, names: Sequence[str], positions: NDArray[np.float64]) -> Moved:
+        """Return the transforms of the joints of one message, and of those that mimic them.
+
+        Args:
+            names: (n,) joints. Unknown ones are counted and left out. Of a name that is there
+                twice the last one counts.
+            positions: (n,) radians; metres of sliding joints.
+
+        Returns:
+            A row for each joint that moves. A joint that mimics another has the position that the
+            message gives for itself, if it does.
+        """
+        plan = self._plan(tuple(names))
+        counts = self.counts
+        counts.messages += 1
+        self._count("unknown_joints", plan.unknown)
+        row = plan.row
+        with np.errstate(over="ignore", invalid="ignore"):
+            value = plan.multiplier * positions[plan.source] + plan.offset
+        names_, parent, child = plan.names, plan.parent, plan.child
+        finite = np.isfinite(value)
+        if not finite.all():
+            self._count("not_numbers", self._names(row[~finite]))
+            row, value = row[finite], value[finite]
+            names_, parent, child = self._columns(row)
+        outside = (value < self._lower[row]) | (value > self._upper[row])
+        if outside.any():
+            self._count("beyond_limits", self._names(row[outside]))
+        counts.transforms += value.size
+        half = (value * self._half_turn[row])[:, None]
+        pose = np.empty((value.size, 7))
+        pose[:, :3] = self._origin[row] + (value * self._slide[row])[:, None] * self._direction[row]
+        pose[:, 3:] = self._turned[row] * np.sin(half) + self._rotation[row] * np.cos(half)
+        return Moved(names_, parent, child, pose)
+
+    def _count(self, counter: str, joints: Sequence[str]) -> None:
+        if joints:
+            setattr(self.counts, counter, getattr(self.counts, counter) + len(joints))
+            self.first.setdefault(counter, joints[0])
+
+    def _names(self, rows: NDArray[np.intp]) -> list[str]:
+        return [self._joints[row].name for row in rows]
+
+    def _plan(self, names: tuple[str, ...]) -> _Plan:
+        plan = self._plans.get(names)
+        if plan is None:
+            plan = self._plans[names] = self._make_plan(names)
+            if len(self._plans) > _MAX_PLANS:
+                self._plans.popitem(last=False)
+        return plan
+
+    def _make_plan(self, names: tuple[str, ...]) -> _Plan:
+        place = {name: at for at, name in enumerate(names)}
+        by_name = {joint.name: joint for joint in self._joints}
+        rows, sources, multipliers, offsets = [], [], [], []
+        for row, joint in enumerate(self._joints):
+            driver, multiplier, offset = joint, 1.0, 0.0
+            while driver.name not in place and driver.mimic is not None:
+                # multiplier * (m * q + o) + offset
+                offset += multiplier * driver.mimic.offset
+                multiplier *= driver.mimic.multiplier
+                driver = by_name[driver.mimic.joint]
+            if driver.name in place:
+                rows.append(row)
+                sources.append(place[driver.name])
+                multipliers.append(multiplier)
+                offsets.append(offset)
+        at = np.array(rows, np.intp)
+        return _Plan(
+            at,
+            np.array(sources, np.intp),
+            np.array(multipliers, np.float64),
+            np.array(offsets, np.float64),
+            [name for name in names if name not in self._known],
+            *self._columns(at),
+        )
+
+    def _columns(
+        self, rows: NDArray[np.intp]
+    ) -> tuple[list[str], NDArray[np.uint32], NDArray[np.uint32]]:
+        """The names of the frames of some joints, and the indexes of parents and children."""
+        index: dict[str, int] = {}
+        ends = [
+            [index.setdefault(self._frame(link), len(index)) for link in (j.parent, j.child)]
+            for j in (self._joints[row] for row in rows)
+        ]
+        columns = np.array(ends, np.uint32).reshape(-1, 2)
+        return list(index), columns[:, 0].copy(), columns[:, 1].copy()
+
+
+def fixed_transforms(robot: Robot, frame: FrameNames = AS_IN_URDF) -> list[StampedTransform]:
+    """The transforms of the joints that do not move, in the order of the file, stamped 0."""
+    return [
+        StampedTransform(frame(joint.parent), frame(joint.child), 0, joint.origin)
+        for joint in robot.of_kind("fixed")
+    ]
+
+
+def _times_axis(rotation: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The product of the quaternions `rotation` and (axis, 0)."""
+    vector, w = rotation[:3], rotation[3]
+    return np.array([*(w * axis + np.cross(vector, axis)), -vector @ axis])

@@ -1,0 +1,262 @@
+"""Reads the links and joints of a URDF file; meshes, inertias and the like are left out.
+
+The file is parsed with the standard library. The URDF libraries on PyPI bring meshes, geometry
+engines or plotting with them, hundreds of megabytes, for the few elements that are needed here. A
+file with a document type is refused, so that no entity is expanded and nothing else is opened.
+
+Thread safety: all functions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import InvalidArgumentException, LimitExceeded, Transform
+
+#: Larger files are not descriptions of a robot, which name their meshes instead of having them.
+MAX_BYTES: Final = 64 << 20
+#: The joints that a position moves.
+MOVING: Final = ("revolute", "continuous", "prismatic")
+#: Those that need more than one number, which JointState does not have.
+UNSUPPORTED: Final = ("floating", "planar")
+_KINDS: Final = ("fixed", *MOVING, *UNSUPPORTED)
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """The position is that of another joint: multiplier * position + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint of a robot. Metres, radians."""
+
+    name: str
+    kind: str  # a type of URDF
+    parent: str
+    child: str
+    origin: Transform  # ``X_parent_child`` at position 0
+    axis: NDArray[np.float64]  # (3,) unit vector, in the child's axes
+    mimic: Mimic | None
+    lower: float  # -inf if there is no limit
+    upper: float
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A robot: joints in the order of the file."""
+
+    name: str
+    root: str  # the link that is no joint's child
+    joints: tuple[Joint, ...]
+
+    def of_kind(self, *kinds: str) -> list[Joint]:
+        """The joints of these types."""
+        return [joint for joint in self.joints if joint.kind in kinds]
+
+
+def read(path: Path) -> Robot:
+    """Read a URDF file.
+
+    Raises:
+        InvalidArgumentException: The file is not URDF, or its joints are not a tree; `field` has
+            the name of the joint or link, if it is about one.
+        LimitExceeded: It is larger than `MAX_BYTES`.
+        OSError: It cannot be read.
+    """
+    with path.open("rb") as file:
+        text = file.read(MAX_BYTES + 1)
+    if len(text) > MAX_BYTES:
+        raise LimitExceeded(
+            f"{path}: larger than the limit of {MAX_BYTES:,} bytes", field="bytes", limit=MAX_BYTES
+        )
+    return parse(text, str(path))
+
+
+def parse(text: bytes, source: str = "URDF") -> Robot:
+    """Parse URDF; as `read`. `source` stands at the beginning of errors."""
+    root = _parse_xml(text, source)
+    if root.tag != "robot":
+        raise InvalidArgumentException(f"{source}: the root element is <{root.tag}>, not <robot>")
+    links = [_name(element, source) for element in root.findall("link")]
+    # A transmission has elements named joint as well, but deeper in the file.
+    joints = tuple(_joint(element, source) for element in root.findall("joint"))
+    return Robot(root.get("name", ""), _check_tree(links, joints, source), joints)
+
+
+def _parse_xml(text: bytes, source: str) -> Element:
+    parser, builder = expat.ParserCreate(), TreeBuilder()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if tag.startswith("xacro:"):
+            raise InvalidArgumentException(
+                f"{source}, line {parser.CurrentLineNumber}: <{tag}> is xacro; expand the file "
+                "first: xacro robot.urdf.xacro > robot.urdf"
+            )
+        builder.start(tag, attributes)
+
+    def refuse(*_: object) -> NoReturn:
+        raise InvalidArgumentException(f"{source}: a document type (<!DOCTYPE>) is not allowed")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, LookupError) as error:  # LookupError: of an unknown encoding
+        raise InvalidArgumentException(f"{source}: not XML: {error}") from error
+    return builder.close()
+
+
+def _joint(element: Element, source: str) -> Joint:
+    name = _name(element, source)
+    kind = element.get("type", "")
+    if kind not in _KINDS:
+        raise _invalid(source, name, f"its type is {kind!r}, not one of {', '.join(_KINDS)}")
+    parent, child = (_link(element, tag, source, name) for tag in ("parent", "child"))
+    origin = element.find("origin")
+    xyz = _numbers(origin, "xyz", (0.0, 0.0, 0.0), source, name)
+    roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0), source, name)
+    axis = np.array(_numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), source, name))
+    if kind in MOVING:
+        length = float(np.linalg.norm(axis))
+        if not 1e-6 < length < 1e6:
+            raise _invalid(source, name, f"its axis {axis.tolist()} has no direction")
+        axis /= length
+    limit = element.find("limit")
+    lower, upper = -math.inf, math.inf
+    if limit is not None and kind in ("revolute", "prismatic"):
+        [lower] = _numbers(limit, "lower", (0.0,), source, name)  # the default of URDF
+        [upper] = _numbers(limit, "upper", (0.0,), source, name)
+    mimic = element.find("mimic")
+    return Joint(
+        name,
+        kind,
+        parent,
+        child,
+        Transform.from_rpy(roll, pitch, yaw, xyz),
+        axis,
+        None if mimic is None or kind not in MOVING else _mimic(mimic, source, name),
+        lower,
+        upper,
+    )
+
+
+def _link(element: Element, tag: str, source: str, joint: str) -> str:
+    end = element.find(tag)
+    link = "" if end is None else end.get("link", "")
+    if not link:
+        raise _invalid(source, joint, f"it has no <{tag} link=...>")
+    return link
+
+
+def _mimic(element: Element, source: str, joint: str) -> Mimic:
+    other = element.get("joint", "")
+    if not other:
+        raise _invalid(source, joint, "its <mimic> names no joint")
+    [multiplier] = _numbers(element, "multiplier", (1.0,), source, joint)
+    [offset] = _numbers(element, "offset", (0.0,), source, joint)
+    return Mimic(other, multiplier, offset)
+
+
+def _numbers(
+    element: Element | None, attribute: str, default: Sequence[float], source: str, joint: str
+) -> list[float]:
+    text = None if element is None else element.get(attribute)
+    if text is None:
+        return list(default)
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(default) or not all(map(math.isfinite, numbers)):
+        count = {1: "a number", 3: "three numbers"}[len(default)]
+        raise _invalid(source, joint, f"{attribute}={text[:80]!r} is not {count}")
+    return numbers
+
+
+def _check_tree(links: Sequence[str], joints: Sequence[Joint], source: str) -> str:
+    """Return the root link. Raises InvalidArgumentException if the links are not one tree."""
+    for kind, names in (("link", links), ("joint", [joint.name for joint in joints])):
+        if twice := _repeated(names):
+            raise InvalidArgumentException(f"{source}: two {kind}s {twice!r}", field=twice)
+    known = set(links)
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in known:
+                raise _invalid(source, joint.name, f"there is no link {link!r}")
+    if twice := _repeated([joint.child for joint in joints]):
+        raise InvalidArgumentException(
+            f"{source}: link {twice!r} is the child of two joints", field=twice
+        )
+    children = {joint.child: joint for joint in joints}
+    roots = [link for link in links if link not in children]
+    if len(roots) > 1:
+        named = ", ".join(map(repr, roots[:5]))
+        raise InvalidArgumentException(
+            f"{source}: {len(roots)} links are no joint's child, so nothing connects them: {named}",
+            field=roots[1],
+        )
+    _check_loops(children, roots, source)
+    _check_mimics({joint.name: joint for joint in joints}, source)
+    return roots[0]
+
+
+def _check_loops(children: dict[str, Joint], roots: Sequence[str], source: str) -> None:
+    reaches_root = set(roots)
+    for joint in children.values():
+        path, link = {joint.child}, joint.parent
+        while link not in reaches_root:
+            if link in path:
+                raise _invalid(source, joint.name, "its links are a loop")
+            path.add(link)
+            link = children[link].parent
+        reaches_root |= path
+    if not roots:
+        raise InvalidArgumentException(f"{source}: the robot has no links")
+
+
+def _check_mimics(joints: dict[str, Joint], source: str) -> None:
+    for joint in joints.values():
+        seen, mimic = {joint.name}, joint.mimic
+        while mimic is not None:
+            other = joints.get(mimic.joint)
+            if other is None or other.kind not in MOVING:
+                raise _invalid(source, joint.name, f"it mimics {mimic.joint!r}, which cannot move")
+            if other.name in seen:
+                raise _invalid(source, joint.name, "it mimics itself")
+            seen.add(other.name)
+            mimic = other.mimic
+
+
+def _repeated(names: Sequence[str]) -> str | None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
+
+
+def _name(element: Element, source: str) -> str:
+    name = element.get("name", "")
+    if not name:
+        raise InvalidArgumentException(f"{source}: a <{element.tag}> has no name")
+    return name
+
+
+def _invalid(source: str, joint: str, reason: str) -> InvalidArgumentException:
+    return InvalidArgumentException(f"{source}: joint {joint!r}: {reason}", field=joint)

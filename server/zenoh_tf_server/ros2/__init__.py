@@ -1,0 +1,59 @@
+"""ROS 2 in and out (``--ros2``, ``--ros2-publish``).
+
+`settings` has the flags, `incoming` takes messages to the put queues, `publishers` tells whose they
+are, `prefixes` names the frames, `statics` keeps what publishers latch, and `outgoing` publishes.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import zenoh
+
+from ..ingest import Ingest
+from ..limits import Limits
+from ..service import Service
+from ..static_links import StaticLinks
+from .incoming import Incoming
+from .outgoing import Outgoing
+from .prefixes import Prefixes
+from .publishers import Publishers
+from .settings import Settings
+from .statics import Statics
+
+
+def start(
+    settings: Settings,
+    session: zenoh.Session,
+    service: Service,
+    ingest: Ingest,
+    links: StaticLinks,
+    limits: Limits,
+    stack: ExitStack,
+) -> None:
+    """Take part in the ROS 2 network of a session, until the stack is closed."""
+    if settings.publish:
+        outgoing = Outgoing(
+            service.tree, links, settings.publish, settings.rate_hz, settings.domain
+        )
+        stack.callback(outgoing.close)
+        outgoing.start(session)
+        service.on_commit = outgoing.committed
+        service.add_counters(outgoing.counters)
+    if settings.receive:
+        publishers = Publishers(limits.ros2_publishers)
+        statics = Statics(
+            links,
+            settings.static_grace_s,
+            limits.ros2_publishers,
+            limits.ros2_static_links,
+            lambda puts: ingest.add(puts, wait=False),
+        )
+        publishers.when_found(statics.peer_found)
+        prefixes = Prefixes(settings.rules, settings.shared)
+        incoming = Incoming(ingest, limits, publishers, prefixes, statics)
+        stack.callback(publishers.close)
+        stack.callback(incoming.close)
+        publishers.start(session)
+        incoming.start(session)
+        service.add_counters(incoming.counters)

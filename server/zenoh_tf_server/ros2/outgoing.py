@@ -1,0 +1,275 @@
+"""ROS 2 out: publishes on `/tf` and `/tf_static` what others than ROS 2 have committed.
+
+Of each frame the newest transform goes out, at a limited rate. Of static links all go out together
+whenever one changes, and late subscribers get them again: tf2 merges what it gets, and a bridge
+keeps only the last message. Humble knows another key than later releases, and bridges a third one,
+so each message is put on all three; without a subscriber that costs nothing.
+
+No loops: what came from ROS 2 has such an authority, and is not published.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Any, Final
+
+import numpy as np
+import zenoh
+from zenoh import ext
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import TransformException
+from zenoh_tf.ros2 import attachment, keys
+from zenoh_tf.ros2.attachment import Attachment
+from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
+from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
+
+from ..rate_limited_log import RateLimitedLog
+from ..static_links import StaticLinks
+from ..tree_commits import Stores
+from .publishers import AUTHORITIES
+
+#: The name of this node for others, for instance in `ros2 node list`.
+NODE: Final = "zenoh_tf"
+#: Reliable, volatile and transient local, as tf2's broadcasters; see docs/ros2.md.
+_QOS: Final = {"tf": "1:2:1,100:,:,:,,", "tf_static": "1:1:1,1:,:,:,,"}
+#: Transforms that wait for their turn; the oldest commits make room.
+_MAX_WAITING: Final = 200_000
+#: Transforms in one message.
+_MAX_ROWS: Final = 1000
+#: How often changes of static links are looked for.
+_STATICS_S: Final = 0.1
+_KNOWN_NAMES: Final = 65_536
+_JOIN_TIMEOUT_S: Final = 0.5
+
+_Row = tuple[str, int, Any]  # parent, stamp in ns, pose
+
+
+class _Peer:
+    """One publisher of a topic: on one key, for one kind of receivers."""
+
+    def __init__(self, session: zenoh.Session, key: str, token: str | None, latched: bool) -> None:
+        self._gid = (attachment.gid_of(token) if token else None) or uuid.uuid4().bytes
+        self._number = 0
+        self._sends_attachment = token is not None
+        self.publisher: Any
+        if latched:
+            self.publisher = ext.declare_advanced_publisher(
+                session,
+                key,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                allowed_destination=zenoh.Locality.REMOTE,
+                cache=ext.CacheConfig(1),
+                publisher_detection=True,
+                sample_miss_detection=ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=0.5
+                ),
+            )
+        else:
+            self.publisher = session.declare_publisher(
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+
+    @property
+    def has_listeners(self) -> bool:
+        return bool(self.publisher.matching_status.matching)
+
+    def put(self, payload: bytes) -> None:
+        self._number += 1  # rmw_zenoh begins with 1
+        mark = Attachment(self._number, time.time_ns(), self._gid)
+        self.publisher.put(
+            payload, attachment=attachment.encode(mark) if self._sends_attachment else None
+        )
+
+
+class Outgoing:
+    """Publishes until it is closed."""
+
+    def __init__(
+        self,
+        tree: TransformTree,
+        links: StaticLinks,
+        patterns: Sequence[str],
+        rate_hz: float,
+        domain: int,
+    ) -> None:
+        self._tree = tree
+        self._links = links
+        self._patterns = patterns
+        self._period_s = 1 / rate_hz
+        self._domain = domain
+        self._chosen: dict[str, bool] = {}
+        self._lock = threading.Lock()
+        self._commits: deque[tuple[wire.Commit, Stores]] = deque()
+        self._waiting = 0  # transforms in them
+        self._closing = threading.Event()
+        self._tokens: list[zenoh.LivelinessToken] = []
+        self._peers: dict[str, list[_Peer]] = {}
+        self._statics: TfMessage | None = None
+        self._statics_change = -1
+        self._messages = self._transforms = 0
+        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
+        self._thread = threading.Thread(target=self._run, name="ros2-out", daemon=True)
+
+    def start(self, session: zenoh.Session) -> None:
+        """Begin to publish."""
+        zid = str(session.info.zid())
+        self._declare_token(session, keys.node_token(self._domain, zid, NODE))
+        number = 0
+        for name, qos in _QOS.items():
+            topic, latched = Topic(name, "", self._domain), name == "tf_static"
+            peers = self._peers[name] = []
+            for hash_ in (TF_MESSAGE.hash, keys.NO_HASH):
+                number += 1
+                token = keys.publisher_token(topic, zid, number, NODE, TF_MESSAGE, hash_, qos)
+                key = keys.rmw_key(topic, TF_MESSAGE, hash_)
+                peers.append(_Peer(session, key, token, latched))
+                self._declare_token(session, token)
+            peers.append(_Peer(session, name, None, latched))
+        self._thread.start()
+
+    def close(self) -> None:
+        """Publish no more."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_TIMEOUT_S)
+        for token in self._tokens:
+            token.undeclare()
+        for peers in self._peers.values():
+            for peer in peers:
+                peer.publisher.undeclare()
+
+    def committed(self, commit: wire.Commit, stored: Stores) -> None:
+        """Take note of a commit that the tree has applied."""
+        if commit.static or commit.authority.startswith(AUTHORITIES):
+            return
+        with self._lock:
+            self._commits.append((commit, stored))
+            self._waiting += commit.rows
+            while self._waiting > _MAX_WAITING:
+                self._waiting -= self._commits.popleft()[0].rows
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {
+            "ros2_published_messages": self._messages,
+            "ros2_published_transforms": self._transforms,
+        }
+
+    def _declare_token(self, session: zenoh.Session, key: str) -> None:
+        self._tokens.append(session.liveliness().declare_token(key))
+
+    def _run(self) -> None:
+        next_s = 0.0
+        while not self._closing.wait(min(self._period_s, _STATICS_S)):
+            try:
+                self._publish_statics()
+                if (now_s := time.monotonic()) >= next_s:
+                    next_s = now_s + self._period_s
+                    self._publish_moving()
+            except Exception as error:  # publishing must go on
+                self._log.warn("publishing on ROS 2", f"{type(error).__name__}: {error}")
+
+    # --- moving frames
+
+    def _publish_moving(self) -> None:
+        with self._lock:
+            commits, self._commits, self._waiting = self._commits, deque(), 0
+        newest: dict[str, _Row] = {}
+        for commit, stored in commits:
+            names = commit.names
+            columns = (commit.parent, commit.child, commit.stamp, stored)
+            rows = zip(*(column.tolist() for column in columns), commit.pose, strict=True)
+            for parent, child, stamp_ns, kept, pose in rows:
+                name = names[child]
+                if kept != 1 or not self._is_chosen(name):
+                    continue
+                known = newest.get(name)
+                if known is None or known[1] <= stamp_ns:
+                    newest[name] = (names[parent], stamp_ns, pose)
+        if newest:
+            items = list(newest.items())
+            for begin in range(0, len(items), _MAX_ROWS):
+                self._put("tf", _message(dict(items[begin : begin + _MAX_ROWS])))
+
+    def _is_chosen(self, name: str) -> bool:
+        chosen = self._chosen.get(name)
+        if chosen is None:
+            if len(self._chosen) >= _KNOWN_NAMES:
+                self._chosen.clear()
+            chosen = any(fnmatchcase(name, pattern) for pattern in self._patterns)
+            self._chosen[name] = chosen
+        return chosen
+
+    # --- static links
+
+    def _publish_statics(self) -> None:
+        change = self._links.changes
+        if change == self._statics_change:
+            return
+        self._statics_change = change
+        statics = _message(self._all_statics())
+        before = self._statics
+        if before is None and not statics.names:
+            return
+        if before is not None and _same(before, statics):
+            return
+        self._statics = statics
+        self._put("tf_static", statics, latched=True)
+
+    def _all_statics(self) -> dict[str, _Row]:
+        found: dict[str, _Row] = {}
+        for record in self._links.records():
+            name, parent = record["name"], record["parent"]
+            if record["authority"].startswith(AUTHORITIES) or not self._is_chosen(name):
+                continue
+            try:
+                link = self._tree.lookup_transform(parent, name)
+            except TransformException:
+                continue  # removed since
+            found[name] = (parent, record["newest_stamp_ns"] or 0, link.transform.pose())
+        return found
+
+    # --- both
+
+    def _put(self, topic: str, message: TfMessage, *, latched: bool = False) -> None:
+        peers = [peer for peer in self._peers[topic] if latched or peer.has_listeners]
+        if not peers:
+            return
+        try:
+            payload = encode_tf_message(message)
+        except TransformException as error:  # a stamp or a name that ROS 2 does not have
+            self._log.warn(f"publishing on /{topic}", str(error))
+            return
+        for peer in peers:
+            peer.put(payload)
+        self._messages += 1
+        self._transforms += len(message.stamp)
+
+
+def _message(rows: dict[str, _Row]) -> TfMessage:
+    """The message with these rows, by child."""
+    names = {name: 0 for child, row in rows.items() for name in (row[0], child)}
+    index = {name: number for number, name in enumerate(names)}
+    return TfMessage(
+        list(names),
+        np.array([index[row[0]] for row in rows.values()], np.uint32),
+        np.array([index[child] for child in rows], np.uint32),
+        np.array([row[1] for row in rows.values()], np.int64),
+        np.array([row[2] for row in rows.values()], np.float64).reshape(-1, 7),
+    )
+
+
+def _same(a: TfMessage, b: TfMessage) -> bool:
+    columns = ((a.parent, b.parent), (a.child, b.child), (a.stamp, b.stamp), (a.pose, b.pose))
+    return a.names == b.names and all(np.array_equal(mine, theirs) for mine, theirs in columns)

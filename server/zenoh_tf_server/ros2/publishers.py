@@ -1,0 +1,202 @@
+"""Publishers of ROS 2: nodes and bridges by their liveliness tokens, and names for them.
+
+A message of rmw_zenoh carries its publisher's id, which is a hash of the publisher's token. So it
+can be traced to the node. What cannot be traced is named by its topic.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import zenoh
+
+from zenoh_tf import wire
+from zenoh_tf.ros2 import attachment, keys
+from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher, Topic
+from zenoh_tf.ros2.topics import Received
+from zenoh_tf.text import quoted
+
+from ..rate_limited_log import RateLimitedLog
+
+#: What the authorities of ROS 2 publishers begin with.
+AUTHORITIES: Final = ("ros2:", "ros2dds:")
+#: Sources that are remembered.
+_MAX_SOURCES: Final = 4096
+_LONGEST_AUTHORITY: Final = 255
+#: A publisher's first message may overtake its token, whose change another thread tells. So it is
+#: waited for: once for each publisher, and over all for this time and this part of the time since.
+#: Somebody who invents ids cannot hold others up for longer.
+_TOKEN_S: Final = 0.05
+_PATIENCE_S: Final = 1.0
+_PATIENCE_PART: Final = 0.05
+_SHORT_ID: Final = 8  # characters of an id that is part of a name
+
+#: Makes the transaction of a message's bytes.
+Decode = Callable[[bytes], wire.Commit]
+
+
+@dataclass(slots=True, eq=False)
+class Source:
+    """Where messages come from: one for each publisher, as far as it is known."""
+
+    authority: str
+    key: str
+    zid: str | None  # the Zenoh id of the session, if it is known
+    gid: bytes | None
+    topic: Topic
+    decode: Decode | None = None  # of its messages; the receiver sets it
+
+    @property
+    def identity(self) -> tuple[str, str]:
+        """Stands for the publisher, as far as it can be told from others of its key."""
+        return self.key, self.zid or (self.gid.hex() if self.gid else "")
+
+
+class Publishers:
+    """Follows the tokens of all publishers of transforms."""
+
+    def __init__(self, max_publishers: int) -> None:
+        self._max = max_publishers
+        self._lock = threading.Condition()
+        self._patience_s = _PATIENCE_S
+        self._waited_s = time.monotonic()
+        self._by_token: dict[str, Publisher] = {}
+        self._by_gid: dict[bytes, Publisher] = {}
+        self._sources: OrderedDict[tuple[str, bytes | None, str | None], Source] = OrderedDict()
+        self._subscribers: list[zenoh.Subscriber[Any]] = []
+        self._listeners: list[Callable[[Publisher], None]] = []
+        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
+
+    def start(self, session: zenoh.Session) -> None:
+        """Follow the tokens. Returns when those that are there now are known."""
+        self._own_zid = str(session.info.zid())
+        for tokens in (keys.rmw_publishers(TF_MESSAGE), keys.bridge_publishers(TF_MESSAGE)):
+            subscriber = session.liveliness().declare_subscriber(
+                tokens, self._token_changed, history=True
+            )
+            self._subscribers.append(subscriber)
+            for reply in session.liveliness().get(tokens, timeout=1.0):
+                if reply.ok is not None:
+                    self._token_changed(reply.ok)
+
+    def close(self) -> None:
+        """Follow no more."""
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+
+    def when_found(self, call: Callable[[Publisher], None]) -> None:
+        """Call a function with each publisher that appears from now on."""
+        self._listeners.append(call)
+
+    def __len__(self) -> int:
+        return len(self._by_token)
+
+    def source(self, message: Received) -> Source:
+        """The source of a message; the same one for all messages of a publisher."""
+        known = self._sources.get((message.key, message.gid, message.zid))
+        return known if known is not None else self._add_source(message)
+
+    # --- tokens
+
+    def _token_changed(self, sample: zenoh.Sample) -> None:
+        token = str(sample.key_expr)
+        publisher = keys.parse_publisher(token)
+        if publisher is None:
+            self._log.warn("tokens", f"token {quoted(token)} is not one of ROS 2: it is ignored")
+            return
+        if publisher.zid == self._own_zid:
+            return  # this server, which publishes
+        gid = None if publisher.topic.is_bridged else attachment.gid_of(publisher.token)
+        with self._lock:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                self._by_token.pop(token, None)
+                if gid is not None:
+                    self._by_gid.pop(gid, None)
+                return
+            if token in self._by_token:
+                return
+            if len(self._by_token) >= self._max:
+                self._log.warn(
+                    "tokens",
+                    f"more than {self._max} publishers of ROS 2 (--max-ros2-publishers): the "
+                    "messages of the others are named by their topics",
+                )
+                return
+            self._by_token[token] = publisher
+            if gid is not None:
+                self._by_gid[gid] = publisher
+                self._lock.notify_all()
+        for call in self._listeners:
+            call(publisher)
+
+    # --- sources
+
+    def _add_source(self, message: Received) -> Source:
+        with self._lock:
+            self._wait_for_token(message.gid)
+            publisher = self._publisher(message)
+            authority = self._authority(message, publisher)
+            zid = publisher.zid if publisher is not None else message.zid
+            source = Source(authority, message.key, zid, message.gid, message.topic)
+            # Kept although a token may come later: a publisher must not change its name.
+            self._sources[message.key, message.gid, message.zid] = source
+            if len(self._sources) > _MAX_SOURCES:
+                self._sources.popitem(last=False)
+        return source
+
+    def _wait_for_token(self, gid: bytes | None) -> None:
+        """Requires the lock."""
+        if gid is None or not attachment.HAS_GIDS:
+            return
+        now_s = time.monotonic()
+        grown_s = _PATIENCE_PART * (now_s - self._waited_s)
+        self._patience_s = min(_PATIENCE_S, self._patience_s + grown_s)
+        if self._patience_s >= _TOKEN_S:
+            self._lock.wait_for(lambda: gid in self._by_gid, _TOKEN_S)
+        self._waited_s = time.monotonic()
+        self._patience_s -= self._waited_s - now_s
+
+    def _publisher(self, message: Received) -> Publisher | None:
+        """The publisher of a message, by its id, by its session, or because it is the only one."""
+        if message.gid is not None and message.gid in self._by_gid:
+            return self._by_gid[message.gid]
+        found = [each for each in self._by_token.values() if each.topic == message.topic]
+        if message.zid is not None:
+            found = [each for each in found if each.zid == message.zid]
+        # The node that sends an id that no token has may have no token at all.
+        has_own_id = message.gid is not None and bool(self._by_gid)
+        return found[0] if len(found) == 1 and not has_own_id else None
+
+    def _authority(self, message: Received, publisher: Publisher | None) -> str:
+        topic = message.topic
+        if topic.is_bridged:
+            name = f"ros2dds:/{topic.namespace}"
+        elif publisher is not None:
+            name = f"ros2:{topic.domain}{publisher.node}"
+        else:
+            name = f"ros2:{topic.domain}{topic.path}"
+            if message.gid is not None:
+                name += f"#{message.gid.hex()[:_SHORT_ID]}"
+        zid = publisher.zid if publisher is not None else message.zid
+        is_unknown = publisher is None and message.gid is None
+        if zid is not None and (is_unknown or (publisher and self._has_namesake(publisher))):
+            name += f"@{zid[:_SHORT_ID]}"
+        return name[:_LONGEST_AUTHORITY]
+
+    def _has_namesake(self, publisher: Publisher) -> bool:
+        """True if another session has a node, or a bridge, of the same name."""
+        return any(
+            each.zid != publisher.zid
+            and each.node == publisher.node
+            and each.topic.domain == publisher.topic.domain
+            and (each.node is not None or each.topic.namespace == publisher.topic.namespace)
+            for each in self._by_token.values()
+        )

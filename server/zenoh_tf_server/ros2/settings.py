@@ -1,0 +1,159 @@
+"""The flags of ROS 2 in and out."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from typing import Any
+
+from zenoh_tf.errors import InvalidArgumentException
+
+from .prefixes import PrefixRule, parse_rule
+
+DEFAULT_GRACE_S = 30.0
+DEFAULT_RATE_HZ = 50.0
+#: Zenoh is not bound by it, but ROS 2 nodes are.
+_HIGHEST_DOMAIN = 232
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the flags of `add_flags` say."""
+
+    receive: bool = False
+    rules: tuple[PrefixRule, ...] = ()
+    shared: tuple[str, ...] = ()
+    static_grace_s: float = DEFAULT_GRACE_S  # 0: static links stay for good
+    publish: tuple[str, ...] = ()  # patterns of child frames; empty: nothing is published
+    rate_hz: float = DEFAULT_RATE_HZ
+    domain: int = 0
+
+    @property
+    def enabled(self) -> bool:
+        """True if the server takes part in a ROS 2 network."""
+        return self.receive or bool(self.publish)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of ROS 2."""
+    group = parser.add_argument_group(
+        "ROS 2",
+        "Robots with rmw_zenoh or zenoh-bridge-ros2dds. Example: zenoh-tf-server --ros2 "
+        "--listen tcp/0.0.0.0:7447 --ros2-prefix namespace --ros2-shared map",
+    )
+    group.add_argument(
+        "--ros2",
+        action="store_true",
+        help="take the transforms of /tf and /tf_static, in any domain and namespace, from the "
+        "ROS 2 nodes and bridges on the Zenoh network",
+    )
+    group.add_argument(
+        "--ros2-prefix",
+        action="append",
+        type=_rule,
+        default=[],
+        metavar="RULE",
+        help="prefix the frames of each robot, as in robot1/base_link, by its namespace, domain or "
+        "session; or of one robot, as in namespace:robot1=r1, domain:7=r7, session:ZID=r8; "
+        "repeatable; a frame that has the prefix already keeps its name (default: no prefix)",
+    )
+    group.add_argument(
+        "--ros2-shared",
+        type=_names,
+        default=(),
+        metavar="FRAMES",
+        help="frames that all robots share and that get no prefix, such as map,world,earth",
+    )
+    group.add_argument(
+        "--ros2-static-grace",
+        type=_seconds,
+        default=DEFAULT_GRACE_S,
+        metavar="SECONDS",
+        help="forget the static transforms of a publisher that has been gone for so long; 0 means "
+        "never (default: %(default)g)",
+    )
+    group.add_argument(
+        "--ros2-publish",
+        action="append",
+        nargs="?",
+        const="*",
+        default=[],
+        metavar="FRAMES",
+        help="publish on /tf and /tf_static what others than ROS 2 commit, for all frames or for "
+        "child frames like this pattern, such as 'camera*'; repeatable",
+    )
+    group.add_argument(
+        "--ros2-publish-rate",
+        type=_rate,
+        default=DEFAULT_RATE_HZ,
+        metavar="HZ",
+        help="publish the newest transform of each frame at most so often a second "
+        "(default: %(default)g)",
+    )
+    group.add_argument(
+        "--ros2-domain",
+        type=_domain,
+        default=0,
+        metavar="N",
+        help="the ROS domain to publish in (default: %(default)s)",
+    )
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if the flags do not fit together."""
+    for given, flag in ((options.ros2_prefix, "prefix"), (options.ros2_shared, "shared")):
+        if given and not options.ros2:
+            parser.error(f"--ros2-{flag} needs --ros2")
+    if options.ros2_shared and not options.ros2_prefix:
+        parser.error("--ros2-shared needs --ros2-prefix: without prefixes, all frames are shared")
+
+
+def from_flags(options: argparse.Namespace) -> Settings:
+    """The settings that the flags say."""
+    return Settings(
+        receive=options.ros2,
+        rules=tuple(options.ros2_prefix),
+        shared=tuple(options.ros2_shared),
+        static_grace_s=options.ros2_static_grace,
+        publish=tuple(options.ros2_publish),
+        rate_hz=options.ros2_publish_rate,
+        domain=options.ros2_domain,
+    )
+
+
+def _rule(text: str) -> PrefixRule:
+    try:
+        return parse_rule(text)
+    except InvalidArgumentException as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of frames, as in map,world")
+    return names
+
+
+def _number(text: str, low: float, high: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = low - 1
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
+    return value
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 0, 1e6)
+
+
+def _rate(text: str) -> float:
+    return _number(text, 0.1, 1000)
+
+
+def _domain(text: Any) -> int:
+    if not (str(text).isascii() and str(text).isdigit() and int(text) <= _HIGHEST_DOMAIN):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to {_HIGHEST_DOMAIN}")
+    return int(text)

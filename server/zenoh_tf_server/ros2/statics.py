@@ -1,0 +1,258 @@
+"""Static transforms of ROS 2: kept per publisher, merged per child.
+
+Some publishers send all of their links each time, older ones only what is new, and all send them
+again to late subscribers. So what each publisher has sent is kept here, and only what differs goes
+to the tree. Of several publishers of a child the one that sent last counts. A publisher whose token
+has been gone for `--ros2-static-grace` is forgotten: its links pass to another publisher that has
+sent them too, or leave the tree. A router's restart takes tokens away for a moment only.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import zenoh
+
+from zenoh_tf import wire
+from zenoh_tf.errors import ProtocolError, TransformException
+from zenoh_tf.ros2.keys import Publisher as Peer
+from zenoh_tf.ros2.topics import Received
+
+from ..put_queues import Put
+from ..rate_limited_log import RateLimitedLog
+from ..static_links import StaticLinks
+from .histories import Histories
+from .publishers import Source
+
+#: How often it is looked whose grace has ended.
+_PERIOD_S: Final = 0.25
+_REMOVAL_S: Final = 5.0
+_JOIN_TIMEOUT_S: Final = 0.5
+
+
+@dataclass(slots=True)
+class _Link:
+    parent: str
+    stamp_ns: int
+    pose: tuple[float, ...]
+    number: int | None  # of the message that had it
+
+    def same(self, other: _Link) -> bool:
+        return self.parent == other.parent and self.pose == other.pose
+
+
+@dataclass(slots=True, eq=False)
+class _Publisher:
+    authority: str = ""
+    links: dict[str, _Link] = field(default_factory=dict)  # by child
+    gone_s: float | None = None  # since when its token is gone
+
+
+_Identity = tuple[str, str]  # see Source.identity
+
+
+class Statics:
+    """What each publisher of `/tf_static` has sent."""
+
+    def __init__(
+        self,
+        links: StaticLinks,
+        grace_s: float,
+        max_publishers: int,
+        max_links: int,
+        add: Callable[[list[Put]], None],
+    ) -> None:
+        """`add`: queues puts."""
+        self._tree_links = links
+        self._grace_s = grace_s
+        self._max_publishers = max_publishers
+        self._max_links = max_links
+        self._add = add
+        self._histories = Histories(max_publishers, self._appeared, self._vanished)
+        self._lock = threading.Lock()
+        self._publishers: dict[_Identity, _Publisher] = {}
+        self._owners: dict[str, _Identity] = {}  # of each child: the publisher that sent it last
+        self._links = 0  # over all publishers
+        self._dropped = 0
+        self._closing = threading.Event()
+        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
+        self._thread = threading.Thread(target=self._forget_gone, name="ros2-statics", daemon=True)
+
+    def start(
+        self,
+        session: zenoh.Session,
+        receive: Callable[[Received], None],
+        report: Callable[[str, ProtocolError], None],
+    ) -> None:
+        """Ask for what was sent before, now and whenever a publisher appears."""
+        self._histories.start(session, receive, report)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End."""
+        self._closing.set()
+        self._histories.close()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_TIMEOUT_S)
+
+    def peer_found(self, peer: Peer) -> None:
+        """Take note of a publisher of transforms that has appeared."""
+        self._histories.ask_old_bridge(peer)
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {
+            "ros2_static_links": self._links,
+            "ros2_statics_dropped": self._dropped,
+            "ros2_unanswered": self._histories.failures,
+        }
+
+    def take(self, source: Source, number: int | None, commit: wire.Commit) -> wire.Commit | None:
+        """Note a message, and return what of it is new; None if nothing is.
+
+        Args:
+            source: Its publisher.
+            number: The publisher's number of it: an older message that comes late changes nothing.
+            commit: Its transforms.
+        """
+        rows = zip(
+            commit.parent.tolist(),
+            commit.child.tolist(),
+            commit.stamp.tolist(),
+            commit.pose.tolist(),
+            strict=True,
+        )
+        with self._lock:
+            publisher = self._publisher(source)
+            if publisher is None:
+                return commit
+            new: dict[str, _Link] = {}
+            for parent, child, stamp_ns, pose in rows:
+                link = _Link(commit.names[parent], stamp_ns, tuple(pose), number)
+                if self._note(publisher, source.identity, commit.names[child], link):
+                    new[commit.names[child]] = link
+        return _commit(new) if new else None
+
+    @staticmethod
+    def put(authority: str, commit: wire.Commit) -> Put:
+        """Static transforms as a put."""
+        payload = wire.pack(wire.commit_body(commit))
+        return Put(authority, True, payload, len(payload), time.time_ns())
+
+    def _publisher(self, source: Source) -> _Publisher | None:
+        """Requires the lock. None: there are too many."""
+        publisher = self._publishers.get(source.identity)
+        if publisher is None:
+            if len(self._publishers) >= self._max_publishers:
+                return None
+            publisher = self._publishers[source.identity] = _Publisher()
+        publisher.authority = source.authority
+        publisher.gone_s = None
+        return publisher
+
+    def _note(self, publisher: _Publisher, identity: _Identity, child: str, link: _Link) -> bool:
+        """Note a link; True if the tree must get it. Requires the lock."""
+        known = publisher.links.get(child)
+        if known is not None:
+            if known.number is not None and link.number is not None and link.number < known.number:
+                return False
+            if known.same(link):
+                known.number = link.number
+                return False
+        elif self._links >= self._max_links:
+            return True  # not kept, so it is put each time
+        else:
+            self._links += 1
+        publisher.links[child] = link
+        self._owners[child] = identity
+        return True
+
+    # --- publishers that come and go
+
+    def _appeared(self, key: str, zid: str) -> None:
+        with self._lock:
+            publisher = self._publishers.get((key, zid))
+            if publisher is not None:
+                publisher.gone_s = None
+
+    def _vanished(self, key: str, zid: str) -> None:
+        with self._lock:
+            publisher = self._publishers.get((key, zid))
+            if publisher is not None:
+                publisher.gone_s = time.monotonic()
+
+    def _forget_gone(self) -> None:
+        while not self._closing.wait(_PERIOD_S):
+            if not self._grace_s:
+                continue
+            before_s = time.monotonic() - self._grace_s
+            with self._lock:
+                gone = [
+                    identity
+                    for identity, each in self._publishers.items()
+                    if each.gone_s is not None and each.gone_s <= before_s
+                ]
+                forgotten = [self._forget(identity) for identity in gone]
+            for authority, handed_over, orphans in forgotten:
+                self._add([self.put(heir, _commit(links)) for heir, links in handed_over.items()])
+                self._remove(authority, orphans)
+
+    def _forget(self, identity: _Identity) -> tuple[str, dict[str, dict[str, _Link]], set[str]]:
+        """Forget a publisher. Returns its authority, what others have of what was its own, by their
+        authorities, and the children that nobody has any more. Requires the lock."""
+        publisher = self._publishers.pop(identity)
+        self._links -= len(publisher.links)
+        handed_over: dict[str, dict[str, _Link]] = {}
+        orphans: set[str] = set()
+        for child in publisher.links:
+            if self._owners.get(child) != identity:
+                continue
+            for other, heir in self._publishers.items():
+                if child in heir.links:
+                    self._owners[child] = other
+                    handed_over.setdefault(heir.authority, {})[child] = heir.links[child]
+                    break
+            else:
+                del self._owners[child]
+                orphans.add(child)
+        return publisher.authority, handed_over, orphans
+
+    def _remove(self, authority: str, children: set[str]) -> None:
+        """Remove static links from the tree, unless another authority has set them since."""
+        left = {child for child in children if self._tree_links.is_static_of(child, authority)}
+        while left:
+            removed = {child for child in left if self._removed(child)}
+            if not removed:
+                break  # frames that others hang on to
+            left -= removed
+            self._dropped += len(removed)
+        self._log.info(
+            f"static transforms of {authority}",
+            f"its publisher is gone: {len(children) - len(left)} removed, {len(left)} left",
+        )
+
+    def _removed(self, child: str) -> bool:
+        expires_ns = time.monotonic_ns() + round(_REMOVAL_S * 1e9)
+        try:
+            self._tree_links.remove_frame(child, False, expires_ns)
+        except TransformException:
+            return False
+        return True
+
+
+def _commit(links: dict[str, _Link]) -> wire.Commit:
+    parents = [link.parent for link in links.values()]
+    names = {name: row for row, name in enumerate(dict.fromkeys([*parents, *links]))}
+    parent = np.array([names[name] for name in parents], np.uint32)
+    child = np.array([names[name] for name in links], np.uint32)
+    stamp = np.array([link.stamp_ns for link in links.values()], np.int64)
+    pose = np.array([link.pose for link in links.values()], np.float64).reshape(-1, 7)
+    return wire.Commit(list(names), parent, child, stamp, pose)

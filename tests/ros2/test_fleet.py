@@ -1,0 +1,98 @@
+"""Robots with equal frame names under prefixes, and the recorded run through ROS 2."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from zenoh_tf_client import TransformClient
+
+from ..conftest import ServerProcess, StartServer
+from ..recorded import needs_recording, questions, transforms
+from ..test_client_recorded import answer, ask
+from .conftest import AHEAD, Peer, StartPeer, authorities, make_server, position, wait_for
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    rules = ("namespace", "domain:7=seventh", "domain")
+    flags = [flag for rule in rules for flag in ("--ros2-prefix", rule)]
+    folder = tmp_path_factory.mktemp("fleet")
+    server = make_server(folder, "--ros2", *flags, "--ros2-shared", "map,world")
+    yield server
+    server.stop()
+
+
+def drive(peer: Peer, x: float) -> None:
+    """All that a robot sends: it is `x` metres ahead of the map."""
+    peer.send_static("n", [("base_link", "/laser", 1, AHEAD)])
+    peer.send("n", [("/map", "base_link", time.time_ns(), (x, *AHEAD[1:]))])
+
+
+def test_robots_with_equal_frames(fleet: ServerProcess, start_peer: StartPeer) -> None:
+    for x, (namespace, domain) in enumerate([("robot1", 0), ("robot2", 0), ("", 7), ("", 3)]):
+        peer = start_peer(fleet.endpoint)
+        peer.node("n", namespace, domain)
+        drive(peer, 10.0 * x)
+    with fleet.connect() as tf:
+        for x, prefix in enumerate(["robot1", "robot2", "seventh", "3"]):
+            assert position(tf, "map", f"{prefix}/laser") == [10.0 * x + 1, 0, 0]
+        assert "laser" not in tf.frames() and "base_link" not in tf.frames()
+        assert all(each.conflicts == 0 for each in tf.authorities())
+
+
+def test_frames_with_a_prefix_keep_it(fleet: ServerProcess, start_peer: StartPeer) -> None:
+    peer = start_peer(fleet.endpoint)
+    peer.node("n", "robot5")
+    peer.send("n", [("map", "robot5/base_link", time.time_ns(), AHEAD)])
+    with fleet.connect() as tf:
+        assert position(tf, "map", "robot5/base_link") == [1.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+def test_prefixes_by_session(start_server: StartServer, start_peer: StartPeer, known: bool) -> None:
+    """Equal robots, whose namespace and domain are the same; of one no token says who it is."""
+    server = start_server("--ros2", "--ros2-prefix", "session")
+    peer = start_peer(server.endpoint)
+    zid = peer.node("n")
+    if not known:
+        from .test_in import KEY, peer_message  # noqa: PLC0415
+
+        stranger = start_peer(server.endpoint)
+        stranger.put(KEY % "tf", peer_message("map", "base_link"), "00" * 16 + "10" + "ee" * 16)
+    drive(peer, 0.0)
+    with server.connect() as tf:
+        assert position(tf, f"{zid}/base_link", f"{zid}/laser") == [1.0, 0.0, 0.0]
+        if not known:
+            wait_for(lambda: tf.stats()["bad_puts"] == 1)
+            refused = authorities(tf)["ros2:0/tf#eeeeeeee"].last_refusal
+            assert "--ros2-prefix session" in str(refused)
+        assert not {"map", "base_link"} & set(tf.frames())
+
+
+@needs_recording
+def test_the_recorded_run(start_server: StartServer, start_peer: StartPeer) -> None:
+    """All messages of a real robot's recording; then tf2's answers about it."""
+    server = start_server("--cache-time", "1000", "--ros2")
+    peer = start_peer(server.endpoint)
+    peer.node("n")
+    peer.reliable("n")
+    sent = 0
+    for static, stampeds in transforms():
+        rows = [(s.parent_frame, s.child_frame, s.stamp_ns, s.transform.pose()) for s in stampeds]
+        (peer.send_static if static else peer.send)("n", rows)
+        sent += len(rows)
+    with server.connect() as tf:
+        wait_for(lambda: stored(tf) == sent)
+        asked = questions()
+        for start in range(0, len(asked), 250):
+            with tf.batch() as batch:
+                handles = [ask(batch, question) for question in asked[start : start + 250]]
+            for question, handle in zip(asked[start : start + 250], handles, strict=True):
+                question.check(answer(handle))
+
+
+def stored(tf: TransformClient) -> int:
+    return tf.stats()["put_transforms"]

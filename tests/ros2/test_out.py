@@ -1,0 +1,170 @@
+"""ROS 2 out: what others commit, as nodes of rmw_zenoh and bridges receive it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.ros2 import attachment
+from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_publisher
+from zenoh_tf_client import TransformClient
+
+from ..conftest import ServerProcess, StartServer
+from .conftest import AHEAD, Peer, StartPeer, make_server, position, wait_for
+
+TURNED = Transform((1, 2, 3), (0, 0, 1, 0))
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    server = make_server(tmp_path_factory.mktemp("out"), "--ros2", "--ros2-publish")
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def tf(server: ServerProcess) -> Iterator[TransformClient]:
+    with server.connect() as tf:
+        yield tf
+        tf.reset()
+
+
+def rows(peer: Peer, topic: str) -> list[Any]:
+    """All rows that a peer has heard on a topic."""
+    return [row for key, _, rows in peer.heard() if f"{topic}/" in f"{key}/" for row in rows]
+
+
+def repeat(tf: TransformClient, peer: Peer, topic: str) -> list[Any]:
+    """Set a moving frame until the peer hears of it: before, nobody may listen yet."""
+
+    def heard() -> list[Any]:
+        tf.set_transform(StampedTransform("map", "drone", time.time_ns(), TURNED), "pilot")
+        return rows(peer, topic)
+
+    return list(wait_for(heard))
+
+
+@pytest.mark.parametrize("humble", [False, True], ids=["newer", "humble"])
+def test_nodes_hear_moving_frames(
+    server: ServerProcess, tf: TransformClient, start_peer: StartPeer, humble: bool
+) -> None:
+    peer = start_peer(server.endpoint)
+    peer.listen("tf", humble)
+    parent, child, stamp_ns, pose = repeat(tf, peer, "tf")[0]
+    assert (parent, child, pose) == ("map", "drone", [1, 2, 3, 0, 0, 1, 0])
+    assert abs(time.time_ns() - stamp_ns) < 60e9
+    ((key, mark),) = {(key, mark[-32:]) for key, mark, _ in peer.heard()}
+    assert key.endswith(NO_HASH if humble else TF_MESSAGE.hash)
+    (publisher,) = [
+        token
+        for token in peer.tokens()
+        if (found := parse_publisher(token)) is not None
+        and found.topic.name == "tf"
+        and (NO_HASH in token) == humble
+    ]
+    # The node is found by its mark, and numbers its messages.
+    assert attachment.gid_of(publisher) == bytes.fromhex(mark)
+    numbers = [attachment.decode(bytes.fromhex(mark)).number for _, mark, _ in peer.heard()]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert any("/NN/%/%/zenoh_tf" in token for token in peer.tokens())
+
+
+def test_bridges_hear_moving_frames(
+    server: ServerProcess, tf: TransformClient, start_peer: StartPeer
+) -> None:
+    peer = start_peer(server.endpoint, "client")
+    peer.listen_bridge("tf")
+    assert repeat(tf, peer, "tf")[0][:2] == ["map", "drone"]
+    assert peer.heard()[0][1] is None
+
+
+@pytest.mark.parametrize("humble", [False, True], ids=["newer", "humble"])
+def test_all_statics_go_out_together_also_to_late_nodes(
+    server: ServerProcess, tf: TransformClient, start_peer: StartPeer, humble: bool
+) -> None:
+    early, late = start_peer(server.endpoint), start_peer(server.endpoint)
+    early.listen("tf_static", humble)
+    for number in range(3):
+        link = StampedTransform("base", f"part{number}", 5, TURNED)
+        tf.set_transform(link, "maker", static=True)
+    wanted = {f"part{number}" for number in range(3)}
+    wait_for(lambda: {row[1] for row in last_rows(early)} == wanted)
+    late.listen("tf_static", humble)
+    wait_for(lambda: {row[1] for row in last_rows(late)} == wanted)
+    assert last_rows(late)[0][3] == [1, 2, 3, 0, 0, 1, 0]
+    tf.remove_frame("part1")
+    wanted -= {"part1"}
+    wait_for(lambda: all({row[1] for row in last_rows(peer)} == wanted for peer in (early, late)))
+
+
+def last_rows(peer: Peer) -> list[Any]:
+    heard = peer.heard()
+    return list(heard[-1][2]) if heard else []
+
+
+def test_nothing_is_published_twice_and_nothing_of_ros_comes_back(
+    server: ServerProcess, tf: TransformClient, start_peer: StartPeer
+) -> None:
+    robot, listener = start_peer(server.endpoint), start_peer(server.endpoint)
+    for topic in ("tf", "tf_static"):
+        listener.listen(topic)
+    robot.node("n")
+    repeat(tf, listener, "tf")
+    received = tf.stats()["ros2_messages"]
+    robot.send_static("n", [("body", "eye", 1, AHEAD)])
+    stamp_ns = time.time_ns()
+    robot.send("n", [("map", "body", stamp_ns, AHEAD)])
+    assert position(tf, "map", "eye") == [2.0, 0.0, 0.0]
+    tf.set_transform(StampedTransform("base", "arm", 5, TURNED), "maker", static=True)
+    tf.set_transform(StampedTransform("map", "drone", stamp_ns, TURNED), "pilot")
+    wait_for(lambda: any(row[:2] == ["base", "arm"] for row in rows(listener, "tf_static")))
+    wait_for(lambda: any(row[2] == stamp_ns for row in by(listener, "zenoh_tf")))
+    # The listener hears the robot itself; the server adds nothing of the robot's.
+    assert {row[1] for row in by(listener, "zenoh_tf")} == {"drone", "arm"}
+    assert len([row for row in rows(listener, "tf") if row[1] == "body"]) == 1
+    assert tf.stats()["ros2_messages"] - received == 2
+    assert [each.name for each in tf.authorities() if each.name.startswith("ros2")] == [
+        "ros2:0/robot"
+    ]
+
+
+def by(peer: Peer, node: str) -> list[Any]:
+    """The rows that a node has sent, by its mark."""
+    marks = {
+        gid.hex()
+        for token in peer.tokens()
+        if f"/{node}/" in token and (gid := attachment.gid_of(token)) is not None
+    }
+    return [row for _, mark, rows in peer.heard() if mark[-32:] in marks for row in rows]
+
+
+def test_chosen_frames_at_a_limited_rate(start_server: StartServer, start_peer: StartPeer) -> None:
+    flags = ("--ros2-publish", "cam*", "--ros2-publish", "laser", "--ros2-publish-rate", "5")
+    server = start_server(*flags, "--ros2-domain", "3")
+    peer = start_peer(server.endpoint)
+    peer.listen("tf", False, 3)
+    peer.listen("tf_static", False, 3)
+    with server.connect() as tf:
+        for frame in ("camera", "laser", "wheel"):
+            tf.set_transform(StampedTransform("base", frame, 1, TURNED), static=True)
+
+        def move() -> bool:
+            now_ns = time.time_ns()
+            moved = [StampedTransform("map", name, now_ns, TURNED) for name in ("cam1", "base")]
+            tf.set_transforms_xact(moved)
+            return len(rows(peer, "tf")) >= 3
+
+        began_s = time.monotonic()
+        wait_for(move)
+        # Three messages lie two periods apart, unless it sends more often than it may.
+        assert time.monotonic() - began_s > 0.3
+    assert {row[1] for row in rows(peer, "tf")} == {"cam1"}
+    wait_for(lambda: {row[1] for row in last_static(peer)} == {"camera", "laser"})
+
+
+def last_static(peer: Peer) -> list[Any]:
+    return list([rows for key, _, rows in peer.heard() if "tf_static" in key][-1])

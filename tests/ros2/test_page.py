@@ -1,0 +1,158 @@
+"""docs/ros2.md, the demo and the compose file do what they say."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+
+from zenoh_tf_server import flags
+from zenoh_tf_server.metric_table import FROM_AUTHORITIES, FROM_STATS
+
+from ..conftest import ServerProcess
+from ..test_demo import endpoint_of, processes_of
+from .conftest import make_server, position
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs/ros2.md").read_text()
+LINES = [
+    line
+    for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
+    for line in block.splitlines()
+]
+
+
+def start(*command: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    (line,) = (line for line in LINES if "--listen" in line)
+    options = shlex.split(line)[1:]
+    del options[options.index("--listen") :]
+    server = make_server(tmp_path_factory.mktemp("page"), *options)
+    yield server
+    server.stop()
+
+
+def test_every_line_is_known() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    for line in LINES:
+        command = shlex.split(line)
+        if command[0] == "pip":
+            assert command[2] == "zenoh-tf[ros2]" and "ros2" in extras
+        elif command[0] == "zenoh-tf-server":
+            assert flags.parse(command[1:]).ros2 == ("--ros2" in command)
+        else:
+            assert command[0] in ("python", "zenoh-tf"), line
+    for flag in re.findall(r"`(--ros2[a-z-]*)", PAGE):
+        assert flag in flags.parser().format_help(), flag
+    for name in re.findall(r"`(ros2_[a-z_]+)`", PAGE):
+        assert name in FROM_STATS or name == "ros2_", name
+    for name in ("conflicts", "rewritten", "clock_offset_max_s", "stamp_age_s"):
+        assert name in FROM_AUTHORITIES and f"`{name}`" in PAGE
+
+
+def test_the_first_five_minutes(server: ServerProcess) -> None:
+    robot_line, *questions = [line for line in LINES if line.startswith(("python", "zenoh-tf "))]
+    _, script = shlex.split(robot_line)
+    with start(str(ROOT / script), "--connect", server.endpoint) as robot:
+        try:
+            with server.connect() as tf:
+                position(tf, "odom", "laser")
+            found = {}
+            for line in questions:
+                arguments = [*shlex.split(line)[1:], "--connect", server.endpoint]
+                done = subprocess.run(
+                    [sys.executable, "-m", "zenoh_tf_client", *arguments],
+                    capture_output=True,
+                    text=True,
+                    timeout=50,
+                    check=False,
+                )
+                assert done.returncode == 0, done.stderr
+                found[line] = done.stdout
+        finally:
+            robot.send_signal(signal.SIGINT)
+            _, errors = robot.communicate(timeout=20)
+    assert robot.returncode == 0 and errors == ""
+    assert "ros2:0/robot" in found["zenoh-tf authorities"]
+    assert "base_link" in found["zenoh-tf frames"]
+    assert "laser in odom" in found["zenoh-tf lookup odom laser"]
+
+
+def test_the_demo() -> None:
+    with start(str(ROOT / "examples/demo_ros2.py")) as demo:
+        page, errors = demo.communicate(timeout=50)
+    assert demo.returncode == 0, errors
+    assert errors == ""
+    for name in ("robot1/laser", "robot2/camera", "ros2:0/robot1/robot", "hears on /tf: goal"):
+        assert name in " ".join(page.split())
+    assert processes_of(endpoint_of(page)) == []
+
+
+def test_the_containers_of_the_compose_file(server: ServerProcess) -> None:
+    """Its server's flags are right, and its robots run."""
+    services: dict[str, Any] = YAML(typ="safe").load(ROOT / "docker/compose-ros2.yaml")["services"]
+    options = flags.parse(services.pop("server")["command"])
+    assert options.ros2 and options.ros2_shared == ("map",)
+    for name, service in services.items():
+        command = [*service["entrypoint"], *service["command"]]
+        assert command[:2] == ["python", "ros2_robot.py"]
+        command[3] = server.endpoint
+        robot = start(str(ROOT / "examples/ros2_robot.py"), *command[2:], "--seconds", "1")
+        _, errors = robot.communicate(timeout=50)
+        assert robot.returncode == 0, errors
+        with server.connect() as tf:
+            assert f"ros2:0/{name}/robot" in [each.name for each in tf.authorities()]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--ros2-prefix", "namespace"], "--ros2-prefix needs --ros2"),
+        (["--ros2", "--ros2-prefix", "robot"], "is not a rule"),
+        (["--ros2", "--ros2-shared", "map"], "--ros2-shared needs --ros2-prefix"),
+        (["--ros2", "--ros2-prefix", "domain", "--ros2-shared", "a,,b"], "is not a list of frames"),
+        (["--ros2-publish", "--ros2-publish-rate", "0"], "is not a number from 0.1"),
+        (["--ros2-publish", "--ros2-domain", "300"], "is not a number from 0 to 232"),
+        (["--ros2", "--ros2-static-grace", "-1"], "is not a number from 0"),
+        (["--ros2", "--users", "{users}"], "join the robots' router with --connect"),
+    ],
+)
+def test_wrong_flags(
+    arguments: list[str], error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    users = tmp_path / "users"
+    users.write_text("nav:secret\n")
+    users.chmod(0o600)
+    with pytest.raises(SystemExit) as caught:
+        flags.parse([each.format(users=users) for each in arguments])
+    assert caught.value.code == 2
+    assert error in capsys.readouterr().err
+
+
+def test_flags_in_a_file(tmp_path: Path) -> None:
+    config = tmp_path / "server.toml"
+    config.write_text(
+        'ros2 = true\nros2-prefix = ["namespace"]\nros2-shared = "map,world"\n'
+        'ros2-publish = ["goal*"]\nros2-domain = 4\n'
+    )
+    settings = flags.settings(flags.parse(["--config", str(config)])).ros2
+    assert settings.receive and settings.enabled and settings.domain == 4
+    assert settings.shared == ("map", "world") and settings.publish == ("goal*",)
+    assert [rule.kind for rule in settings.rules] == ["namespace"]

@@ -1,0 +1,30 @@
+"""A small robot's frames, for tests of mirrors of some of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from itertools import pairwise
+
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+DEADLINE_S = 30.0
+
+
+def wait(condition: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.01)
+
+
+def stamped(child: str, stamp_ns: int, x: float = 0.0, parent: str = "map") -> StampedTransform:
+    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
+
+
+def robot(tf: TransformClient, stamp: int, prefix: str = "") -> None:
+    """map -> odom -> base -> (arm -> gripper, camera)"""
+    names = ["map", "odom", "base", "arm", "gripper"]
+    links = [stamped(prefix + b, stamp, stamp, prefix + a) for a, b in pairwise(names)]
+    tf.set_transforms_xact([*links, stamped(prefix + "camera", stamp, 2, prefix + "base")])

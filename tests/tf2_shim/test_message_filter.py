@@ -1,0 +1,354 @@
+"""Message filters against a real server: messages wait there until their transforms come."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from zenoh_tf.errors import LimitExceeded, ServerUnavailable
+from zenoh_tf_client import tf2
+from zenoh_tf_client.client import TransformClient
+from zenoh_tf_client.tf2 import FilterFailureReason, MessageFilter, TransformFilter
+
+from .fake_ros.geometry_msgs import msg
+from .messages import at, lasting, link
+
+Calls = list[tuple[Any, ...]]
+
+
+def until(condition: Callable[[], object]) -> None:
+    while not condition():
+        time.sleep(0.005)
+
+
+def point(seconds: float, frame: str = "base") -> msg.PointStamped:
+    message = msg.PointStamped()
+    message.header.frame_id = frame
+    message.header.stamp = at(seconds).to_msg()
+    return message
+
+
+@pytest.fixture
+def buffer(shim: TransformClient) -> tf2.Buffer:
+    buffer = tf2.Buffer()
+    buffer.set_transform(link("map", "base", 1), "wheels")
+    return buffer
+
+
+def move(buffer: tf2.Buffer, seconds: float, child: str = "base") -> None:
+    buffer.set_transform(link("map", child, seconds, (seconds, 0.0, 0.0)), "wheels")
+
+
+@pytest.fixture
+def calls() -> Calls:
+    """What the filter's callbacks were called with."""
+    return []
+
+
+@pytest.fixture
+def make(buffer: tf2.Buffer, calls: Calls) -> Iterator[Callable[..., TransformFilter]]:
+    """``make(kind, target, size)``: a filter whose callbacks record their arguments."""
+    made: list[TransformFilter] = []
+
+    def filter_of(
+        kind: type[TransformFilter] = TransformFilter,
+        target: Any = "map",
+        size: int = 10,
+        **options: Any,
+    ) -> TransformFilter:
+        held = kind(None, buffer, target, size, **options)
+        held.registerCallback(lambda *arguments: calls.append(arguments))
+        held.registerFailureCallback(lambda *arguments: calls.append(arguments))
+        made.append(held)
+        return held
+
+    yield filter_of
+    for one in made:
+        one.close()
+
+
+def test_a_message_waits_for_its_transform(
+    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
+) -> None:
+    held, late, early = make(), point(3), point(2)
+    held.add(late)
+    held.add(early)
+    until(lambda: shim.stats()["waiters"] == 2)
+    assert (held.stats()["held"], calls) == (2, [])
+    move(buffer, 2)
+    until(lambda: calls)
+    move(buffer, 3)
+    until(lambda: len(calls) == 2)
+    assert [call[0] for call in calls] == [early, late]  # in the order of their transforms
+    for message, transform in calls:
+        assert transform.header.stamp.nanoseconds == at(message.header.stamp.sec).nanoseconds
+        assert transform.transform.translation.x == message.header.stamp.sec
+        assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base")
+    counts = held.stats()
+    assert (counts["received"], counts["passed"], counts["held"]) == (2, 2, 0)
+
+
+def test_nothing_waits_for_what_is_there(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
+    held, message = make(MessageFilter), point(1)
+    held.registerCallback(lambda *arguments: calls.append(arguments), "more", 5)
+    held.add(message)
+    until(lambda: len(calls) == 2)
+    assert calls == [(message,), (message, "more", 5)]
+
+
+def test_a_full_queue_drops_the_oldest_and_its_wait(
+    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
+) -> None:
+    held = make(size=3)
+    messages = [point(seconds) for seconds in range(2, 7)]
+    for message in messages:
+        held.add(message)
+    assert [call[:2] for call in calls] == [
+        (message, FilterFailureReason.QUEUE_FULL) for message in messages[:2]
+    ]
+    error = calls[0][2]
+    assert type(error) is LimitExceeded
+    assert (error.field, error.limit) == ("queue_size", 3)
+    until(lambda: shim.stats()["waiters"] == 3)  # the server forgets the others
+    calls.clear()
+    move(buffer, 10)
+    until(lambda: len(calls) == 3)
+    assert {id(call[0]) for call in calls} == {id(message) for message in messages[2:]}
+    assert held.stats()["queue_full"] == 2
+
+
+def test_a_slow_callback_fills_the_queue(buffer: tf2.Buffer, calls: Calls) -> None:
+    """Messages that are ready count as held, too: nothing grows."""
+    go, entered = threading.Event(), threading.Event()
+
+    def slow(*arguments: Any) -> None:
+        entered.set()
+        go.wait(30)
+        calls.append(arguments)
+
+    with MessageFilter(None, buffer, "map", 2) as held:
+        held.registerCallback(slow)
+        held.add(point(1))
+        assert entered.wait(30)
+        messages = [point(1) for _ in range(50)]
+        for message in messages:
+            held.add(message)
+        assert held.stats()["held"] == 2
+        go.set()
+        until(lambda: held.stats()["passed"] == 3)
+        assert held.stats()["queue_full"] == 48
+
+
+def test_several_target_frames(
+    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
+) -> None:
+    buffer.set_transform_static(link("base", "camera", 0, (0.0, 0.0, 1.0)), "urdf")
+    held, message = make(target=["map", "odom"]), point(2, "camera")
+    held.add(message)
+    move(buffer, 2)
+    until(lambda: shim.stats()["waiters"] == 1)
+    assert calls == []
+    move(buffer, 2, "odom")
+    until(lambda: calls)
+    [(got, transforms)] = calls
+    assert got is message
+    assert [transform.header.frame_id for transform in transforms] == ["map", "odom"]
+
+
+def after(buffer: tf2.Buffer, *samples_s: float) -> msg.PointStamped:
+    """A message from long before the samples that the server keeps."""
+    for seconds in samples_s:
+        move(buffer, seconds)
+    return point(50)
+
+
+Refused = tuple[Callable[[tf2.Buffer], Any], FilterFailureReason, type[Exception], str]
+REFUSED: dict[str, Refused] = {
+    "too old": (
+        lambda buffer: after(buffer, 100),
+        FilterFailureReason.OUT_THE_BACK,
+        tf2.NoDataForExtrapolationException,
+        "'base'",
+    ),
+    "older than all": (
+        lambda buffer: after(buffer, 100, 101),
+        FilterFailureReason.OUT_THE_BACK,
+        tf2.BackwardExtrapolationException,
+        "'base'",
+    ),
+    "no frame": (
+        lambda buffer: point(1, ""),
+        FilterFailureReason.EMPTY_FRAME_ID,
+        tf2.InvalidArgumentException,
+        "no frame",
+    ),
+    "no text": (
+        lambda buffer: point(1, 5),  # type: ignore[arg-type]
+        FilterFailureReason.UNKNOWN,
+        tf2.InvalidArgumentException,
+        "must be a str",
+    ),
+    "a wrong name": (
+        lambda buffer: point(1, "/base"),
+        FilterFailureReason.UNKNOWN,
+        tf2.InvalidArgumentException,
+        "/base",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_come_is_dropped_at_once(
+    buffer: tf2.Buffer, make: Any, calls: Calls, name: str
+) -> None:
+    prepare, reason, error, text = REFUSED[name]
+    held, message = make(), prepare(buffer)
+    held.add(message)
+    until(lambda: calls)
+    [(got, given, raised)] = calls
+    assert (got, given, type(raised)) == (message, reason, error)
+    assert text in str(raised)
+    assert held.stats()[reason.name.lower()] == 1
+
+
+def test_what_is_no_message_is_the_callers_error(make: Any) -> None:
+    held = make()
+    for message in (None, msg.PointStamped(header=msg.Header(stamp="now", frame_id="base"))):
+        with pytest.raises((AttributeError, TypeError)):
+            held.add(message)
+    assert held.stats()["received"] == held.stats()["held"] == 0
+
+
+def test_a_time_out(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
+    held, message = make(buffer_timeout=lasting(0.05)), point(2)
+    held.add(message)
+    until(lambda: calls)
+    assert calls[0][:2] == (message, FilterFailureReason.NO_TRANSFORM_FOUND)
+    assert type(calls[0][2]) is tf2.NoDataForExtrapolationException
+
+
+class Subscriber:
+    """As message_filters.Subscriber: what it calls back."""
+
+    def __init__(self) -> None:
+        self.callbacks: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
+
+    def registerCallback(self, callback: Callable[..., object], *arguments: Any) -> int:
+        self.callbacks.append((callback, arguments))
+        return len(self.callbacks) - 1
+
+    def receive(self, message: Any) -> None:
+        for callback, arguments in self.callbacks:
+            callback(message, *arguments)
+
+
+def test_filters_in_a_row(buffer: tf2.Buffer, calls: Calls) -> None:
+    """A subscriber, then the one filter, then the other."""
+    subscriber, message = Subscriber(), point(1)
+    first = MessageFilter(subscriber, buffer, "map", 5)
+    second = TransformFilter(first, buffer, "base", 5, object(), lasting(30))
+    with first, second:
+        second.registerCallback(lambda *arguments: calls.append(arguments))
+        subscriber.receive(message)
+        until(lambda: calls)
+    assert calls[0][0] is message
+    assert calls[0][1].header.frame_id == "base"
+
+
+def test_a_callback_that_fails(
+    buffer: tf2.Buffer, make: Any, calls: Calls, caplog: pytest.LogCaptureFixture
+) -> None:
+    held = make()
+    held.registerCallback(lambda *_: 1 / 0)
+    held.add(point(1))
+    held.add(point(1))
+    until(lambda: held.stats()["callback_errors"] == 2)
+    assert held.stats()["passed"] == 2
+    assert "ZeroDivisionError" in caplog.text
+
+
+def test_clear_and_close_leave_nothing_behind(
+    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
+) -> None:
+    held = make()
+    held.add(point(2))
+    until(lambda: shim.stats()["waiters"])
+    held.clear()
+    until(lambda: not shim.stats()["waiters"])
+    held.add(point(3))
+    until(lambda: shim.stats()["waiters"])
+    held.close()
+    held.close()
+    held.add(point(1))
+    until(lambda: not shim.stats()["waiters"])
+    move(buffer, 4)
+    assert (held.stats()["held"], calls) == (0, [])
+
+
+def test_the_filters_thread_ends(buffer: tf2.Buffer) -> None:
+    with MessageFilter(None, buffer, "map", 5):
+        pass
+    until(lambda: "tf2 filter" not in {thread.name for thread in threading.enumerate()})
+
+
+def test_a_closed_connection_drops_what_is_held(
+    shim: TransformClient, make: Any, calls: Calls
+) -> None:
+    held, message = make(), point(2)
+    held.add(message)
+    until(lambda: shim.stats()["waiters"])
+    tf2.close()
+    until(lambda: calls)
+    assert calls[0][:2] == (message, FilterFailureReason.UNKNOWN)
+    assert type(calls[0][2]) is ServerUnavailable
+    calls.clear()
+    held.add(point(1))  # opens the connection again
+    until(lambda: calls)
+    assert calls[0][1].header.frame_id == "map"
+
+
+def test_messages_outlive_a_server(start_server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    server = start_server()
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
+    buffer, calls = tf2.Buffer(), []
+    move(buffer, 1)
+    with TransformFilter(None, buffer, "map", 5) as held:
+        held.registerCallback(lambda *arguments: calls.append(arguments))
+        held.add(point(2))
+        until(lambda: tf2.connect().stats()["waiters"])
+        server.kill()
+        start_server(endpoint=server.endpoint)
+        with server.connect() as tf:
+            tf.set_transforms_xact([_stamped(seconds) for seconds in (1, 3)])
+            until(lambda: calls)
+    tf2.close()
+    assert calls[0][1].header.stamp.sec == 2
+
+
+def _stamped(seconds: float) -> Any:
+    from zenoh_tf_client.tf2.messages import stamped_of  # noqa: PLC0415
+
+    return stamped_of(link("map", "base", seconds))
+
+
+def test_a_queue_without_room_is_refused(buffer: tf2.Buffer) -> None:
+    with pytest.raises(tf2.InvalidArgumentException) as refusal:
+        MessageFilter(None, buffer, "map", 0)
+    assert refusal.value.field == "queue_size"
+
+
+def test_many_messages_wait_on_two_threads(
+    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
+) -> None:
+    held = make(size=1000)
+    before = threading.active_count()
+    for number in range(1000):
+        held.add(point(2 + number / 1000))
+    until(lambda: shim.stats()["waiters"] == 1000)
+    assert threading.active_count() <= before + 2
+    move(buffer, 4)
+    until(lambda: len(calls) == 1000)

@@ -1,0 +1,26 @@
+"""The native module's functions that make the columns of a commit: a stub that `_core.pyi` imports,
+not a module at run time.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf._transform import StampedTransform
+
+# Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
+def columns_of(
+    stampeds: Sequence[StampedTransform],
+) -> tuple[
+    list[str],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.float64],
+]: ...
+
+# A ROS 2 TFMessage in CDR as (names, parent, child, stamp_ns, pose), see `zenoh_tf.ros2.cdr`; of a
+# malformed one the (field, what was expected).
+def decode_tf_message(message: bytes) -> tuple[Any, ...]: ...
