@@ -22,8 +22,11 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 EXTRAS = {
     "cryptography": "zenoh_tf_client",
     "prometheus_client": "zenoh_tf_server",
+    "foxglove_schemas_protobuf": "zenoh_tf",
+    "mcap": "zenoh_tf",
+    "mcap_protobuf": "zenoh_tf",
     "rich": "zenoh_tf_client",
-    "rosbags": "zenoh_tf_client",
+    "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_client",
     "xxhash": "zenoh_tf",

@@ -24,3 +24,18 @@ def columns_of(
 # A ROS 2 TFMessage in CDR as (names, parent, child, stamp_ns, pose), see `zenoh_tf.ros2.cdr`; of a
 # malformed one the (field, what was expected).
 def decode_tf_message(message: bytes) -> tuple[Any, ...]: ...
+
+# The same of many messages, with the number of malformed ones, which have no rows, and the (field,
+# what was expected) of the first of these.
+def decode_tf_messages(
+    messages: list[bytes],
+) -> tuple[
+    list[str],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.float64],
+    int,
+    str,
+    str,
+]: ...

@@ -16,6 +16,7 @@ from zenoh_tf._change_log import InterestReader as InterestReader
 from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._columns import columns_of as columns_of
 from zenoh_tf._columns import decode_tf_message as decode_tf_message
+from zenoh_tf._columns import decode_tf_messages as decode_tf_messages
 from zenoh_tf._points import deskew_by_samples as deskew_by_samples
 from zenoh_tf._points import map_rows as map_rows
 from zenoh_tf._shared import LAYOUT as LAYOUT

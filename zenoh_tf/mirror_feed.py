@@ -1,7 +1,6 @@
 """Feeds a mirror: listens to the stream of a tree's server, and asks for what is missing.
 
-Mirrors of clients and replicas of servers share it. `Source` is what each of them adds: how it
-listens and asks.
+Mirrors of clients and replicas of servers share it; each adds a `Source`, which listens and asks.
 
 One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
@@ -38,7 +37,7 @@ from .errors import (
     TimeoutException,
     TransformException,
 )
-from .mirroring import MakeTree, Mirroring, Request, make_tree
+from .mirroring import MakeTree, Mirroring, Observer, Request, make_tree
 from .server_clock import COMPARISONS, ServerClock, now_ns
 from .tree import TransformTree
 
@@ -96,8 +95,7 @@ class Source(Protocol):
         """Listen to the stream."""
 
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
-        """Undeclare a subscriber; never raises. False: the process is forked, and has no
-        threads."""
+        """Undeclare a subscriber; never raises. False: the process is forked."""
 
     def ask(self, operation: str, body: wire.Message) -> wire.Message:
         """Send a request, and return the reply, or raise its error."""
@@ -115,6 +113,7 @@ class MirrorFeed:
         on_copy: Callable[[TransformTree | None, str], None],
         interest: wire.Interest | None = None,
         make_tree: MakeTree = make_tree,
+        observer: Observer | None = None,
     ) -> None:
         """Begin to listen. `on_copy` is told each new copy of the tree and its instance, before
         `state` has it, and None at the end.
@@ -125,7 +124,7 @@ class MirrorFeed:
         self._on_copy = on_copy
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring(make_tree, interest=interest)
+        self._mirroring = Mirroring(make_tree, interest=interest, observer=observer)
         self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         self._waiters = 0
@@ -232,7 +231,7 @@ class MirrorFeed:
                 return
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
-            if self._interest is not None and silent_periods and self._compare_clocks():
+            if self._interest and silent_periods and self._compare_clocks():
                 self._begin_anew()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
                 if self._compare_clocks():
@@ -245,7 +244,7 @@ class MirrorFeed:
         with self._changed:
             if self.state.synced:  # else a request is under way, or waits
                 self._mirroring.restart()
-            self._proceed()
+                self._proceed()
 
     def _listen_anew(self) -> None:
         log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
@@ -376,10 +375,9 @@ class MirrorFeed:
         self._unknown += 1
         if self._unknown < _MAX_UNKNOWN:
             return error
-        what = "mirrors" if self._interest is None else "mirrors of some frames"
         return ServerUnavailable(
-            f"the server of tree {self._source.tree!r} offers no {what}: it is older than this "
-            "client; look transforms up by query, or update the server"
+            f"the server of tree {self._source.tree!r} offers no mirrors, or none of some frames: "
+            "it is older than this client; look transforms up by query, or update it"
         )
 
     def _is_final(self) -> bool:

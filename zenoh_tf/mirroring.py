@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from . import wire
 from ._core import ChangeReplay
@@ -59,6 +59,19 @@ class _Piece:
     until: int
 
 
+class Observer(Protocol):
+    """Is told all that copies are made of, in order; `recorder.py` records it. Must not wait."""
+
+    def begin(self, instance: str, seq: int) -> None:
+        """A copy begins: of a server's instance, as it was after the commit `seq` or later."""
+
+    def load(self, frames: wire.Frames) -> None:
+        """Some frames of a snapshot, with their histories."""
+
+    def apply(self, message: wire.StreamMessage) -> None:
+        """Changes, after all frames of the snapshot. Some may be in the snapshot already."""
+
+
 #: Makes an empty tree with the settings of a server's, for the copy of an instance.
 MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
 
@@ -78,7 +91,16 @@ def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> Tra
 class _Copy:
     """One copy of the tree, from its snapshot on."""
 
-    def __init__(self, instance: str, plan: wire.SnapshotPlan, tree: TransformTree) -> None:
+    def __init__(
+        self,
+        instance: str,
+        plan: wire.SnapshotPlan,
+        tree: TransformTree,
+        observer: Observer | None,
+    ) -> None:
+        self.observer = observer
+        if observer is not None:
+            observer.begin(instance, plan.seq)
         self.instance = instance
         self.tree = tree
         self.replay = ChangeReplay(tree)
@@ -102,6 +124,8 @@ class _Copy:
     def load(self, piece: _Piece, loaded: wire.SnapshotPiece) -> None:
         """Add a piece's frames; ask for its rest if it was cut short."""
         self.replay.load(*loaded.frames)
+        if self.observer is not None:
+            self.observer.load(loaded.frames)
         self.complete_at = max(self.complete_at, loaded.last)
         if loaded.reached < piece.until:
             self.pieces.append(_Piece(piece.number, max(loaded.reached, piece.after), piece.until))
@@ -112,6 +136,8 @@ class _Copy:
         """Apply a message that begins at most one after the last one."""
         if message.changes is not None and message.last > self.position:
             self.replay.apply(message.last, *message.changes)
+            if self.observer is not None:
+                self.observer.apply(message)
         self.position = max(self.position, message.last)
         self.clock_ns = max(self.clock_ns, message.clock_ns)
 
@@ -124,7 +150,9 @@ class Mirroring:
         make_tree: MakeTree = make_tree,
         max_waiting_bytes: int = MAX_WAITING_BYTES,
         interest: wire.Interest | None = None,
+        observer: Observer | None = None,
     ) -> None:
+        self._observer = observer
         self._make_tree = make_tree
         self._interest = interest
         self._max_waiting_bytes = max_waiting_bytes
@@ -272,7 +300,8 @@ class Mirroring:
         return Request(operation, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
-        self._next = _Copy(instance, plan, self._make_tree(plan.settings, instance))
+        tree = self._make_tree(plan.settings, instance)
+        self._next = _Copy(instance, plan, tree, self._observer)
         self._snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import _core
@@ -14,7 +15,8 @@ from zenoh_tf.points import Sweep, deskew
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Sequence
+    from os import PathLike
 
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
@@ -61,6 +63,47 @@ class TransformTree(_core.Tree):
     Raises:
         InvalidArgumentException: An option is out of its range.
     """
+
+    @classmethod
+    def from_recording(
+        cls,
+        path: str | PathLike[str],
+        *,
+        topics: Collection[str] | None = None,
+        max_memory_bytes: int | None = None,
+    ) -> TransformTree:
+        """Make a tree from a recording, with its whole history.
+
+        Reads MCAP (ROS 2, ROS 1, Foxglove), rosbag2 and ROS 1 bags; see docs/recordings.md. Links
+        of topics called `tf_static`, in any namespace, hold at all times. What no tree accepts is
+        left out; the logger `zenoh_tf.recordings` tells how much. Needs the libraries of
+        `pip install 'zenoh-tf[recordings]'`.
+
+        Args:
+            path: The file, or the folder of `ros2 bag record`.
+            topics: Names of topics to read; None for all that have transforms.
+            max_memory_bytes: Most bytes of all samples together; None for 4 GiB, 0 for no limit.
+
+        Returns:
+            A tree that never drops a sample for its age. Stamps are as recorded, in nanoseconds.
+
+        Raises:
+            RecordingError: The recording cannot be read, has no transforms, or a library is
+                missing.
+            LimitExceeded: The recording needs more memory; `field` is "max_memory".
+
+        Example:
+            `TransformTree.from_recording("run.mcap").sample("map", "base", stamps_ns)`
+        """
+        from zenoh_tf import recordings  # noqa: PLC0415 - it imports what imports this module
+
+        limit = recordings.MAX_MEMORY_BYTES if max_memory_bytes is None else max_memory_bytes
+        tree = cls(**recordings.OPTIONS, max_memory_bytes=limit)
+        with recordings.open_recording(path, topics) as recording:
+            recordings.load(recording, tree)
+            for warning in recording.warnings():
+                logging.getLogger("zenoh_tf.recordings").warning("%s: %s", path, warning)
+        return tree
 
     def lookup_transforms(
         self,

@@ -8,72 +8,20 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.ingest import Feed
 
-#: (log time in s, topic, [(parent, child, stamp in s, x)])
-Log = Iterable[tuple[float, str, list[tuple[str, str, float, float]]]]
-
-TF = "tf2_msgs/msg/TFMessage"
-LOG: Log = [
-    (100.0, "/tf_static", [("base", "camera", 0.0, 1.0)]),
-    *[(100.0 + i / 50, "/tf", [("odom", "base", 7.0 + i / 50, float(i))]) for i in range(51)],
-    (101.1, "/robot2/tf", [("odom2", "base2", 7.0, 5.0)]),
-]
-
-
-def write(path: Path, log: Log = LOG, *, kind: str = "mcap") -> Path:
-    """A recording of transform messages; returns the file or folder to replay."""
-    ros1 = kind == "bag"
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    if ros1:
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
-    kinds = store.types
-
-    def message(rows: list[tuple[str, str, float, float]]) -> Any:
-        transforms = []
-        for parent, child, stamp_s, x in rows:
-            stamp = kinds["builtin_interfaces/msg/Time"](int(stamp_s), round(stamp_s % 1 * 1e9))
-            extra = {"seq": 0} if ros1 else {}
-            transforms.append(
-                kinds["geometry_msgs/msg/TransformStamped"](
-                    header=kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=parent, **extra),
-                    child_frame_id=child,
-                    transform=kinds["geometry_msgs/msg/Transform"](
-                        translation=kinds["geometry_msgs/msg/Vector3"](x, 0.0, 0.0),
-                        rotation=kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-                    ),
-                )
-            )
-        return kinds[TF](transforms)
-
-    writer: Any
-    if ros1:
-        writer = Writer1(path)
-        serialize = store.serialize_ros1
-    else:
-        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-        writer = Writer2(path, version=9, storage_plugin=plugin)
-        serialize = store.serialize_cdr
-    with writer:
-        topics: dict[str, Any] = {}
-        for log_s, topic, rows in log:
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, TF, typestore=store)
-            writer.write(topics[topic], round(log_s * 1e9), serialize(message(rows), TF))
-    return next(path.glob("*.mcap")) if kind == "mcap" else path
-
+from ..recordings.files import Log, write
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -119,6 +67,71 @@ def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
     assert took["1"] >= 1.1
 
 
+def test_a_part_of_it(run: Run, tmp_path: Path) -> None:
+    """Static links from before the part are there."""
+    path = str(write(tmp_path / "log"))
+    done = run("--json", "replay", path, "--start", "0.5", "--end", "0.7s")
+    assert (done.returncode, done.stderr) == (0, "")
+    summary = json.loads(done.stdout)
+    assert summary["transforms"] == 12
+    assert summary["topics"] == ["/tf", "/tf_static"]
+    answer = json.loads(run("--json", "frame", "base").stdout)
+    assert (answer["oldest_stamp_ns"], answer["newest_stamp_ns"]) == (
+        7_500_000_000,
+        7_700_000_000,
+    )
+    assert run("lookup", "odom", "camera").returncode == 0
+
+
+def test_as_if_it_happened_now(run: Run, tmp_path: Path) -> None:
+    path = str(write(tmp_path / "log"))
+    before_ns = time.time_ns()
+    assert run("replay", path, "--clock", "now", "--rate", "4").returncode == 0
+    frame = json.loads(run("--json", "frame", "base").stdout)
+    assert before_ns < frame["oldest_stamp_ns"]
+    # A second at four times real speed.
+    assert frame["newest_stamp_ns"] - frame["oldest_stamp_ns"] == 250_000_000
+
+
+def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -> None:
+    """The stamps go on after the last turn's: the tree would take no older ones."""
+    path = str(write(tmp_path / "log"))
+    options = ("--connect", server.endpoint, "replay", path, "--loop", "--rate", "10")
+    with subprocess.Popen(
+        [sys.executable, "-m", "zenoh_tf_client", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while not client.can_transform("odom", "camera", 10_500_000_000):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert (out, err) == ("", "interrupted\n")
+    # The turns begin at 7, 8.01, 9.02 and 10.03 s.
+    for begin_ns in (7_000_000_000, 8_010_000_000, 9_020_000_000, 10_030_000_000):
+        for age_ns, x in ((0, 1.0), (400_000_000, 21.0)):
+            found = client.lookup_transform("odom", "camera", begin_ns + age_ns)
+            assert found.transform.translation[0] == pytest.approx(x)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--loop", "--rate", "0"), "need a --rate above 0"),
+        (("--clock", "now", "--rate", "0"), "need a --rate above 0"),
+        (("--start", "3", "--end", "2"), "--end is before --start"),
+        (("--start", "-1"), "is not a number of at least 0"),
+        (("--clock", "later"), "invalid choice"),
+    ],
+)
+def test_wrong_usage(zenoh_tf: Run, arguments: tuple[str, ...], message: str) -> None:
+    done = zenoh_tf("replay", "file", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
 def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -> None:
     """Static and dynamic links have different keys, which the server ingests in parallel."""
     log: Log = [
@@ -151,9 +164,11 @@ def test_rows_that_are_no_transforms_are_skipped(run: Run, tmp_path: Path) -> No
     ]
     path = write(tmp_path / "log", log)
     done = run("replay", str(path))
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (
+        0,
+        "zenoh-tf: 2 transforms skipped, which are not valid\n",
+    )
     assert "1 transforms" in done.stdout
-    assert "2 skipped" in done.stdout
 
 
 def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
@@ -232,6 +247,8 @@ def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
     for path in (tmp_path / "nothing.mcap", text, broken, tmp_path):
         line = refusal(zenoh_tf("replay", str(path)))
         assert str(path) in line
+    line = refusal(zenoh_tf("replay", str(write(tmp_path / "good")), "--topic", "/robot9/tf"))
+    assert "none of the chosen topics has transforms" in line
 
 
 def test_a_recording_without_transforms(zenoh_tf: Run, tmp_path: Path) -> None:
@@ -242,16 +259,18 @@ def test_a_recording_without_transforms(zenoh_tf: Run, tmp_path: Path) -> None:
         text = store.types["std_msgs/msg/String"]("hello")
         writer.write(topic, 1, store.serialize_cdr(text, "std_msgs/msg/String"))
     line = refusal(zenoh_tf("replay", str(folder)))
-    assert "no topic of type tf2_msgs/msg/TFMessage" in line
+    assert "no message of type tf2_msgs/msg/TFMessage" in line
 
 
-def test_without_rosbags(zenoh_tf: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("library", "kind"), [("mcap", "mcap"), ("rosbags", "db3")])
+def test_without_the_extra(zenoh_tf: Run, tmp_path: Path, library: str, kind: str) -> None:
+    path = write(tmp_path / "log", kind=kind)
     code = (
-        "import sys; sys.modules['rosbags'] = None; "
+        f"import sys; sys.modules[{library!r}] = None; "
         "from zenoh_tf_client.cli.main import main; sys.exit(main())"
     )
-    line = refusal(zenoh_tf("replay", str(tmp_path / "any.mcap"), start=("-c", code)))
-    assert "pip install rosbags" in line
+    line = refusal(zenoh_tf("replay", str(path), start=("-c", code)))
+    assert "pip install 'zenoh-tf[recordings]'" in line
 
 
 def test_a_server_that_refuses(start_server: Any, zenoh_tf: Run, tmp_path: Path) -> None:

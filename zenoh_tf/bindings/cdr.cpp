@@ -1,4 +1,5 @@
-// decode_tf_message: a ROS 2 tf2_msgs/TFMessage in CDR as the columns of a commit.
+// decode_tf_message: a ROS 2 tf2_msgs/TFMessage in CDR as the columns of a commit;
+// decode_tf_messages: many of them, as recordings have them.
 //
 // The scan reads untrusted bytes: every length is checked against what is left of the message
 // before it is used. It holds no references to Python, so it runs without the GIL on large ones.
@@ -34,10 +35,11 @@ T byte_swapped(T value) {
 
 class Scan {
  public:
-  explicit Scan(std::string_view data) : data_(data) {}
-
-  // Throws Malformed.
-  void run() {
+  // Adds the rows of a message, which must outlive the scan. Throws Malformed; what it has added by
+  // then stays, see `cut`.
+  void run(std::string_view data) {
+    data_ = data;
+    row_ = kNoRow;
     if (data_.size() < kHeader || data_[0] != 0 || (data_[1] != 0 && data_[1] != 1))
       throw Malformed{"encapsulation", "00 00 or 00 01: plain CDR"};
     swap_ = data_[1] == 0;  // big-endian; the project runs on little-endian machines only
@@ -46,14 +48,28 @@ class Scan {
     if (count > left() / kMinRow)
       throw Malformed{"transforms",
                       "a count that the message has room for, not " + std::to_string(count)};
-    parent.reserve(count);
-    child.reserve(count);
-    stamp.reserve(count);
-    pose.reserve(std::size_t{7} * count);
+    if (stamp.empty()) {  // further messages make the columns grow as they need
+      parent.reserve(count);
+      child.reserve(count);
+      stamp.reserve(count);
+      pose.reserve(std::size_t{7} * count);
+    }
     for (row_ = 0; row_ < count; ++row_) read_row();
     if (left() > kMaxPadding)
       throw Malformed{
           "message", "nothing behind the last transform, not " + std::to_string(left()) + " bytes"};
+  }
+
+  // Removes what was added behind these numbers of rows and names.
+  void cut(std::size_t rows, std::size_t name_count) {
+    parent.resize(rows);
+    child.resize(rows);
+    stamp.resize(rows);
+    pose.resize(7 * rows);
+    while (names.size() > name_count) {
+      known_.erase(names.back());
+      names.pop_back();
+    }
   }
 
   std::vector<std::string_view> names;  // each once
@@ -114,7 +130,7 @@ class Scan {
   }
 
   static constexpr std::uint32_t kNoRow = ~std::uint32_t{0};
-  const std::string_view data_;
+  std::string_view data_;
   std::size_t at_ = 0;
   std::uint32_t row_ = kNoRow;
   bool swap_ = false;
@@ -126,13 +142,35 @@ nb::object column(const std::vector<T>& values) {
   return make_array<T>({values.size()}, [&](T* d) { std::copy(values.begin(), values.end(), d); });
 }
 
+// Appends the names that are not in the list yet. False: one is not UTF-8.
+bool append_names(const Scan& scan, nb::list& names) {
+  while (names.size() < scan.names.size()) {
+    const std::string_view name = scan.names[names.size()];
+    const nb::object text = nb::steal(
+        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), "strict"));
+    if (!text.is_valid()) {
+      PyErr_Clear();
+      return false;
+    }
+    names.append(text);
+  }
+  return true;
+}
+
+nb::tuple columns(const Scan& scan, const nb::list& names) {
+  return nb::make_tuple(names, column(scan.parent), column(scan.child), column(scan.stamp),
+                        make_array<double>({scan.stamp.size(), 7}, [&](double* d) {
+                          std::copy(scan.pose.begin(), scan.pose.end(), d);
+                        }));
+}
+
 // (names, parent, child, stamp, pose), or (field, what was expected) of a malformed message.
 nb::tuple decode_tf_message(const nb::bytes& message) {
-  Scan scan({message.c_str(), message.size()});
+  Scan scan;
   std::optional<Malformed> fault;
   const auto run = [&] {
     try {
-      scan.run();
+      scan.run({message.c_str(), message.size()});
     } catch (const Malformed& malformed) {
       fault = malformed;
     }
@@ -145,26 +183,38 @@ nb::tuple decode_tf_message(const nb::bytes& message) {
   }
   if (fault) return nb::make_tuple(fault->field, fault->expected);
   nb::list names;
-  for (const std::string_view name : scan.names) {
-    nb::object text = nb::steal(
-        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), "strict"));
-    if (!text.is_valid()) {
-      PyErr_Clear();
-      return nb::make_tuple("frame_id", "UTF-8");
+  if (!append_names(scan, names)) return nb::make_tuple("frame_id", "UTF-8");
+  return columns(scan, names);
+}
+
+// (names, parent, child, stamp, pose, number of malformed messages, field, what was expected) of
+// many messages. A malformed one has no rows; the last two are of the first.
+nb::tuple decode_tf_messages(const nb::list& messages) {
+  Scan scan;
+  nb::list names;
+  std::size_t malformed_messages = 0;
+  Malformed first;
+  for (const nb::handle message : messages) {
+    const nb::bytes data = nb::cast<nb::bytes>(message);  // the list keeps it alive
+    const std::size_t rows_before = scan.stamp.size(), names_before = scan.names.size();
+    try {
+      scan.run({data.c_str(), data.size()});
+      if (!append_names(scan, names)) throw Malformed{"frame_id", "UTF-8"};
+    } catch (const Malformed& malformed) {
+      if (malformed_messages++ == 0) first = malformed;
+      scan.cut(rows_before, names_before);
+      while (names.size() > names_before) names.attr("pop")();
     }
-    names.append(text);
   }
-  const std::size_t n = scan.stamp.size();
-  return nb::make_tuple(names, column(scan.parent), column(scan.child), column(scan.stamp),
-                        make_array<double>({n, 7}, [&](double* d) {
-                          std::copy(scan.pose.begin(), scan.pose.end(), d);
-                        }));
+  return nb::tuple(columns(scan, names) +
+                   nb::make_tuple(malformed_messages, first.field, first.expected));
 }
 
 }  // namespace
 
 void bind_cdr(nb::module_& m) {
   m.def("decode_tf_message", &decode_tf_message, nb::arg("message"));
+  m.def("decode_tf_messages", &decode_tf_messages, nb::arg("messages"));
 }
 
 }  // namespace ztf

@@ -7,7 +7,7 @@ import argparse
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.errors import FAULT_FOUND
-from zenoh_tf_client.cli.query import add_at, add_frames
+from zenoh_tf_client.cli.lookups import add_at, add_frames
 from zenoh_tf_client.cli.types import Commands, examples
 
 

@@ -11,8 +11,8 @@ from typing import Final
 from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
 from zenoh_tf_client.cli import output
 from zenoh_tf_client.cli.connection import connect
+from zenoh_tf_client.cli.lookups import add_at, add_frames
 from zenoh_tf_client.cli.numbers import count, positive_rate, seconds_or_zero
-from zenoh_tf_client.cli.query import add_at, add_frames
 from zenoh_tf_client.cli.types import Commands, examples
 
 #: Pause before the next attempt to find a server.

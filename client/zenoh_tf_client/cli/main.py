@@ -31,9 +31,11 @@ from zenoh_tf_client.cli import (
     doctor,
     explain,
     follow,
+    lookups,
     monitor,
     output,
     query,
+    record,
     replay,
     stamps,
     static,
@@ -51,7 +53,7 @@ from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 # argparse takes a time such as "-1s" for an option, too.
 _NEGATIVE_TIME = re.compile(r"-(\d+\.?\d*|\.\d+)(s|ns)")
-_TIME_OPTIONS = ("--at", "--stamp")
+_TIME_OPTIONS = ("--at", "--stamp", "--start", "--end")
 
 _EPILOG = """\
 exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 the command has found what is wrong
@@ -154,8 +156,8 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
     for family in (
-        *(query, explain, follow, doctor, view, monitor, top),
-        *(write, static, urdf, calibration, replay, certificates),
+        *(lookups, explain, follow, doctor, view, monitor, top),
+        *(write, static, urdf, calibration, query, record, replay, certificates),
     ):
         family.add(commands, common)
     completion.add(commands, _parser)

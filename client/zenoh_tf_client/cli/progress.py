@@ -16,8 +16,9 @@ _REDRAW_S = 0.1
 class Progress:
     """A context manager; draws at most ten times a second, however often ``to`` is called."""
 
-    def __init__(self, total: int, unit: str) -> None:
-        self._total = max(total, 1)
+    def __init__(self, total: int | None, unit: str) -> None:
+        """``total``: how much there is to do; None if nobody knows, then there is no bar."""
+        self._total = total
         self._unit = unit
         self._on = sys.stderr.isatty()
         self._ascii = not is_unicode(sys.stderr)
@@ -40,14 +41,19 @@ class Progress:
     def to(self, done: int, *, note: str = "") -> None:
         """Draw the bar for ``done`` of the total, with a note after it."""
         now = time.monotonic()
-        if not self._on or (now - self._drawn < _REDRAW_S and done < self._total):
+        is_last = self._total is not None and done >= self._total
+        if not self._on or (now - self._drawn < _REDRAW_S and not is_last):
             return
         self._drawn = now
-        text = f" {100 * done // self._total:3d} %  {done:,} {self._unit}  {note}".rstrip()
-        width = max(5, min(40, shutil.get_terminal_size().columns - len(text) - 1))
-        eighths = 8 * width * min(done, self._total) // self._total
-        bar = "█" * (eighths // 8) + (_PARTS[eighths % 8] if eighths < 8 * width else "")
-        if self._ascii:
-            bar = "#" * (eighths // 8)
+        text = f" {done:,} {self._unit}  {note}".rstrip()
+        bar, width = "", 0
+        if self._total is not None:
+            total = max(self._total, 1)
+            text = f" {100 * done // total:3d} % {text}"
+            width = max(5, min(40, shutil.get_terminal_size().columns - len(text) - 1))
+            eighths = 8 * width * min(done, total) // total
+            bar = "█" * (eighths // 8) + (_PARTS[eighths % 8] if eighths < 8 * width else "")
+            if self._ascii:
+                bar = "#" * (eighths // 8)
         sys.stderr.write(f"\r{bar:<{width}}{text}\x1b[K")
         sys.stderr.flush()

@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
-from zenoh_tf_client.cli import output
+from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf.recordings import Recording
+from zenoh_tf.recordings.blocks import Block
+from zenoh_tf.recordings.load import valid_commits
+from zenoh_tf.ros2.cdr import TfMessage
+from zenoh_tf_client.cli import output, recordings
 from zenoh_tf_client.cli.connection import connect
 from zenoh_tf_client.cli.ingest import Feed
+from zenoh_tf_client.cli.playback import Playback
 from zenoh_tf_client.cli.progress import Progress
-from zenoh_tf_client.cli.recording import Message, open_recording
 from zenoh_tf_client.cli.types import Commands, examples
 
 
@@ -19,19 +23,42 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     replay = commands.add_parser(
         "replay",
         parents=[common],
-        help="publish a recording (MCAP, ROS 2 folder, ROS 1 bag)",
-        description="Publish the transforms of a recording with their recorded stamps, in the "
-        "order of the log, and wait until the server has ingested them. Fails if the server "
-        "refuses one of them. Needs the rosbags library.",
-        **examples("zenoh-tf replay drive.mcap --rate 1"),
+        help="publish a recording (MCAP, db3, ROS 1 bag)",
+        description="Publish the transforms of a recording in the order of its log, and wait\n"
+        "until the server has ingested them. Fails if the server refuses one of\n"
+        "them. Needs the libraries of zenoh-tf[recordings].",
+        **examples(
+            "zenoh-tf replay run.mcap",
+            "zenoh-tf replay run.mcap --rate 1 --start 10 --end 20",
+            "zenoh-tf replay run.mcap --loop --clock now",
+        ),
     )
-    replay.add_argument("file", metavar="FILE", type=Path)
+    recordings.add_file(replay)
     replay.add_argument(
         "--rate",
         metavar="N",
         type=_rate,
-        default=0.0,
-        help="times real speed; 0, the default: as fast as the server ingests it",
+        help="times real speed; 0: as fast as the server ingests it (default 0; 1 with --loop or "
+        "--clock now)",
+    )
+    replay.add_argument(
+        "--loop",
+        action="store_true",
+        help="begin anew at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
+    )
+    statics = "; static transforms from before are published all the same"
+    for option, meaning, note in (("--start", "begin", statics), ("--end", "end", "")):
+        replay.add_argument(
+            option,
+            metavar="S",
+            type=_seconds,
+            help=f"{meaning} this many seconds after the first message{note}",
+        )
+    replay.add_argument(
+        "--clock",
+        choices=("recorded", "now"),
+        default="recorded",
+        help="stamps as recorded (default), or moved as if it happened now",
     )
     replay.add_argument(
         "--authority",
@@ -40,32 +67,29 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default="replay",
         help="publish as this authority (default replay), which nobody else should use meanwhile",
     )
-    replay.set_defaults(run=_replay)
+    replay.set_defaults(run=_replay, usage_error=replay.error)
 
 
 def _replay(args: argparse.Namespace) -> int:
+    playback = _playback(args)
     start = time.monotonic()
     # The recording is opened first: a wrong file is reported without a connection.
-    with open_recording(args.file) as recording, connect(args) as tf:
-        number = 0
+    with recordings.opened(args) as recording, connect(args) as tf:
         feed = Feed(tf, args.authority, patience_s=args.timeout)
-        with Progress(recording.message_count, "messages") as progress:
-            messages = recording.messages()
-            paced = _paced(messages, args.rate) if args.rate else messages
-            for number, message in enumerate(paced, start=1):
-                feed.add(message.transforms, static=message.static)
-                if args.rate:
-                    feed.flush()
-                progress.to(number, note=f"{feed.transforms:,} transforms")
-            feed.finish()
+        number = _play(recording, playback, feed)
+        while args.loop:
+            _play(recording, playback, feed)
         no_longer_kept = feed.no_longer_kept()
+        recordings.warn(recording)
     spent_s = time.monotonic() - start
     summary = {
         "file": str(args.file),
-        "topics": recording.topics,
+        "topics": sorted(recording.topics),
         "messages": number,
         "transforms": feed.transforms,
         "skipped": recording.skipped,
+        "malformed": recording.malformed,
+        "cut_off": recording.is_cut_off,
         "dropped_as_too_old": feed.dropped_as_too_old,
         "no_longer_kept": no_longer_kept,
         "seconds": round(spent_s, 3),
@@ -75,10 +99,8 @@ def _replay(args: argparse.Namespace) -> int:
     else:
         print(
             f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
-            f"({', '.join(recording.topics)})"
+            f"({', '.join(sorted(recording.topics))})"
         )
-        if recording.skipped:
-            print(f"{recording.skipped:,} skipped: not valid transforms")
         if feed.dropped_as_too_old:
             print(
                 f"{feed.dropped_as_too_old:,} of them dropped on arrival: older than the server's "
@@ -92,15 +114,39 @@ def _replay(args: argparse.Namespace) -> int:
     return 0
 
 
-def _paced(messages: Iterator[Message], rate: float) -> Iterator[Message]:
-    """The messages, each delayed until its time at `rate` times real speed."""
-    first_ns: int | None = None
-    start = time.monotonic()
-    for message in messages:
-        first_ns = message.log_ns if first_ns is None else first_ns
-        due = start + (message.log_ns - first_ns) / 1e9 / rate
-        time.sleep(max(0.0, due - time.monotonic()))
-        yield message
+def _playback(args: argparse.Namespace) -> Playback:
+    now = args.clock == "now"
+    rate = (1.0 if args.loop or now else 0.0) if args.rate is None else args.rate
+    if not rate and (args.loop or now):
+        args.usage_error("--loop and --clock now need a --rate above 0")
+    if args.end is not None and args.end < (args.start or 0.0):
+        args.usage_error("--end is before --start")
+    return Playback(rate, args.start or 0.0, args.end, now)
+
+
+def _play(recording: Recording, playback: Playback, feed: Feed) -> int:
+    """Play the recording once; returns the number of messages."""
+    # The server rejects a message for one bad row. A local tree has the same rules; it need not
+    # keep anything.
+    validator = TransformTree(cache_time_s=0.001)
+    number = 0
+    with Progress(recording.message_count, "messages") as progress:
+        for number, message in enumerate(playback.turn(recording.messages()), start=1):
+            block = Block(message.rows, message.static, 1)
+            for rows in valid_commits(recording, validator, block):
+                feed.add(_stampeds(rows), static=message.static)
+            if playback.rate:
+                feed.flush()
+            progress.to(number, note=f"{feed.transforms:,} transforms")
+        feed.finish()
+    return number
+
+
+def _stampeds(rows: TfMessage) -> Iterator[StampedTransform]:
+    names = rows.names
+    columns = (rows.parent, rows.child, rows.stamp, rows.pose)
+    for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
+        yield StampedTransform(names[parent], names[child], stamp_ns, Transform(pose[:3], pose[3:]))
 
 
 def _authority(text: str) -> str:
@@ -110,10 +156,20 @@ def _authority(text: str) -> str:
 
 
 def _rate(text: str) -> float:
+    return _number(text, below=1e6)
+
+
+def _seconds(text: str) -> float:
+    return _number(text.removesuffix("s"), below=1e9)
+
+
+def _number(text: str, below: float) -> float:
     try:
-        rate = float(text)
+        number = float(text)
     except ValueError:
-        rate = -1.0
-    if not 0.0 <= rate < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of at least 0 and below 1e6")
-    return rate
+        number = -1.0
+    if not 0.0 <= number < below:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number of at least 0 and below {below:g}"
+        )
+    return number

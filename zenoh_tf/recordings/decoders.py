@@ -1,0 +1,187 @@
+"""Messages with transforms as columns: ROS 2 and ROS 1 TFMessage, Foxglove's FrameTransforms.
+
+A decoder takes the bytes of many messages and returns their rows as the columns of a commit.
+Messages that cannot be decoded have no rows, and are counted.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from .._core import decode_tf_messages
+from ..ros2.cdr import TfMessage
+from .errors import reason
+
+
+class Decoded(NamedTuple):
+    """The rows of many messages."""
+
+    rows: TfMessage
+    malformed: int  # messages that cannot be decoded
+    first_fault: str  # what is wrong with the first of them
+
+
+Decode = Callable[[list[bytes]], Decoded]
+
+#: The last two are of ROS 1, before and after 2013; its bags and MCAP files spell them differently.
+_TF_MESSAGES: Final = frozenset(
+    {"tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage", "tf/msg/tfMessage", "tf/tfMessage"}
+)
+_FRAME_TRANSFORMS: Final = "foxglove.FrameTransforms"
+_FRAME_TRANSFORM: Final = "foxglove.FrameTransform"
+#: What can be read, for error messages.
+READABLE: Final = "tf2_msgs/msg/TFMessage, foxglove.FrameTransforms or foxglove.FrameTransform"
+
+_IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
+
+
+def decoder(message_type: str, encoding: str) -> Decode | None:
+    """The decoder for a type of message in an encoding; None if it has no transforms.
+
+    Args:
+        message_type: The name of the type, or of the schema.
+        encoding: "cdr", "ros1", "protobuf" or "json".
+    """
+    kinds: dict[str, Decode] = {}
+    if message_type in _TF_MESSAGES:
+        kinds = {"cdr": _cdr, "ros1": _each(_ros1)}
+    elif message_type == _FRAME_TRANSFORMS:
+        kinds = {"protobuf": _each(_frame_transforms), "json": _each(_json)}
+    elif message_type == _FRAME_TRANSFORM:
+        kinds = {"protobuf": _each(_frame_transform), "json": _each(_json_one)}
+    return kinds.get(encoding)
+
+
+def _cdr(messages: list[bytes]) -> Decoded:
+    """tf2_msgs/TFMessage of ROS 2."""
+    found = decode_tf_messages(messages)
+    malformed, field, expected = found[5:]
+    fault = f"CDR field {field} must be {expected}" if malformed else ""
+    return Decoded(TfMessage(*found[:5]), malformed, fault)
+
+
+_MAX_STAMP: Final = 1 << 63
+#: (parent, child, stamp in ns, pose of seven numbers)
+_Row = tuple[str, str, int, tuple[float, ...]]
+
+
+def _each(decode: Callable[[bytes], list[_Row]]) -> Decode:
+    """A decoder from one that decodes a message, and may raise any exception."""
+
+    def decode_all(messages: list[bytes]) -> Decoded:
+        rows: list[_Row] = []
+        malformed, fault = 0, ""
+        for data in messages:
+            try:
+                found = decode(data)
+                if any(abs(stamp_ns) >= _MAX_STAMP for _, _, stamp_ns, _ in found):
+                    raise ValueError("a stamp is beyond 64 bits of nanoseconds")
+            except ImportError:
+                raise
+            except Exception as error:
+                malformed += 1
+                fault = fault or reason(error)
+                continue
+            rows += found
+        return Decoded(_columns(rows), malformed, fault)
+
+    return decode_all
+
+
+def _columns(rows: list[_Row]) -> TfMessage:
+    index: dict[str, int] = {}
+    for parent, child, _, _ in rows:
+        index.setdefault(parent, len(index))
+        index.setdefault(child, len(index))
+    count = len(rows)
+    return TfMessage(
+        [*index],
+        np.fromiter((index[row[0]] for row in rows), np.uint32, count),
+        np.fromiter((index[row[1]] for row in rows), np.uint32, count),
+        np.fromiter((row[2] for row in rows), np.int64, count),
+        np.array([row[3] for row in rows], np.float64).reshape(count, 7),
+    )
+
+
+_STAMP_ROS1: Final = struct.Struct("<III")  # sequence number, seconds, nanoseconds
+_LENGTH: Final = struct.Struct("<I")
+_POSE: Final = struct.Struct("<7d")
+
+
+def _ros1(data: bytes) -> list[_Row]:
+    """A tf2_msgs/TFMessage as ROS 1 serializes it: as CDR, but packed and with `seq`."""
+    (count,) = _LENGTH.unpack_from(data)
+    at = _LENGTH.size
+    rows = []
+    for _ in range(count):
+        _, seconds, rest = _STAMP_ROS1.unpack_from(data, at)
+        parent, at = _text(data, at + _STAMP_ROS1.size)
+        child, at = _text(data, at)
+        rows.append((parent, child, seconds * 10**9 + rest, _POSE.unpack_from(data, at)))
+        at += _POSE.size
+    return rows
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    """The text at a place, and the place behind it."""
+    (size,) = _LENGTH.unpack_from(data, at)
+    end = at + _LENGTH.size + size
+    if end > len(data):
+        raise ValueError("a text is longer than its message")
+    return data[at + _LENGTH.size : end].decode(), end
+
+
+def _frame_transforms(data: bytes) -> list[_Row]:
+    """A foxglove.FrameTransforms in protobuf."""
+    from foxglove_schemas_protobuf.FrameTransforms_pb2 import (  # noqa: PLC0415 - an extra
+        FrameTransforms,
+    )
+
+    return [_protobuf_row(row) for row in FrameTransforms.FromString(data).transforms]
+
+
+def _frame_transform(data: bytes) -> list[_Row]:
+    """A foxglove.FrameTransform in protobuf."""
+    from foxglove_schemas_protobuf.FrameTransform_pb2 import (  # noqa: PLC0415 - an extra
+        FrameTransform,
+    )
+
+    return [_protobuf_row(FrameTransform.FromString(data))]
+
+
+def _protobuf_row(row: Any) -> _Row:
+    at, turn = row.translation, row.rotation
+    # A message that is left out is all zeros, which is no rotation.
+    rotation = (turn.x, turn.y, turn.z, turn.w) if row.HasField("rotation") else _IDENTITY
+    return (
+        row.parent_frame_id,
+        row.child_frame_id,
+        row.timestamp.seconds * 10**9 + row.timestamp.nanos,
+        (at.x, at.y, at.z, *rotation),
+    )
+
+
+def _json(data: bytes) -> list[_Row]:
+    """A foxglove.FrameTransforms in JSON."""
+    return [_json_row(row) for row in json.loads(data)["transforms"]]
+
+
+def _json_one(data: bytes) -> list[_Row]:
+    """A foxglove.FrameTransform in JSON."""
+    return [_json_row(json.loads(data))]
+
+
+def _json_row(row: dict[str, Any]) -> _Row:
+    time, at, turn = row["timestamp"], row.get("translation"), row.get("rotation")
+    translation = tuple(float(at[axis]) for axis in "xyz") if at else (0.0, 0.0, 0.0)
+    rotation = tuple(float(turn[axis]) for axis in "xyzw") if turn else _IDENTITY
+    parent, child = row["parent_frame_id"], row["child_frame_id"]
+    if type(parent) is not str or type(child) is not str:
+        raise ValueError("a frame id is no text")
+    stamp_ns = int(time["sec"]) * 10**9 + int(time["nsec"])
+    return parent, child, stamp_ns, (*translation, *rotation)

@@ -1,0 +1,20 @@
+"""The error of a recording that cannot be read or written, and of a library that is missing."""
+
+from __future__ import annotations
+
+
+class RecordingError(Exception):
+    """A recording cannot be read, or has no transforms. The message begins with its path."""
+
+
+def missing_library(error: ImportError) -> RecordingError:
+    """The error for a library of the extra that cannot be imported."""
+    return RecordingError(
+        f"recordings need a library that cannot be imported ({error}); install it with: "
+        "pip install 'zenoh-tf[recordings]'"
+    )
+
+
+def reason(error: BaseException) -> str:
+    """What a library's exception says, in one line; some say nothing."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,234 @@
+"""`Recording`: the transforms of a file or folder, whatever its container and encoding."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from ..ros2.cdr import TfMessage
+from ..text import quoted
+from .bag_file import BagFile
+from .blocks import Block
+from .container import Channel, Container, RawMessage
+from .decoders import READABLE
+from .errors import RecordingError, reason
+from .mcap_file import McapFile
+
+#: The first bytes of a file say what it is; its name may not.
+_MCAP: Final = b"\x89MCAP"
+_ROS1_BAG: Final = b"#ROSBAG"
+_SQLITE: Final = b"SQLite format 3\0"
+#: Messages that are decoded together; their rows take about as much.
+_BLOCK_BYTES: Final = 8 << 20
+
+
+class Message(NamedTuple):
+    """One recorded message."""
+
+    log_ns: int  # when it was recorded
+    topic: str
+    static: bool
+    rows: TfMessage
+
+
+class Recording:
+    """The messages with transforms of one recording, in the order of its log.
+
+    Links of topics called ``tf_static``, in any namespace, are static: they hold at all times. ROS
+    tells no other way, as ROS 1 has no durability and bridges lose it.
+
+    Thread safety: none.
+    """
+
+    def __init__(self, path: Path, containers: list[Container], topics: Collection[str] | None):
+        """Use `open_recording` instead."""
+        self._path = path
+        self._containers = containers
+        self._chosen = None if topics is None else frozenset(topics)
+        #: The topics that had transforms so far, without those that were not chosen.
+        self.topics: set[str] = set()
+        #: Messages that could not be decoded so far, and why the first one could not.
+        self.malformed = 0
+        self.first_fault = ""
+        #: Transforms that no tree accepts so far, such as NaN or a frame in itself. The reader of
+        #: the messages counts them.
+        self.skipped = 0
+
+    @property
+    def message_count(self) -> int | None:
+        """How many messages with transforms there are on all topics; None if only reading them
+        tells."""
+        counts = [container.message_count for container in self._containers]
+        return None if None in counts else sum(count or 0 for count in counts)
+
+    @property
+    def is_cut_off(self) -> bool:
+        """Whether a file lacks its end: its recorder was killed, or a copy is not complete."""
+        return any(container.is_cut_off for container in self._containers)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages. May be called again, to begin anew.
+
+        Raises:
+            RecordingError: The file is damaged, or has no transforms.
+        """
+        for raw in self._chosen_raw():
+            rows = self._decode(raw.channel, [raw.data])
+            if rows is not None:
+                yield Message(raw.log_ns, raw.channel.topic, raw.channel.static, rows)
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the same as blocks of many messages, which is much faster.
+
+        Raises:
+            RecordingError: The file is damaged, or has no transforms.
+        """
+        waiting: list[bytes] = []
+        size = 0
+        channel: Channel | None = None
+        for raw in self._chosen_raw():
+            if channel is not None and (
+                size >= _BLOCK_BYTES
+                or raw.channel.static != channel.static
+                or raw.channel.decode != channel.decode
+            ):
+                yield from self._block(channel, waiting)
+                waiting, size = [], 0
+            channel = raw.channel
+            waiting.append(raw.data)
+            size += len(raw.data)
+        if channel is not None:
+            yield from self._block(channel, waiting)
+
+    def check(self) -> None:
+        """Read up to the first message. Raises RecordingError if there is none."""
+        next(self._chosen_raw(), None)
+
+    def warnings(self) -> list[str]:
+        """What is worth telling about the messages that were read, in sentences."""
+        found = []
+        if self.is_cut_off:
+            found.append("the file lacks its end; what is complete was read")
+        if self.malformed:
+            found.append(
+                f"{self.malformed:,} messages skipped, which cannot be decoded ({self.first_fault})"
+            )
+        if self.skipped:
+            found.append(f"{self.skipped:,} transforms skipped, which are not valid")
+        return found
+
+    def _block(self, channel: Channel, messages: list[bytes]) -> Iterator[Block]:
+        rows = self._decode(channel, messages)
+        if rows is not None:
+            yield Block(rows, channel.static, len(messages))
+
+    def _decode(self, channel: Channel, messages: list[bytes]) -> TfMessage | None:
+        """The rows of messages, without those that are malformed; None if all are."""
+        found = channel.decode(messages)
+        if found.malformed:
+            self.first_fault = self.first_fault or f"{channel.topic}: {found.first_fault}"
+            self.malformed += found.malformed
+        return None if found.malformed == len(messages) else found.rows
+
+    def _chosen_raw(self) -> Iterator[RawMessage]:
+        """Yield the messages of the chosen topics, and begin to count anew."""
+        self.topics.clear()
+        self.malformed = self.skipped = 0
+        self.first_fault = ""
+        others: set[str] = set()
+        for raw in self._raw():
+            topic = raw.channel.topic
+            if self._chosen is not None and topic not in self._chosen:
+                others.add(topic)
+                continue
+            self.topics.add(topic)
+            yield raw
+        if not self.topics:
+            raise RecordingError(f"{self._path}: {self._nothing(others)}")
+
+    def _raw(self) -> Iterator[RawMessage]:
+        for container in self._containers:
+            messages = container.messages()
+            while True:
+                try:
+                    raw = next(messages)
+                except StopIteration:
+                    break
+                except Exception as error:  # libraries raise any on damaged files
+                    raise RecordingError(f"{self._path}: {reason(error)}") from error
+                yield raw
+
+    def _nothing(self, others: set[str]) -> str:
+        if others:
+            found = ", ".join(map(quoted, sorted(others)))
+            return f"none of the chosen topics has transforms; these have: {found}"
+        end = "; the file lacks its end" if self.is_cut_off else ""
+        return f"no message of type {READABLE}{end}"
+
+
+@contextmanager
+def open_recording(
+    path: str | PathLike[str], topics: Collection[str] | None = None
+) -> Iterator[Recording]:
+    """Open a recording: an MCAP, db3 or bag file, or a folder of ``ros2 bag record``.
+
+    Args:
+        path: The file or folder.
+        topics: Names of topics to read; None for all that have transforms.
+
+    Returns:
+        A context manager of the `Recording`, which is closed at the end.
+
+    Raises:
+        RecordingError: It cannot be read, has no transforms, or a library is missing.
+    """
+    path = Path(path)
+    containers: list[Container] = []
+    try:
+        try:
+            _open_all(path, containers)
+        except RecordingError:
+            raise
+        except Exception as error:  # libraries raise any on damaged files
+            raise RecordingError(f"{path}: not a readable recording: {reason(error)}") from error
+        recording = Recording(path, containers, topics)
+        recording.check()
+        yield recording
+    finally:
+        for container in containers:
+            container.close()
+
+
+def _open_all(path: Path, containers: list[Container]) -> None:
+    """Append the open containers of a path, in the order of their recording."""
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file")
+    if path.is_dir():
+        # A folder whose recorder was killed has no metadata.yaml, but its MCAP files are readable.
+        parts = sorted(path.glob("*.mcap"), key=_number_at_end)
+        if not parts:
+            containers.append(BagFile(path, ros1=False))
+        for part in parts:
+            containers.append(McapFile(part))
+        return
+    with path.open("rb") as file:
+        begin = file.read(len(_SQLITE))
+    if not begin:
+        raise RecordingError(f"{path}: the file is empty")
+    if begin.startswith(_MCAP):
+        containers.append(McapFile(path))
+    elif begin.startswith(_ROS1_BAG):
+        containers.append(BagFile(path, ros1=True))
+    elif begin == _SQLITE:
+        containers.append(BagFile(path, ros1=False))
+    else:
+        raise RecordingError(f"{path}: not a recording: neither MCAP, db3 nor a ROS 1 bag")
+
+
+def _number_at_end(path: Path) -> tuple[int, str]:
+    """The order of a folder's files: ``ros2 bag record`` ends their names with a number."""
+    digits = path.stem.rsplit("_", 1)[-1]
+    return (int(digits) if digits.isdecimal() else 0, path.name)
