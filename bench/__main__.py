@@ -17,6 +17,7 @@ CORE = {
 }
 PARTS = CORE | {
     "embedded": "embedded:measure",
+    "sensors": "sensors:measure",
     "reads": "reads:measure",
     "readers": "readers:measure",
     "remote": "remote:measure",

@@ -21,6 +21,7 @@ FILES = {
     "client_lookups.py": "aio/lookups.py",
     "client_writes.py": "aio/writes.py",
     "client_introspection.py": "aio/introspection.py",
+    "client_sensor_data.py": "aio/sensor_data.py",
     "transaction.py": "aio/transaction.py",
     "batch.py": "aio/batch.py",
 }
@@ -33,7 +34,7 @@ REPLACEMENTS = [
     (rf"^from \.(?!{'|'.join(OWN)})(?=\w)", "from .."),
     (r"^import time$", "import asyncio"),
     (r"^from collections.abc import Callable", "from collections.abc import Awaitable, Callable"),
-    (r"\bClient(?=(Lookups|Writes|Introspection)\b)", "Async"),
+    (r"\bClient(?=(Lookups|Writes|Introspection|SensorData)\b)", "Async"),
     (r"\b(TransformClient|Transaction|Batch)\b", r"Async\1"),
     (r"Callable\[\[AsyncTransaction\], T\]", "Callable[[AsyncTransaction], Awaitable[T]]"),
     (r"\b__(enter|exit)__\b", r"__a\1__"),

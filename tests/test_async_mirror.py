@@ -105,7 +105,8 @@ def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess)
 
 
 def test_it_has_the_methods_of_a_mirror() -> None:
-    names = {name for name in dir(Mirror) if not name.startswith("_")}
+    # A gate waits, which these lookups do not; AsyncTransformClient has one.
+    names = {name for name in dir(Mirror) if not name.startswith("_")} - {"gate"}
     assert {name for name in dir(AsyncMirror) if not name.startswith("_")} == names
     for name in names - {"close", "wait_for", "run_transaction"}:
         assert not inspect.iscoroutinefunction(getattr(AsyncMirror, name)), name

@@ -32,12 +32,7 @@ PAIRS: list[tuple[type, type]] = [
 #: These ask nobody.
 PLAIN = {
     AsyncTransformClient: {
-        "batch",
-        "transaction",
-        "endpoint",
-        "tree",
-        "reads",
-        "last_receipt",
+        *("batch", "transaction", "gate", "endpoint", "tree", "reads", "last_receipt"),
         "replica_age_s",
     },
     AsyncTransaction: {"set_transform", "set_transforms_xact"},
@@ -45,7 +40,7 @@ PLAIN = {
 }
 #: Their docstrings say what the event loop changes.
 OWN_DOCS = {
-    *("batch", "broadcaster", "close", "connect", "instance", "mirror", "reads"),
+    *("batch", "broadcaster", "close", "connect", "gate", "instance", "mirror", "reads"),
     *("run_transaction", "transaction"),
 }
 

@@ -33,6 +33,8 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.explanation import Explanation, LinkReport
 from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
+from zenoh_tf.gate import Gate
+from zenoh_tf.gate_queue import Dropped, Passed
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
@@ -44,11 +46,13 @@ __all__ = [
     "BackwardExtrapolationException",
     "ClientInfo",
     "ConnectivityException",
+    "Dropped",
     "Explanation",
     "ExtrapolationException",
     "ForwardExtrapolationException",
     "FrameChange",
     "FrameInfo",
+    "Gate",
     "InvalidArgumentException",
     "LatestTransform",
     "LimitExceeded",
@@ -57,6 +61,7 @@ __all__ = [
     "NoDataForExtrapolationException",
     "NotDurable",
     "OutcomeUnknown",
+    "Passed",
     "ProtocolError",
     "ReplicaBehind",
     "ServerBusy",

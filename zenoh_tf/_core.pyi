@@ -17,6 +17,8 @@ from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._columns import columns_of as columns_of
 from zenoh_tf._columns import decode_tf_message as decode_tf_message
 from zenoh_tf._columns import decode_tf_messages as decode_tf_messages
+from zenoh_tf._points import deskew_by_samples as deskew_by_samples
+from zenoh_tf._points import map_rows as map_rows
 from zenoh_tf._shared import LAYOUT as LAYOUT
 from zenoh_tf._shared import AskServer as AskServer
 from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
@@ -26,6 +28,9 @@ from zenoh_tf._transform import LatestTransform as LatestTransform
 from zenoh_tf._transform import Rows as Rows
 from zenoh_tf._transform import StampedTransform as StampedTransform
 from zenoh_tf._transform import Transform as Transform
+from zenoh_tf._waiting import ParkedLookups as ParkedLookups
+from zenoh_tf._waiting import WakeQueue as WakeQueue
+from zenoh_tf._waiting import park_lookups as park_lookups
 
 OP_AT: int  # what a row of `Tree._read_rows` asks for: source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time
@@ -355,6 +360,15 @@ class Tree:
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
+    def _deskew(  # see zenoh_tf.points
+        self,
+        points: NDArray[Any],  # float32 or float64, (rows, columns, 3), any strides
+        stamps_ns: NDArray[np.int64],  # (rows, columns)
+        out: NDArray[Any],  # as points
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+    ) -> bool: ...  # False: nothing was written, as each time has to be looked up by itself
     def _frames_page(self, after: int, most: int, budget: Budget) -> tuple[list[str], Any]: ...
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
@@ -362,34 +376,3 @@ class Tree:
     def _ancestor_records(self, target: str, source: str, stamp_ns: int | None) -> Any: ...
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
-
-class WakeQueue:
-    """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""
-
-    def take(self) -> list[int] | None:
-        """Waits, looks woken rows up again, returns tokens of complete `ParkedLookups`, or None."""
-    def close(self) -> None: ...
-
-class ParkedLookups:
-    """Lookups that wait without a thread, each row by itself. Made by `park_lookups`."""
-
-    def start(self) -> bool:
-        """Looks up every row once. True: all are complete, and no token will come."""
-    def cancel(self) -> None: ...
-    def links(self) -> int: ...  # how many frames the rows would watch now, at most
-    def result(self, waited_s: float, errors: bool = True, budget: Budget | None = None) -> Rows:
-        """As `Tree._read_rows`; rows that still wait get what they would get now."""
-
-def park_lookups(
-    tree: Tree,
-    queue: WakeQueue,
-    token: int,  # what `take` returns once all rows are complete
-    names: Sequence[str],
-    op: NDArray[np.uint8],
-    target: NDArray[np.uint32],
-    source: NDArray[np.uint32],
-    stamp_ns: NDArray[np.int64],
-    fixed: NDArray[np.uint32] | None = None,
-    source_stamp_ns: NDArray[np.int64] | None = None,
-    max_links: int = ...,  # frames that all waiting lookups may watch; beyond it, a row fails
-) -> ParkedLookups: ...

@@ -103,6 +103,15 @@ class SharedTree:
         stamps_ns: ArrayLike | None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
     def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...
+    def _deskew(
+        self,
+        points: NDArray[Any],
+        stamps_ns: NDArray[np.int64],
+        out: NDArray[Any],
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+    ) -> bool | AskServer: ...
     def _ancestor_records(
         self, target: str, source: str, stamp_ns: int | None
     ) -> list[dict[str, Any]] | AskServer: ...

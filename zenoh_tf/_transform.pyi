@@ -103,14 +103,22 @@ class Transform:
         """Return the homogeneous matrix: (4, 4) float64, row-major, translation in metres."""
     def inverse(self) -> Transform:
         """Return `X_ba` of this `X_ab`. The rotation must be of unit length."""
-    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return points that are given in child, expressed in parent: R p + t.
 
         Args:
-            points: (..., 3) real numbers, metres; any strides. Not modified.
+            points: (..., 3) real numbers, metres; any strides. float32 and float64 with up to three
+                axes are read where they are.
+            out: Array of the points' shape to write to, float32 or float64; an array that is used
+                again saves the time to allocate one. It may be `points` itself, but must not
+                overlap with it otherwise.
+
+        Returns:
+            `out`, or a new float64 array.
 
         Raises:
-            InvalidArgumentException: `points` has another shape or is not of real numbers.
+            InvalidArgumentException: `points` has another shape or is not of real numbers, or `out`
+                does not fit.
         """
     def apply_vectors(self, vectors: ArrayLike) -> NDArray[np.float64]:
         """Return directions that are given in child's axes, in parent's axes: R v.

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from zenoh_tf import _core
 from zenoh_tf._core import Transform
 from zenoh_tf.errors import BY_CODE, InvalidArgumentException, TransformException
+from zenoh_tf.points import output_like, readable, real_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,28 +70,43 @@ class TransformArray:
             raise self._error(int(self.status.nonzero()[0][0]))
         return self
 
-    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return points that are given in source, expressed in target: row i's R p + t.
 
         Args:
-            points: Metres, real numbers. (3,): the same point for every row. (n, 3): point i for
-                row i. (n, m, 3): m points for each row. A first axis of 1 stands for every row.
+            points: Metres, real numbers, any strides. (3,): the same point for every row. (n, 3):
+                point i for row i. (n, m, 3): m points for each row. A first axis of 1 stands for
+                every row.
+            out: Array of the result's shape to write to, float32 or float64. It may be `points`
+                itself, but must not overlap with it otherwise.
 
         Returns:
-            (n, 3), or (n, m, 3) for m points per row; NaN in rows that failed.
+            `out`, or a new float64 array: (n, 3), or (n, m, 3) for m points per row; NaN in rows
+            that failed.
 
         Raises:
-            InvalidArgumentException: `points` has another shape or is not of real numbers.
+            InvalidArgumentException: `points` has another shape or is not of real numbers, or `out`
+                does not fit.
         """
-        values = _real_numbers(points)
+        values = real_numbers(points)
         if not 1 <= values.ndim <= 3 or values.shape[-1] != 3:
             raise _wrong_shape(values, len(self))
         if values.ndim > 1 and values.shape[0] not in (1, len(self)):
             raise _wrong_shape(values, len(self))
-        clouds = values if values.ndim == 3 else values.reshape(-1, 1, 3)
-        poses = self.poses[:, np.newaxis, :]
-        result = _rotate(poses[..., 3:], clouds) + poses[..., :3]
-        return result if values.ndim == 3 else result[:, 0]
+        columns = values.shape[1:-1] if values.ndim == 3 else ()
+        clouds = np.broadcast_to(values, (len(self), *columns, 3))
+        result = output_like(clouds, out, np.float64)
+        grid = (len(self), *(columns or (1,)), 3)
+        written = result.reshape(grid) if not columns else result
+        target = readable(written)
+        _core.map_rows(
+            np.ascontiguousarray(self.poses),
+            clouds.reshape(grid) if not columns else clouds,
+            target,
+        )
+        if target is not written:
+            written[...] = target
+        return result
 
     def inverse(self) -> TransformArray:
         """Return `X_source_target` of every row, with the same stamps and status, in metres.
@@ -173,16 +190,6 @@ class TransformArray:
             field="status",
             value=row,
         )
-
-
-def _real_numbers(points: ArrayLike) -> NDArray[np.float64]:
-    try:
-        values = np.asarray(points)
-    except ValueError:
-        values = np.empty((), object)
-    if not np.can_cast(values.dtype, np.float64, "same_kind"):
-        raise InvalidArgumentException("points must be an array of real numbers", field="points")
-    return values.astype(np.float64, copy=False)
 
 
 def _wrong_shape(values: NDArray[np.float64], rows: int) -> InvalidArgumentException:

@@ -10,14 +10,18 @@ from zenoh_tf import explain as explaining
 from zenoh_tf.array import TransformArray
 from zenoh_tf.explanation import Explanation
 from zenoh_tf.frame_info import AuthorityInfo, FrameInfo
+from zenoh_tf.gate import Gate
+from zenoh_tf.points import Sweep, deskew
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Sequence
     from os import PathLike
 
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
+
+    from zenoh_tf.gate_queue import Dropped
 
 
 class TransformTree(_core.Tree):
@@ -191,6 +195,79 @@ class TransformTree(_core.Tree):
                 reference_point_frame,
             )
         )
+
+    def deskew(
+        self,
+        points: ArrayLike,
+        stamps_ns: ArrayLike,
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+        *,
+        out: NDArray[Any] | None = None,
+    ) -> NDArray[Any]:
+        """Return a sweep's points as if all had been measured at one time.
+
+        A lidar that moves measures each point from elsewhere. This moves every point along with
+        the sensor: from `source` at the point's stamp, through the fixed frame, to `source` at
+        `at_ns`. All poses are of one state of the tree. docs/sensor-data.md tells more.
+
+        Example: `cloud = tree.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))`
+
+        Args:
+            points: (n, 3) or (rows, columns, 3) metres, in `source` at the time of each point. Any
+                strides; float32 and float64 are read where they are. NaN stays NaN.
+            stamps_ns: The time of each point in integer nanoseconds: (n,), (rows, columns), or what
+                broadcasts to it, such as one stamp for each column.
+            source: Frame of the sensor.
+            fixed_frame: Frame in which the surroundings stand still, such as `odom`.
+            at_ns: Time in nanoseconds to move all points to.
+            out: Array of the points' shape to write to, float32 or float64. It may be `points`
+                itself, but must not overlap with it otherwise.
+
+        Returns:
+            `out`, or a new array of the points' shape and type: metres, in `source` at `at_ns`.
+
+        Raises:
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            ExtrapolationException: A link has no data for one of the times: `at_ns`, the first
+                stamp or the last. The error has that time and the link's range as fields.
+            InvalidArgumentException: An argument is invalid, or the arrays do not fit.
+        """
+        sweep = Sweep(points, stamps_ns, at_ns, out)
+        moved = deskew(self, sweep, source, fixed_frame)
+        assert not isinstance(moved, _core.AskServer)
+        return moved
+
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> Gate:
+        """Make a gate, which holds sensor data until its transform exists.
+
+        Args:
+            target: Frame to express coordinates in.
+            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
+                nobody has taken yet. It drops further ones as `"full"`.
+            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
+            on_drop: Called with each item that is dropped, and the reason; see `Dropped`. On a
+                thread of the gate, or of the caller of `put` or `close`.
+
+        Returns:
+            A `Gate`, to be used in a `with` block.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+
+        Example:
+            ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns); print(gate.get())``
+        """
+        return Gate(self, target, queue_size, timeout_s, on_drop)
 
     def frame(self, name: str) -> FrameInfo:
         """Return what is known about a frame and the link to its parent.

@@ -6,6 +6,7 @@ from zenoh_tf.credentials import Credentials
 from .aio.batch import AsyncBatch
 from .aio.broadcaster import AsyncBroadcaster
 from .aio.client import AsyncTransformClient
+from .aio.gate import AsyncGate
 from .aio.mirror import AsyncMirror
 from .aio.transaction import AsyncTransaction
 from .batch import Batch
@@ -20,6 +21,7 @@ from .transaction import Transaction
 __all__ = [
     "AsyncBatch",
     "AsyncBroadcaster",
+    "AsyncGate",
     "AsyncMirror",
     "AsyncTransaction",
     "AsyncTransformClient",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
+from zenoh_tf import Dropped, Gate
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
@@ -14,6 +15,7 @@ from .batch import Batch
 from .broadcaster import Broadcaster
 from .client_introspection import ClientIntrospection
 from .client_lookups import ClientLookups
+from .client_sensor_data import ClientSensorData
 from .client_writes import ClientWrites
 from .connection import Connection
 from .mirror import Mirror
@@ -29,7 +31,7 @@ DEFAULT_TREE = "main"
 DEFAULT_TIMEOUT_S = 5.0
 
 
-class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
+class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntrospection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
@@ -264,6 +266,35 @@ class TransformClient(ClientLookups, ClientWrites, ClientIntrospection):
         It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
         """
         return self._connection.replica_age_s
+
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> Gate:
+        """Make a gate, which holds sensor data until its transform exists.
+
+        Args:
+            target: Frame to express coordinates in.
+            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
+                nobody has taken yet. It drops further ones as `"full"`.
+            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
+            on_drop: Called with each item that is dropped, and the reason; see
+                `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.
+
+        Returns:
+            A `zenoh_tf.Gate`, to be used in a `with` block.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+
+        Example:
+            ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns); print(gate.get())``
+        """
+        return Gate(self, target, queue_size, timeout_s, on_drop)
 
     @property
     def last_receipt(self) -> Receipt | None:

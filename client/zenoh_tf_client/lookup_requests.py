@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import LatestTransform, StampedTransform, Transform, TransformArray, Velocity, wire
 from zenoh_tf.errors import InvalidArgumentException, ProtocolError
+from zenoh_tf.points import Sweep
 from zenoh_tf.velocity import interval_ns
 
 from . import columns
@@ -95,6 +96,22 @@ def with_versions(request: Read[T] | Rows[T]) -> Request[VersionedRead[T]]:
 
 def sample(target: str, source: str, stamps_ns: ArrayLike) -> Rows[TransformArray]:
     return lookup_transforms(target, source, stamps_ns)
+
+
+def deskew(sweep: Sweep, source: str, fixed_frame: str) -> Rows[NDArray[Any]]:
+    """The poses at the sweep's times, of one snapshot; the points stay here."""
+    times = sweep.times()
+    lookup = columns.lookup(fixed_frame, source, times, wire.OP_AT, len(times))
+    lookup.atomic = True
+
+    def convert(reply: wire.LookupReply) -> NDArray[Any]:
+        if reply.status.any():
+            error, *_ = next(row for row in reply.rows() if row[0])
+            assert error is not None
+            raise error
+        return sweep.compensate(times, np.ascontiguousarray(reply.pose))
+
+    return Rows(lookup, convert)
 
 
 def lookup_velocity(

@@ -7,15 +7,17 @@ attributes, because a call of Python's in between would cost half as much as a l
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import (
+    Dropped,
     Explanation,
     FrameInfo,
+    Gate,
     StampedTransform,
     TransformArray,
     TransformTree,
@@ -30,6 +32,7 @@ TAKEN: Final = (
     "latest_common_time",
     "lookup_transforms",
     "sample",
+    "deskew",
     "lookup_velocity",
     "frames",
     "frame",
@@ -99,6 +102,19 @@ class MirrorReads(ABC):
         """As `TransformTree.sample`."""
         return self._tree.sample(target, source, stamps_ns)
 
+    def deskew(
+        self,
+        points: ArrayLike,
+        stamps_ns: ArrayLike,
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+        *,
+        out: NDArray[Any] | None = None,
+    ) -> NDArray[Any]:
+        """As `TransformTree.deskew`."""
+        return self._tree.deskew(points, stamps_ns, source, fixed_frame, at_ns, out=out)
+
     def lookup_velocity(
         self,
         tracking_frame: str,
@@ -120,6 +136,17 @@ class MirrorReads(ABC):
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
         )
+
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> Gate:
+        """As `TransformTree.gate`."""
+        return Gate(self, target, queue_size, timeout_s, on_drop)
 
     def frames(self) -> list[str]:
         """As `TransformTree.frames`, in any order."""

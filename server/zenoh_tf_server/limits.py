@@ -365,7 +365,8 @@ def page() -> Iterator[str]:
     yield "`TransformTree` takes the first five limits as `max_frames`,"
     yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`."
     yield "What an `AsyncTransformClient` has under way is limited in the client: see"
-    yield "[asyncio](asyncio.md#bounds)."
+    yield "[asyncio](asyncio.md#bounds). A [gate](sensor-data.md) holds `queue_size` items,"
+    yield "100,000 at most, of 64 frames."
 
 
 if __name__ == "__main__":

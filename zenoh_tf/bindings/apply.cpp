@@ -1,15 +1,11 @@
 // Transform's apply methods: what is given in child, expressed in parent.
 //
 // GIL: long arrays release it.
-#include "bindings.hpp"
+#include "points.hpp"
 
 namespace ztf {
 
 namespace {
-
-// Below this many numbers (some 10 us of work) releasing the GIL costs more than it gives to
-// other threads.
-constexpr std::size_t kReleaseFrom = 10'000;
 
 // Maps an array of shape (..., *Tail) to a new one of the same shape, item by item.
 template <std::size_t... Tail, class Item>
@@ -30,10 +26,9 @@ nb::object map_items(nb::handle values, const char* field, Item item) {
   const double* from = in.data();
   double* to = out.data();
   const std::size_t size = in.size();
-  std::optional<GilReleased> released;
-  if (size >= kReleaseFrom) released.emplace();
-  for (std::size_t i = 0; i < size; i += step) item(from + i, to + i);
-  released.reset();
+  without_gil_if_long(size, [&] {
+    for (std::size_t i = 0; i < size; i += step) item(from + i, to + i);
+  });
   return result;
 }
 
@@ -56,10 +51,43 @@ void put_sum(double* to, const Vec3& a, const Vec3& b) {
   put(to, {a.x + b.x, a.y + b.y, a.z + b.z});
 }
 
-nb::object apply_points(const Pose& pose, nb::handle points) {
-  return map_items<3>(points, "points", [pose](const double* p, double* out) {
-    put_sum(out, {pose.x, pose.y, pose.z}, rotate(pose, p));
-  });
+// The array to write to: `out`, or a new one of doubles.
+nb::object output_like(const AnyConstArray& points, nb::handle out) {
+  if (!out.is_none()) return nb::borrow(out);
+  nb::list shape;
+  for (std::size_t axis = 0; axis < points.ndim(); ++axis) shape.append(points.shape(axis));
+  return nb::module_::import_("numpy").attr("empty")(nb::tuple(shape));
+}
+
+bool same_shape(const AnyConstArray& a, const AnyArray& b) {
+  if (a.ndim() != b.ndim()) return false;
+  for (std::size_t axis = 0; axis < a.ndim(); ++axis)
+    if (a.shape(axis) != b.shape(axis)) return false;
+  return true;
+}
+
+nb::object apply_points(const Pose& pose, nb::handle points, nb::handle out) {
+  AnyConstArray array;
+  std::optional<PointArray> in;
+  if (nb::try_cast(points, array, false)) in = points_of(array);
+  nb::object converted;
+  if (!in) {  // other numbers, nested sequences, or more axes than strides can describe
+    converted = doubles_of(points, "points");
+    array = nb::cast<AnyConstArray>(converted);
+    in = points_of(array);
+    if (!in) raise_invalid("points must have the shape (..., 3)", "points");
+  }
+  const nb::object result = output_like(array, out);
+  AnyArray written;
+  std::optional<PointArray> to;
+  if (nb::try_cast(result, written, false) && same_shape(array, written)) to = points_of(written);
+  if (!to)
+    raise_invalid(
+        "out must be a writable float32 or float64 array with the shape of points, contiguous if "
+        "it has more than three axes",
+        "out");
+  without_gil_if_long(array.size(), [&] { map_points(pose, *in, *to); });
+  return result;
 }
 
 nb::object apply_vectors(const Pose& pose, nb::handle vectors) {
@@ -109,7 +137,9 @@ nb::object apply_twist(const Pose& pose, nb::handle twist) {
 }  // namespace
 
 void bind_apply(nb::class_<Pose>& transform) {
-  transform.def("apply", &apply_points, ZTF_DOC(Transform_apply), nb::arg("points").none())
+  transform
+      .def("apply", &apply_points, ZTF_DOC(Transform_apply), nb::arg("points").none(),
+           nb::arg("out").none() = nb::none())
       .def("apply_vectors", &apply_vectors, ZTF_DOC(Transform_apply_vectors),
            nb::arg("vectors").none())
       .def("apply_poses", &apply_poses, ZTF_DOC(Transform_apply_poses), nb::arg("poses").none())

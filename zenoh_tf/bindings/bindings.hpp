@@ -184,6 +184,8 @@ void bind_commit(nb::module_& m, nb::class_<Tree>& tree);
 void bind_parked_lookups(nb::module_& m);
 void bind_introspection(nb::class_<Tree>& tree);
 void bind_velocity(nb::class_<Tree>& tree);
+void bind_deskew(nb::module_& m);
+void bind_deskew(nb::class_<Tree>& tree);
 void bind_change_log(nb::module_& m);
 void bind_change_replay(nb::module_& m);
 void bind_interest_reader(nb::module_& m);
@@ -196,5 +198,6 @@ void bind_lookup_columns(nb::class_<SharedTree>& tree);
 void bind_read_rows(nb::class_<SharedTree>& tree);
 void bind_introspection(nb::class_<SharedTree>& tree);
 void bind_velocity(nb::class_<SharedTree>& tree);
+void bind_deskew(nb::class_<SharedTree>& tree);
 
 }  // namespace ztf

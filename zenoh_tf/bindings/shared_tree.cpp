@@ -49,6 +49,7 @@ void bind_shared_tree(nb::module_& m) {
   bind_read_rows(tree);
   bind_introspection(tree);
   bind_velocity(tree);
+  bind_deskew(tree);
 }
 
 }  // namespace ztf

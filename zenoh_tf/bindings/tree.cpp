@@ -216,6 +216,7 @@ void bind_tree(nb::module_& m) {
   bind_commit(m, tree);
   bind_introspection(tree);
   bind_velocity(tree);
+  bind_deskew(tree);
 }
 
 }  // namespace ztf

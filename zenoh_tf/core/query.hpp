@@ -65,4 +65,18 @@ struct Answer {
   Stamp newest = 0;  // for latest and latest_xact only: the newest stamp used
 };
 
+// The frames, and the times between which the motion is needed: `at`, and `first` to `last`.
+struct MotionQuery {
+  FrameId fixed, source;
+  Stamp at, first, last;
+};
+
+// What lookup_motion() has found, if it has not failed.
+enum class MotionResult : std::uint8_t {
+  copied,
+  // The frames may be connected in different ways at different times. The caller looks up each time
+  // by itself.
+  varies,
+};
+
 }  // namespace ztf

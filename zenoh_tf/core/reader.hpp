@@ -10,23 +10,12 @@
 #include <algorithm>
 #include <vector>
 
+#include "answer.hpp"
 #include "fast_path.hpp"
+#include "motion.hpp"
 #include "sample_block.hpp"
 
 namespace ztf {
-
-inline Code code_of(LinkLookup::Status status) noexcept {
-  switch (status) {
-    case LinkLookup::Status::no_data:
-      return Code::no_data;
-    case LinkLookup::Status::backward:
-      return Code::backward;
-    case LinkLookup::Status::forward:
-      return Code::forward;
-    default:
-      return Code::extrapolation;
-  }
-}
 
 // Answers queries under one guard. Every public function returns false if the transaction must
 // be retried; then its outputs mean nothing.
@@ -121,7 +110,7 @@ class Reader {
     a.failure.code = Code::ok;
     return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
       if (never_reparented())
-        compute(block, chain);
+        with_rings(chain, [&](auto source, auto target) { block.compute(chain, source, target); });
       else
         block.leave_unanswered();
       return true;
@@ -144,14 +133,38 @@ class Reader {
     });
   }
 
+  // Copies the motion of the source in the fixed frame. If that cannot be looked up at one of the
+  // query's times, `a` is the failure; else `result` says whether the motion was copied.
+  bool copy_motion(const MotionQuery& q, Motion& motion, MotionResult& result, Answer& a) {
+    motion.clear();
+    result = MotionResult::copied;
+    for (const Stamp time : {q.at, q.first, q.last}) {
+      if (!answer({Op::at, q.fixed, q.source, time}, a)) return false;
+      if (a.failure.code != Code::ok) return true;
+    }
+    if (q.fixed == q.source) return true;
+    return with_chain(q.fixed, q.source, SelectAt{q.at}, q.at, a, [&](const Chain& chain) {
+      if (!serves_all_times(chain)) {
+        result = MotionResult::varies;
+        return true;
+      }
+      return with_rings(chain, [&](std::span<const Ring> source, std::span<const Ring> target) {
+        return motion.copy(chain, source, target, std::min(q.at, q.first), std::max(q.at, q.last));
+      });
+    });
+  }
+
  private:
   [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept { return access_.id_of(frame); }
 
-  void compute(SampleBlock& block, const Chain& chain) const {
+  // Returns body(source_rings, target_rings).
+  template <class Body>
+  auto with_rings(const Chain& chain, Body&& body) const {
     SmallVector<Ring, 32> source, target;
     for (const PathStep& step : chain.source) source.push_back(access_.ring(*step.frame));
     for (const PathStep& step : chain.target) target.push_back(access_.ring(*step.frame));
-    block.compute(chain, {source.begin(), source.size()}, {target.begin(), target.size()});
+    return body(std::span<const Ring>(source.begin(), source.size()),
+                std::span<const Ring>(target.begin(), target.size()));
   }
 
   // True if no frame ever had samples of two parents in its history. Then a chain found for one
@@ -160,6 +173,16 @@ class Reader {
   // a chain's frames also validates a decision that rests on this.
   [[nodiscard]] bool never_reparented() const noexcept {
     return !ever_reparented_.load(std::memory_order_seq_cst);
+  }
+
+  // True if the chain is that of all times at which its links have samples. Where frames were
+  // reparented, that is sure only if no frame that the walk has read was: those of a direct chain.
+  [[nodiscard]] bool serves_all_times(const Chain& chain) const noexcept {
+    return never_reparented() ||
+           (chain.target.empty() && chain.source.size() <= kDirectLinks &&
+            std::all_of(chain.source.begin(), chain.source.end(), [](const PathStep& step) {
+              return step.frame->parent_changes.load(std::memory_order_acquire) == 0;
+            }));
   }
 
   // Finds the chain between two frames and calls body(chain), or reports in `a` why there is none.
@@ -278,23 +301,6 @@ class Reader {
     a.pose = Pose{};
     const PathStep step{&frame, version, {}};
     return guard_.validate({&step, 1});
-  }
-
-  // Returns the range of the newest links' stamps. Requires a chain of SelectLatest.
-  static StampRange stamps_of(const Chain& chain) noexcept {
-    StampRange stamps;
-    for (const PathStep& step : chain.source) stamps.include(step.interval.time);
-    for (const PathStep& step : chain.target) stamps.include(step.interval.time);
-    return stamps;
-  }
-
-  // Returns 0 if all links are static, because any time serves then.
-  static Stamp oldest_or_zero(const StampRange& stamps) noexcept {
-    return stamps.empty() ? 0 : stamps.oldest();
-  }
-  static void set_stamps(const StampRange& stamps, Answer& a) noexcept {
-    a.stamp = oldest_or_zero(stamps);
-    a.newest = stamps.empty() ? 0 : stamps.newest();
   }
 
   // Sets the intervals of newest links to an earlier time. Returns false if a link has no sample

@@ -57,6 +57,8 @@ class MappedRegion {
   Options options_;
 };
 
+class Motion;
+
 class SharedTree {
  public:
   using FrameRef = NameRef;
@@ -85,6 +87,7 @@ class SharedTree {
   void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads,
                           std::size_t max_reads = static_cast<std::size_t>(-1)) const;
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
+  MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const;
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
   [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
                                                  Stamp stamp) const;

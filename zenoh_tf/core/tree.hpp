@@ -102,6 +102,8 @@ class WriteLocks;
 enum class CommitScope : std::uint8_t;
 enum class PlanOutcome : std::uint8_t;
 
+class Motion;
+
 class Tree {
  public:
   static constexpr std::size_t kNoReadLimit = static_cast<std::size_t>(-1);
@@ -165,6 +167,9 @@ class Tree {
 
   // Reads all that the answer rests on in one transaction.
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
+  // Copies the motion of one frame in another, in one transaction. If the lookup at one of the
+  // query's times fails, `answer` has the failure, and the rest means nothing. Throws bad_alloc.
+  MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const;
 
   // Sets `frames` to those from target to source over their common ancestor.
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
+from zenoh_tf import Dropped
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.zenoh_config import address
 
@@ -18,9 +19,11 @@ from ..shared_reads import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
 from .connection import Connection
+from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
 from .mirror import AsyncMirror
+from .sensor_data import AsyncSensorData
 from .shared_reads import SharedReads
 from .threads import in_thread
 from .transaction import AsyncTransaction, run_transaction
@@ -29,7 +32,7 @@ from .writes import AsyncWrites
 T = TypeVar("T")
 
 
-class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
+class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntrospection):
     """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
 
     It has the methods of `TransformClient` as coroutines, with the same arguments, results and
@@ -155,6 +158,34 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         example when the server restarts; `stats` has the reasons, under names with ``reads_``.
         """
         return self._reads.way
+
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> AsyncGate:
+        """Make a gate, which holds sensor data until its transform exists. Not a coroutine.
+
+        Args:
+            target: Frame to express coordinates in.
+            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
+                nobody has taken yet. It drops further ones as `"full"`.
+            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
+            on_drop: Called with each item that is dropped, and the reason; see `zenoh_tf.Dropped`.
+
+        Returns:
+            A `AsyncGate`, to be used in an ``async with`` block.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+
+        Example:
+            ``async with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
+        """
+        return AsyncGate(self, target, queue_size, timeout_s, on_drop)
 
     @property
     def replica_age_s(self) -> float | None:

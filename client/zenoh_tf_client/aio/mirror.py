@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import (
     Explanation,
@@ -201,6 +201,19 @@ class AsyncMirror:
     ) -> TransformArray:
         """As `Mirror.sample`."""
         return self._mirror.sample(target, source, stamps_ns)
+
+    def deskew(
+        self,
+        points: ArrayLike,
+        stamps_ns: ArrayLike,
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+        *,
+        out: NDArray[Any] | None = None,
+    ) -> NDArray[Any]:
+        """As `Mirror.deskew`."""
+        return self._mirror.deskew(points, stamps_ns, source, fixed_frame, at_ns, out=out)
 
     def lookup_velocity(
         self,

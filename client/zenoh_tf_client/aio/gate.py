@@ -1,0 +1,189 @@
+"""`AsyncGate`: holds sensor data until its transform exists, for asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator
+from types import TracebackType
+from typing import Any, Self
+
+from zenoh_tf import StampedTransform
+from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
+from zenoh_tf.gate import EARLY_S, PAUSE_S
+from zenoh_tf.gate_queue import GateQueue, Held, OnDrop, Passed, check_item, portions
+
+from .lookups import AsyncLookups
+
+log = logging.getLogger("zenoh_tf.client")
+
+
+class AsyncGate:
+    """Holds items until their transforms exist; made by `AsyncTransformClient.gate`.
+
+    As `zenoh_tf.Gate`, on an event loop: lookups wait in tasks, which end with the gate. An
+    asynchronous context manager, which closes itself at the end.
+
+    Concurrency: all methods, from any task of the client's event loop.
+
+    Example:
+        ``async for image, transform in gate: show(image, transform.transform)``
+
+    Attributes:
+        target: The frame to express coordinates in.
+    """
+
+    def __init__(
+        self,
+        source: AsyncLookups,
+        target: str,
+        queue_size: int,
+        timeout_s: float,
+        on_drop: OnDrop | None,
+    ) -> None:
+        """Use `AsyncTransformClient.gate` instead.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+        """
+        check_item(target, 0)
+        self.target = target
+        self._source = source
+        self._on_drop = on_drop
+        self._queue: GateQueue[Any] = GateQueue(target, queue_size, timeout_s)
+        self._changed = asyncio.Event()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    async def __aiter__(self) -> AsyncIterator[tuple[Any, StampedTransform]]:
+        """Iterate over items and their transforms, until the gate is closed."""
+        while (passed := await self._next()) is not None:
+            yield passed.item, passed.transform
+
+    def put(self, item: Any, frame: str, stamp_ns: int) -> None:
+        """Hold an item until its transform exists. Never waits; not a coroutine.
+
+        Args:
+            item: Anything.
+            frame: The frame in which it was measured.
+            stamp_ns: When, in nanoseconds.
+
+        Raises:
+            InvalidArgumentException: The name or the stamp is invalid.
+        """
+        check_item(frame, stamp_ns)
+        if self._queue.put(item, frame, stamp_ns, time.monotonic()):
+            task = asyncio.get_running_loop().create_task(self._serve(frame))
+            self._tasks.add(task)  # the loop alone would not keep it alive
+            task.add_done_callback(self._tasks.discard)
+        self._tell()
+
+    async def get(self, timeout_s: float | None = None) -> Passed[Any]:
+        """Return the next item whose transform exists, with the transform.
+
+        Items come in the order in which their transforms were found; those of one frame that are
+        found together, by their stamps.
+
+        Args:
+            timeout_s: How long to wait for one, in seconds; None: until the gate is closed.
+
+        Raises:
+            TimeoutException: None came in time, or the gate is closed.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                passed = await self._next()
+        except TimeoutError:
+            passed = None
+        if passed is None:
+            what = "the gate is closed" if self._queue.closed else "no item has passed the gate"
+            raise TimeoutException(what)
+        return passed
+
+    def stats(self) -> dict[str, int]:
+        """Return how many items were `passed`, dropped by each reason, and are `held` or `ready`.
+
+        `ready` items have their transforms, and wait for `get`.
+        """
+        queue = self._queue
+        return dict(queue.counts) | {"held": queue.held, "ready": len(queue.ready)}
+
+    def close(self) -> None:
+        """Drop what has not been handed over. Iterations end. May be called again."""
+        self._queue.close()
+        self._changed.set()
+        for task in self._tasks:
+            task.cancel()
+        self._tell()
+
+    async def _next(self) -> Passed[Any] | None:
+        queue = self._queue
+        while not queue.ready and not queue.closed:
+            self._changed.clear()
+            await self._changed.wait()
+        return queue.ready.popleft() if queue.ready else None
+
+    async def _serve(self, frame: str) -> None:
+        """Serve the items of a frame until none waits, or another task does it."""
+        try:
+            while True:
+                try:
+                    await self._look_up(frame)
+                except TransformException:
+                    await asyncio.sleep(PAUSE_S)
+                wait = self._queue.begin_wait(frame, time.monotonic())
+                self._tell()
+                if wait is None:
+                    return
+                await self._wait(*wait)
+        except Exception:  # a bug
+            log.exception("internal error of a gate")
+
+    async def _look_up(self, frame: str) -> None:
+        """Look up the items of a frame, from the oldest on, as long as any is found."""
+        for portion in portions(self._queue.oldest(frame)):
+            stamps = [held.stamp_ns for held in portion]
+            answers = await self._source.lookup_transforms(self.target, frame, stamps)
+            if not self._queue.looked_up(portion, answers):
+                return
+            self._changed.set()
+
+    async def _wait(self, held: Held[Any], timeout_s: float) -> None:
+        """Wait for the transform of the oldest item of a frame."""
+        begin_s = time.monotonic()
+        try:
+            found = await self._source.lookup_transform(
+                self.target, held.frame, held.stamp_ns, timeout_s
+            )
+        except ServiceException as error:
+            self._queue.failed(held, error, for_good=False)
+            await asyncio.sleep(min(PAUSE_S, timeout_s))
+        except TransformException as error:
+            early = time.monotonic() < begin_s + timeout_s - EARLY_S
+            self._queue.failed(held, error, for_good=early)
+        else:
+            self._queue.passed(held, found.transform)
+            self._changed.set()
+        finally:
+            self._queue.end_wait(held)
+
+    def _tell(self) -> None:
+        """Report the drops."""
+        while self._queue.drops:
+            dropped = self._queue.drops.popleft()
+            if self._on_drop is not None:
+                try:
+                    self._on_drop(dropped)
+                except Exception:
+                    log.exception("on_drop of a gate has raised an error")
