@@ -105,6 +105,19 @@ def test_dead_bands(tf: TransformClient) -> None:
                 assert_told(watch, tf, reason)
 
 
+def test_heartbeats_do_not_move_the_band(tf: TransformClient) -> None:
+    put(tf)
+    with tf.watch("map", "base", min_translation_m=0.1, heartbeat_s=0.01) as watch:
+        assert watch.get().reason == "found"
+        put(tf, 0.06)
+        pose = tf.lookup_latest_transform("map", "base")
+        while (event := watch.get()).pose != pose:
+            assert event.reason == "heartbeat"
+        assert event.reason == "heartbeat"
+        put(tf, 0.11)
+        wait(lambda: watch.get().reason == "moved", "a drift is not told")
+
+
 def test_lost_and_found(tf: TransformClient) -> None:
     with tf.watch("map", "base", heartbeat_s=NEVER_S) as watch:
         event = watch.get()
