@@ -41,7 +41,7 @@ PLAIN = {
 #: Their docstrings say what the event loop changes.
 OWN_DOCS = {
     *("batch", "broadcaster", "close", "connect", "gate", "instance", "mirror", "reads"),
-    *("run_transaction", "transaction"),
+    *("run_transaction", "transaction", "watch"),
 }
 
 MEMBERS = [

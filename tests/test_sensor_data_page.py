@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from zenoh_tf import Dropped, Passed, StampedTransform, Transform, TransformTree
+from zenoh_tf import Dropped, StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs/sensor-data.md").read_text()
@@ -37,9 +37,6 @@ def names(tf: Any) -> dict[str, Any]:
     def report(dropped: Dropped[Any]) -> None:
         reasons.append(dropped.reason)
 
-    def take(passed: Passed[Any]) -> tuple[Any, StampedTransform]:
-        return passed.item, passed.transform
-
     return {
         "np": np,
         "tf": tf,
@@ -51,7 +48,6 @@ def names(tf: Any) -> dict[str, Any]:
         "image": object(),
         "stamp_ns": BEGIN_NS + 55 * MS,
         "report": report,
-        "take": take,
         "reasons": reasons,
     }
 

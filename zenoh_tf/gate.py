@@ -85,13 +85,13 @@ class Gate:
     ) -> None:
         self.close()
 
-    def __iter__(self) -> Iterator[tuple[Any, StampedTransform]]:
+    def __iter__(self) -> Iterator[Passed[Any]]:
         """Iterate over items and their transforms, until the gate is closed."""
         while True:
             passed = self._next(None)
             if passed is None:
                 return
-            yield passed.item, passed.transform
+            yield passed
 
     def put(self, item: Any, frame: str, stamp_ns: int) -> None:
         """Hold an item until its transform exists. Never waits.

@@ -13,7 +13,7 @@ import itertools
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final, Generic, Literal, TypeVar
+from typing import Any, Final, Generic, Literal, NamedTuple, TypeVar
 
 from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
@@ -39,9 +39,8 @@ _ROWS: Final = 256
 _LONGEST_WAIT_S: Final = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Passed(Generic[T]):
-    """An item that a gate hands over, with its transform.
+class Passed(NamedTuple, Generic[T]):
+    """An item that a gate hands over, with its transform: ``item, transform = gate.get()``.
 
     Attributes:
         item: What was put.

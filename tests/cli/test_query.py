@@ -154,6 +154,7 @@ def test_errors_are_one_line(zenoh_tf: Run, recording: Path, tmp_path: Path) -> 
         ((file, "odom", "base", "--every", "1ns"), "more than 10,000,000"),
         ((file, "odom", "base", "--every", "1s", "--end", "1s"), "--end (1.000000000 s) is before"),
         ((file, "odom", "base", "--every", "1s", "--npz", str(tmp_path)), "cannot be written"),
+        ((file, "odom", "base", "--every", "1s", "--npz", str(file)), "the recording itself"),
         ((large, "--max-memory-bytes", "65536"), "allow more by --max-memory-bytes"),
         ((str(tmp_path / "no.mcap"),), "no such file"),
     ):

@@ -9,7 +9,6 @@ from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Any, Self
 
-from zenoh_tf import StampedTransform
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
 from zenoh_tf.gate import EARLY_S, PAUSE_S
 from zenoh_tf.gate_queue import GateQueue, Held, OnDrop, Passed, check_item, portions
@@ -66,10 +65,10 @@ class AsyncGate:
     ) -> None:
         self.close()
 
-    async def __aiter__(self) -> AsyncIterator[tuple[Any, StampedTransform]]:
+    async def __aiter__(self) -> AsyncIterator[Passed[Any]]:
         """Iterate over items and their transforms, until the gate is closed."""
         while (passed := await self._next()) is not None:
-            yield passed.item, passed.transform
+            yield passed
 
     def put(self, item: Any, frame: str, stamp_ns: int) -> None:
         """Hold an item until its transform exists. Never waits; not a coroutine.

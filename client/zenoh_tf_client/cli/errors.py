@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 #: The exit code of a command whose answer is that something is wrong.
@@ -10,3 +11,9 @@ FAULT_FOUND: Final = 3
 
 class CommandError(Exception):
     """An error that the command line reports; the command ends with exit code 1."""
+
+
+def keep_input(file: Path | None, out: Path | None) -> None:
+    """Raise CommandError if a command would write over the file that it reads."""
+    if file is not None and out is not None and out.exists() and out.samefile(file):
+        raise CommandError(f"{out}: this is the recording itself; give another name for the output")

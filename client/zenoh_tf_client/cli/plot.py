@@ -10,7 +10,7 @@ import numpy as np
 
 from zenoh_tf_client.cli import output, ranges, stamps
 from zenoh_tf_client.cli.connection import connect
-from zenoh_tf_client.cli.errors import CommandError
+from zenoh_tf_client.cli.errors import CommandError, keep_input
 from zenoh_tf_client.cli.types import Commands, examples
 from zenoh_tf_client.cli.viewer import recorded
 from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
@@ -73,6 +73,7 @@ def _plot(args: argparse.Namespace) -> int:
         ) from error
     if not args.out.parent.is_dir():
         raise CommandError(f"{args.out}: there is no folder {args.out.parent}")
+    keep_input(args.file, args.out)
     history = _history(args)
     if not history.answered.any() and history.error is not None:
         raise history.error

@@ -26,7 +26,7 @@ from zenoh_tf import (
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, load
 from zenoh_tf.text import quoted
 from zenoh_tf_client.cli import output, recordings, stamps
-from zenoh_tf_client.cli.errors import CommandError
+from zenoh_tf_client.cli.errors import CommandError, keep_input
 from zenoh_tf_client.cli.progress import Progress
 from zenoh_tf_client.cli.types import Commands, examples
 
@@ -100,6 +100,7 @@ def _query(args: argparse.Namespace) -> int:
         args.usage_error("give both TARGET and SOURCE, or neither")
     if (args.start or args.end) and not args.every:
         args.usage_error("--start and --end belong to --every")
+    keep_input(args.file, args.npz)
     tree = _load(args)
     if args.target is None:
         _print_frames(args, tree)
