@@ -1,0 +1,42 @@
+"""A server does not take a network's silence for the word that a tree is free."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from tests.conftest import ServerProcess
+from tests.tcp_proxy import TcpProxy
+from zenoh_tf import zenoh_config
+from zenoh_tf_server import tree_claim
+from zenoh_tf_server.network import NetworkError
+
+
+@pytest.fixture
+def proxy(server: ServerProcess, monkeypatch: pytest.MonkeyPatch) -> Iterator[TcpProxy]:
+    monkeypatch.setattr(tree_claim, "_QUERY_TIMEOUT_S", 0.2)
+    with TcpProxy(server.endpoint) as proxy:
+        yield proxy
+
+
+def test_an_answer_that_is_late_counts(proxy: TcpProxy) -> None:
+    with zenoh.open(zenoh_config.client([proxy.endpoint], 5.0)) as session:
+        proxy.hold()
+        timer = threading.Timer(1.0, proxy.release)
+        timer.start()
+        with pytest.raises(tree_claim.TreeTaken):
+            tree_claim.refuse_if_taken(session, "main")
+        timer.join()
+
+
+def test_silence_is_an_error(proxy: TcpProxy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tree_claim, "_SILENT_S", 0.5)
+    with zenoh.open(zenoh_config.client([proxy.endpoint], 5.0)) as session:
+        proxy.hold()
+        with pytest.raises(NetworkError, match=r"whether another server has tree 'main'"):
+            tree_claim.refuse_if_taken(session, "main")
+        proxy.release()
+        tree_claim.refuse_if_taken(session, "other")
