@@ -190,6 +190,14 @@ def test_a_site_shows_robots_who_it_is(start_server: StartServer, tmp_path: Path
         assert stats(tf)["robot_connected/robot1"] == 0
 
 
+def test_a_tree_that_is_not_there_is_named(
+    robots: list[ServerProcess], start_server: StartServer
+) -> None:
+    site = start_server("--mirror-of", f"robot1={robots[0].endpoint}/other", tree="site")
+    site.wait_for_log("the server of robot 'robot1'")
+    assert "robot 'robot1' has not told its tree yet" in site.log
+
+
 def test_a_site_does_not_gather_itself(start_server: StartServer) -> None:
     endpoint = free_endpoint()
     site = start_server("--mirror-of", f"me={endpoint}/main", endpoint=endpoint)

@@ -136,10 +136,17 @@ class Robot:
         make = functools.partial(make_tree, max_memory_bytes=self._limits.memory)
         feed = MirrorFeed(source, self._on_copy, make_tree=make, observer=self)
         with self._lock:
-            if not self._closed.is_set():
+            is_late = self._closed.is_set()
+            if not is_late:
                 self._session, self._feed = session, feed
-                return
-        _leave(feed, session)
+        if is_late:
+            _leave(feed, session)
+            return
+        try:
+            feed.wait_for_copy(CONNECT_TIMEOUT_S)
+        except TransformException as error:
+            if not self._closed.is_set():
+                log.warning("robot %r has not told its tree yet, trying on: %s", self.name, error)
 
     # --- what the feed calls, under its lock; see `mirroring.Observer`
 
