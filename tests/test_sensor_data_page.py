@@ -56,22 +56,24 @@ def names(tf: Any) -> dict[str, Any]:
     }
 
 
-def run_page(tf: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def run_page(tf: Any, client: TransformClient, capsys: pytest.CaptureFixture[str]) -> None:
     fill(tf)
-    scope = names(tf)
+    if client is not tf:
+        fill(client)
+    scope = names(tf) | {"client": client}
     for snippet in SNIPPETS:
         exec(snippet, scope)
-    assert capsys.readouterr().out == "map camera True\n1 []\n"
+    assert capsys.readouterr().out == f"map camera True\n1 []\nfound {BEGIN_NS + 390 * MS} True\n"
     expected = tf.deskew(scope["points"], scope["stamps_ns"], "lidar", "map", BEGIN_NS + 100 * MS)
     now = tf.lookup_transform("map", "lidar", BEGIN_NS + 100 * MS).transform
     np.testing.assert_allclose(scope["in_map"], now.apply(expected), rtol=0, atol=1e-9)
     np.testing.assert_allclose(scope["out"], now.apply(expected), rtol=0, atol=1e-9)
 
 
-def test_on_the_embedded_tree(capsys: pytest.CaptureFixture[str]) -> None:
-    assert len(SNIPPETS) >= 7
-    run_page(TransformTree(), capsys)
+def test_on_the_embedded_tree(client: TransformClient, capsys: pytest.CaptureFixture[str]) -> None:
+    assert len(SNIPPETS) >= 8
+    run_page(TransformTree(), client, capsys)
 
 
 def test_on_a_client(client: TransformClient, capsys: pytest.CaptureFixture[str]) -> None:
-    run_page(client, capsys)
+    run_page(client, client, capsys)

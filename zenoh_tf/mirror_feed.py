@@ -122,13 +122,15 @@ class MirrorFeed:
         """
         self._source = source
         self._on_copy = on_copy
+        #: Called after each change and at the end, under the lock. Must not wait.
+        self.on_change: Callable[[], object] = lambda: None
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
         self._mirroring = Mirroring(make_tree, interest=interest, observer=observer)
         self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
-        self._waiters = 0
-        self._closed = False
+        #: It listens no more, as it or the connection was closed.
+        self.closed = False
         self._ended = threading.Event()
         self._error: TransformException | None = None  # of the last request
         self._failures = 0  # since the last new copy
@@ -158,12 +160,8 @@ class MirrorFeed:
         """Wait until `is_reached()`, which runs after each change and under the lock, is true.
         False after `timeout_s`, or at the end."""
         with self._changed:
-            self._waiters += 1
-            try:
-                self._changed.wait_for(lambda: is_reached() or self._closed, timeout_s)
-                return is_reached()
-            finally:
-                self._waiters -= 1
+            self._changed.wait_for(lambda: is_reached() or self.closed, timeout_s)
+            return is_reached()
 
     def wait_for_copy(self, timeout_s: float) -> None:
         """Wait for the first copy.
@@ -182,7 +180,7 @@ class MirrorFeed:
             raise self._error
         if self._error is not None:
             raise self._error
-        if self._closed:
+        if self.closed:
             raise ServerUnavailable("the connection is closed")
         raise TimeoutException(f"the snapshot was not complete within {timeout_s:g} s")
 
@@ -190,7 +188,7 @@ class MirrorFeed:
         """Listen no more. May be called again."""
         if not self._source.unsubscribe(self._subscriber):
             return
-        self._closed = True
+        self.closed = True
         if threading.current_thread() is not self._thread:
             self._ended.wait(_JOIN_TIMEOUT_S)
 
@@ -199,7 +197,7 @@ class MirrorFeed:
     def _listen(self) -> None:
         """Apply messages until the mirror or the connection is closed."""
         try:
-            while not self._closed:
+            while not self.closed:
                 subscriber = self._subscriber
                 with contextlib.suppress(zenoh.ZError):  # undeclared
                     self._listen_to(subscriber.handler)
@@ -211,7 +209,7 @@ class MirrorFeed:
             self._end()
 
     def _listen_to(self, receiver: Any) -> None:
-        while not self._closed:
+        while not self.closed:
             with self._source.calls:
                 batch = [receiver.recv().payload.to_bytes()]
                 while len(batch) < _BATCH_MESSAGES and (sample := receiver.try_recv()):
@@ -252,7 +250,7 @@ class MirrorFeed:
         with contextlib.suppress(ServerUnavailable, zenoh.ZError):
             self._subscriber = self._source.subscribe(RingChannel(_RING_MESSAGES))
             self._source.unsubscribe(old)  # now that the thread finds the other one
-            if self._closed:  # meanwhile
+            if self.closed:  # meanwhile
                 self.close()
 
     def _received(self, data: bytes) -> None:
@@ -270,7 +268,7 @@ class MirrorFeed:
 
     def _proceed(self) -> None:
         """Send requests, and tell what has changed. Requires the lock."""
-        if self._closed:
+        if self.closed:
             return
         mirroring = self._mirroring
         for request in mirroring.requests():
@@ -287,15 +285,16 @@ class MirrorFeed:
             mirroring.clock_ns,
             mirroring.synced,
         )
-        if self._waiters:
-            self._changed.notify_all()
+        self._changed.notify_all()
+        self.on_change()
 
     def _end(self) -> None:
         with self._changed:
-            self._closed = True
+            self.closed = True
             self.state = State()
             self._on_copy(None, "")
             self._changed.notify_all()
+            self.on_change()
         self._ended.set()
 
     # --- requests, each on a thread of its own
@@ -338,7 +337,7 @@ class MirrorFeed:
         """Wait until the next snapshot may begin. False: this one is of no use any more."""
         while True:
             with self._changed:
-                if self._closed or not self._mirroring.awaits(request.number):
+                if self.closed or not self._mirroring.awaits(request.number):
                     return False
                 pause_s = self._next_snapshot_s - time.monotonic()
                 if pause_s <= 0:
@@ -355,8 +354,7 @@ class MirrorFeed:
         with self._changed:
             self._error = found
             self._failures += 1
-            if self._waiters:
-                self._changed.notify_all()
+            self._changed.notify_all()
             pause_s = min(_FIRST_PAUSE_S * 2 ** min(self._failures, 10), _LONGEST_PAUSE_S)
         if not self._ended.wait(pause_s):
             with self._changed:

@@ -9,6 +9,7 @@ from .aio.client import AsyncTransformClient
 from .aio.gate import AsyncGate
 from .aio.mirror import AsyncMirror
 from .aio.transaction import AsyncTransaction
+from .aio.watch import AsyncWatch
 from .batch import Batch
 from .broadcaster import Broadcaster
 from .client import TransformClient
@@ -17,6 +18,8 @@ from .mirror import Mirror
 from .mirror_interest import OutsideInterest
 from .receipt import Receipt
 from .transaction import Transaction
+from .watch import Watch
+from .watching import PoseEvent
 
 __all__ = [
     "AsyncBatch",
@@ -25,14 +28,17 @@ __all__ = [
     "AsyncMirror",
     "AsyncTransaction",
     "AsyncTransformClient",
+    "AsyncWatch",
     "Batch",
     "Broadcaster",
     "Credentials",
     "Handle",
     "Mirror",
     "OutsideInterest",
+    "PoseEvent",
     "Receipt",
     "Transaction",
     "TransformClient",
+    "Watch",
     "__version__",
 ]

@@ -23,6 +23,8 @@ from .mirror_interest import interest_of
 from .receipt import Receipt
 from .shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
+from .watch import Watch
+from .watching import Terms
 
 T = TypeVar("T")
 
@@ -258,6 +260,49 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
         """
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
         return Mirror(self._connection, self._reads, timeout_s, interest)
+
+    def watch(
+        self,
+        target: str,
+        source: str,
+        *,
+        max_rate_hz: float | None = None,
+        min_translation_m: float = 0.0,
+        min_rotation_rad: float = 0.0,
+        heartbeat_s: float = 1.0,
+    ) -> Watch:
+        """Follow the pose of a pair of frames, pushed by the server.
+
+        Args:
+            target: The frame to express the pose in.
+            source: The frame whose pose is followed. Neither need exist yet.
+            max_rate_hz: At most so many poses a second, each the newest of its time, from 0.001 to
+                1,000. None for all changes; the server may gather them for 0.05 s.
+            min_translation_m: Do not tell a move by this distance or less from the pose that was
+                told last as `"found"` or `"moved"`, in metres; infinite for a dead-band of angles
+                alone.
+            min_rotation_rad: The same for the angle of the rotation between the two, in radians.
+                Either one being exceeded suffices.
+            heartbeat_s: Tell the pose after so many seconds without an event, from 0.01 to 3600.
+
+        Returns:
+            A `Watch`, for `with` and `for`; closed with the client, if not before.
+
+        Raises:
+            ServerUnavailable: As for `mirror`, and so for the others.
+            ServerBusy: Too many mirrors and watches have pairs or rates of their own.
+            AccessDenied: The server's access rules do not allow to read.
+            TimeoutException: The first copy was not complete within 30 s.
+            LimitExceeded: A name is too long, or there are too many frames between the two.
+            InvalidArgumentException: An argument makes no sense; `field` names it.
+            ProtocolError: A reply is malformed.
+
+        Example:
+            ``for event in tf.watch("map", "base", min_translation_m=0.1): print(event.pose)``
+        """
+        terms = Terms(min_translation_m, min_rotation_rad, heartbeat_s)
+        mirror = self.mirror([(target, source)], max_rate_hz=max_rate_hz)
+        return Watch(mirror, target, source, terms)
 
     @property
     def replica_age_s(self) -> float | None:

@@ -49,6 +49,23 @@ def test_echo_reports_as_json(robot: TransformClient, command: Run) -> None:
     assert json.loads(ended.stderr)["type"] == "LookupException"
 
 
+def test_echo_prints_changes(robot: TransformClient) -> None:
+    arguments = ["--on-change", "--json", "--count", "2"]
+    with subprocess.Popen(
+        [sys.executable, *MODULE, "echo", "map", "gate", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        assert json.loads(process.stderr.readline())["type"] == "LookupException"
+        for x in (1.0, 2.0):
+            row = StampedTransform("map", "gate", 0, Transform((x, 0, 0)))
+            robot.set_transform(row, static=True)
+            assert json.loads(process.stdout.readline())["translation"] == [x, 0.0, 0.0]
+        assert process.wait(30) == 0
+
+
 def test_wait_for_a_frame(robot: TransformClient, command: Run) -> None:
     row = StampedTransform("map", "door", 0, Transform((1, 2, 3)))
     timer = threading.Timer(0.3, lambda: robot.set_transform(row, static=True))

@@ -12,21 +12,21 @@ from zenoh_tf.zenoh_config import address
 
 from ..broadcaster import Broadcaster
 from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
-from ..mirror import Mirror
 from ..mirror_interest import interest_of
 from ..receipt import Receipt
 from ..shared_reads import Mode, check
+from ..watching import Terms
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
 from .connection import Connection
 from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
-from .mirror import AsyncMirror
+from .mirror import AsyncMirror, make_mirror
 from .sensor_data import AsyncSensorData
 from .shared_reads import SharedReads
-from .threads import in_thread
 from .transaction import AsyncTransaction, run_transaction
+from .watch import AsyncWatch
 from .writes import AsyncWrites
 
 T = TypeVar("T")
@@ -307,12 +307,52 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ``async with await tf.mirror() as m: print(m.lookup_transform("map", "base"))``
         """
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
-        connection = self._connection
-        made = await in_thread(
-            lambda: Mirror(connection.opened, connection.mapped, timeout_s, interest),
-            undo=lambda mirror: mirror.close(),
-        )
-        return AsyncMirror(connection, self._reads, made)
+        made = await make_mirror(self._connection, interest, timeout_s)
+        return AsyncMirror(self._connection, self._reads, made)
+
+    async def watch(
+        self,
+        target: str,
+        source: str,
+        *,
+        max_rate_hz: float | None = None,
+        min_translation_m: float = 0.0,
+        min_rotation_rad: float = 0.0,
+        heartbeat_s: float = 1.0,
+    ) -> AsyncWatch:
+        """Follow the pose of a pair of frames, pushed by the server.
+
+        Args:
+            target: The frame to express the pose in.
+            source: The frame whose pose is followed. Neither need exist yet.
+            max_rate_hz: At most so many poses a second, each the newest of its time, from 0.001 to
+                1,000. None for all changes; the server may gather them for 0.05 s.
+            min_translation_m: Do not tell a move by this distance or less from the pose that was
+                told last as `"found"` or `"moved"`, in metres; infinite for a dead-band of angles
+                alone.
+            min_rotation_rad: The same for the angle of the rotation between the two, in radians.
+                Either one being exceeded suffices.
+            heartbeat_s: Tell the pose after so many seconds without an event, from 0.01 to 3600.
+
+        Returns:
+            An `AsyncWatch`, for ``async with`` and ``async for``; closed with the client.
+
+        Raises:
+            ServerUnavailable: As for `mirror`, and so for the others.
+            ServerBusy: Too many mirrors and watches have pairs or rates of their own.
+            AccessDenied: The server's access rules do not allow to read.
+            TimeoutException: The first copy was not complete within 30 s.
+            LimitExceeded: A name is too long, or there are too many frames between the two.
+            InvalidArgumentException: An argument makes no sense; `field` names it.
+            ProtocolError: A reply is malformed.
+
+        Example:
+            ``async with await tf.watch("map", "base") as watch: print(await watch.get())``
+        """
+        terms = Terms(min_translation_m, min_rotation_rad, heartbeat_s)
+        interest = interest_of([(target, source)], None, max_rate_hz)
+        mirror = await make_mirror(self._connection, interest, timeout_s=30.0)
+        return AsyncWatch(mirror, target, source, terms)
 
     async def broadcaster(self, authority: str) -> AsyncBroadcaster:
         """Make a publisher of transforms, which sends without waiting for a reply.

@@ -16,6 +16,7 @@ from zenoh_tf import (
     StampedTransform,
     TransformArray,
     Velocity,
+    wire,
 )
 
 from ..mirror import Mirror
@@ -27,6 +28,16 @@ from .threads import in_thread
 from .transaction import AsyncTransaction, repeat
 
 T = TypeVar("T")
+
+
+async def make_mirror(
+    connection: Connection, interest: wire.Interest | None, timeout_s: float
+) -> Mirror:
+    """Make the mirror that an `AsyncMirror` or `AsyncWatch` reads."""
+    return await in_thread(
+        lambda: Mirror(connection.opened, connection.mapped, timeout_s, interest),
+        undo=lambda mirror: mirror.close(),
+    )
 
 
 class AsyncMirror:

@@ -17,6 +17,8 @@ from zenoh_tf_client.cli.types import Commands, examples
 
 #: Pause before the next attempt to find a server.
 _RETRY_S: Final = 0.2
+#: A server that has nothing to do says so ten times a second.
+_SILENT_S: Final = 3.0
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -26,15 +28,22 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="print the pose of SOURCE in TARGET again and again",
         description="Print the pose of SOURCE in TARGET at the latest common time, again and "
         "again, until Ctrl-C. A lookup that fails is reported once on stderr, and tried again. "
-        "--json prints one document per line.",
+        "With --on-change, the server pushes the pose from the newest sample of each link, and it "
+        "is printed when it changes. --json prints one document per line.",
         **examples(
-            "zenoh-tf echo map base_link", "zenoh-tf echo map base_link --rate 10 --count 5 --json"
+            "zenoh-tf echo map base_link",
+            "zenoh-tf echo map base_link --rate 10 --count 5 --json",
+            "zenoh-tf echo map base_link --on-change --count 1",
         ),
     )
     add_frames(echo)
     echo.add_argument(
-        "--rate", metavar="HZ", type=positive_rate, default=1.0, help="how often (default 1)"
+        "--rate",
+        metavar="HZ",
+        type=positive_rate,
+        help="how often (default 1), or how often at most with --on-change (default: all changes)",
     )
+    echo.add_argument("--on-change", action="store_true", help="print the pose when it changes")
     echo.add_argument("--count", metavar="N", type=count, help="end after so many poses")
     echo.set_defaults(run=_echo)
 
@@ -63,6 +72,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
 
 
 def _echo(args: argparse.Namespace) -> int:
+    if args.on_change:
+        return _echo_changes(args)
+    rate_hz = args.rate or 1.0
     with connect(args) as tf:
         printed, reported = 0, ""
         start_s = time.monotonic()
@@ -80,8 +92,28 @@ def _echo(args: argparse.Namespace) -> int:
                 if printed == args.count:
                     return 0
             # By the start, so that the pauses do not add up.
-            time.sleep(max(0.0, start_s + tick / args.rate - time.monotonic()))
+            time.sleep(max(0.0, start_s + tick / rate_hz - time.monotonic()))
     raise AssertionError  # pragma: no cover
+
+
+def _echo_changes(args: argparse.Namespace) -> int:
+    with connect(args) as tf, tf.watch(args.target, args.source, max_rate_hz=args.rate) as watch:
+        printed, is_silent = 0, False
+        for event in watch:
+            if event.error is not None and event.reason == "lost":
+                output.report_waiting(event.error, args.json)
+            elif event.pose is not None and event.reason in ("found", "moved"):
+                _print(event.pose, args.json)
+                printed += 1
+                if printed == args.count:
+                    break
+            if event.age_s > _SILENT_S + (1 / args.rate if args.rate else 0) and not is_silent:
+                silence = f"the server has said nothing for {event.age_s:.0f} s"
+                output.report_waiting(ServerUnavailable(silence), args.json)
+                is_silent = True
+            elif event.age_s < _SILENT_S:
+                is_silent = False
+    return 0
 
 
 def _print(answer: StampedTransform, as_json: bool) -> None:
