@@ -14,6 +14,7 @@ from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
 from . import config_file, future_stamps, limits, logs, operations, security, sharing, state
+from .federation import settings as federation
 from .ros2 import settings as ros2
 from .server import Settings
 
@@ -69,6 +70,7 @@ def parser() -> argparse.ArgumentParser:
     state.add_flags(flags)
     sharing.add_flags(flags)
     ros2.add_flags(flags)
+    federation.add_flags(flags)
     limits.add_flags(flags)
     return flags
 
@@ -136,6 +138,7 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
     state.check(flags, options)
     sharing.check(flags, options)
     ros2.check(flags, options)
+    federation.check(flags, options)
     try:
         keys.server(options.tree, "")
     except TransformException as error:
@@ -186,5 +189,6 @@ def settings(options: argparse.Namespace) -> Settings:
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
         ros2=ros2.from_flags(options),
+        federation=federation.from_flags(options),
         replica_of=options.replica_of,
     )

@@ -5,7 +5,7 @@
 To export a new value, put it into `stats` (`Service.add_counters`) and declare its key in
 `FROM_STATS`. Keys that differ in a label only, such as one queue per query family, share a metric:
 declare each key with its label's value. A new field of an authority's record is declared in
-`FROM_AUTHORITIES`. A test finds what is not declared.
+`FROM_AUTHORITIES`, and one of a robot in `FROM_ROBOTS`. A test finds what is not declared.
 """
 
 from __future__ import annotations
@@ -165,6 +165,35 @@ FROM_AUTHORITIES: Final[dict[str, Metric]] = {
     ),
 }
 
+
+def _per_robot(name: str, kind: Kind, meaning: str) -> Metric:
+    return Metric(f"robot_{name}", kind, f"of a robot (`--mirror-of`): {meaning}", ("robot",))
+
+
+#: Key of `stats`, without "/" and the robot -> metric.
+FROM_ROBOTS: Final[dict[str, Metric]] = {
+    "robot_connected": _per_robot("connected", "gauge", "1 if its server is heard, else 0"),
+    "robot_age_s": _per_robot(
+        "age_seconds", "gauge", "how old what is known of its tree may be; 1e9 before it is known"
+    ),
+    "robot_snapshots": _per_robot("snapshots_total", "counter", "copies of its tree begun"),
+    "robot_received": _per_robot(
+        "transforms_received_total", "counter", "transforms received, some of them twice"
+    ),
+    "robot_left_out": _per_robot(
+        "transforms_left_out_total", "counter", "transforms of shared frames, which are not taken"
+    ),
+    "robot_removals": _per_robot(
+        "removals_total", "counter", "frames that it has cleared or removed, and that stay here"
+    ),
+    "robot_stored": _per_robot("transforms_stored_total", "counter", "transforms stored"),
+    "robot_dropped": _per_robot("transforms_dropped_total", "counter", "transforms too old"),
+    "robot_refused": _per_robot("transforms_refused_total", "counter", "transforms refused"),
+    "robot_dropped_by_queue": _per_robot(
+        "puts_dropped_total", "counter", "messages dropped because too many were waiting"
+    ),
+}
+
 #: Fields of an authority's record whose sum over several authorities means nothing.
 NOT_SUMMED: Final = frozenset({"clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"})
 
@@ -214,7 +243,10 @@ def all_metrics() -> Iterator[Metric]:
     """Every metric of the server once, by name."""
     metrics = {
         metric.name: metric
-        for metric in (*FROM_STATS.values(), *FROM_AUTHORITIES.values(), *OTHERS)
+        for metric in (
+            *(*FROM_STATS.values(), *FROM_AUTHORITIES.values()),
+            *(*FROM_ROBOTS.values(), *OTHERS),
+        )
     }
     yield from (metrics[name] for name in sorted(metrics))
 

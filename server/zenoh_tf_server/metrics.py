@@ -18,7 +18,7 @@ from zenoh_tf.text import printable
 
 from . import metric_table
 from .authority_series import AuthoritySeries
-from .metric_table import FROM_AUTHORITIES, FROM_STATS, Metric
+from .metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
 from .request_counters import OK, buckets
 
 if TYPE_CHECKING:
@@ -129,6 +129,10 @@ def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
     for key, metric in FROM_STATS.items():
         if isinstance(stats.get(key), (int, float)):
             yield metric, metric.values, float(stats[key])
+    for key, value in stats.items():
+        field, _, robot = key.partition("/")
+        if robot and field in FROM_ROBOTS:
+            yield FROM_ROBOTS[field], (printable(robot),), float(value)
 
 
 def _from_requests(server: Server | ReplicaServer) -> Iterator[Value]:

@@ -10,6 +10,7 @@ from typing import Final
 import zenoh
 
 from zenoh_tf import connect_failure, wire, zenoh_config
+from zenoh_tf.credentials import Credentials
 from zenoh_tf.errors import AccessDenied
 
 from .limits import Limits
@@ -115,6 +116,26 @@ def open_replica_session(
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise NetworkError(_message(str(error), listen, ())) from error
+
+
+def open_client_session(
+    endpoint: str, timeout_s: float, limits: Limits, credentials: Credentials
+) -> zenoh.Session:
+    """Join the network of another server. The session connects again by itself when it has lost it.
+
+    Raises:
+        zenoh.ZError: Nobody answered within `timeout_s`.
+    """
+    max_bytes = _RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES)
+    return zenoh.open(
+        zenoh_config.client(
+            [endpoint],
+            timeout_s,
+            retry=_RETRY,
+            max_message_bytes=max_bytes,
+            credentials=credentials,
+        )
+    )
 
 
 def certificates(session: zenoh.Session) -> Callable[[str], str | None]:

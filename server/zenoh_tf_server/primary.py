@@ -1,4 +1,4 @@
-"""What a replica asks its primary, over the Zenoh session of its own router.
+"""What a replica asks its primary, and a site's server its robots, over a Zenoh session.
 
 Thread safety: all methods.
 """
@@ -28,15 +28,17 @@ _EXPLAIN_TIMEOUT_S: Final = 1.0
 
 
 class Primary:
-    """The `zenoh_tf.mirror_feed.Source` of a replica."""
+    """The `zenoh_tf.mirror_feed.Source` of a server."""
 
-    def __init__(self, session: zenoh.Session, tree: str) -> None:
-        """Say to the primary that its client is there."""
+    def __init__(self, session: zenoh.Session, tree: str, name: str | None = None) -> None:
+        """Say to the primary that its client is there. `name`: what messages call it."""
         self._session = session
         self._tree = tree
         own_id = str(session.zid())
         self._calls: AbstractContextManager[None] = contextlib.nullcontext()
-        self._queries = Queries(session, self._calls, own_id, f"the primary of tree {tree!r}")
+        self._queries = Queries(
+            session, self._calls, own_id, name or f"the primary of tree {tree!r}"
+        )
         self._token = session.liveliness().declare_token(keys.client(tree, own_id))
 
     @property

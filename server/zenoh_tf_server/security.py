@@ -91,8 +91,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--tls-ca",
         metavar="FILE",
         help="certificates of authorities, PEM: clients must show a certificate that one of them "
-        "has signed. With --connect and --replica-of: the authorities that the network's "
-        "certificate may be signed by",
+        "has signed. With --connect, --replica-of and --mirror-of: the authorities that the "
+        "network's certificate may be signed by",
     )
     group.add_argument(
         "--users",
@@ -100,12 +100,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="who may connect: one USER:PASSWORD in each line; no other user may read the file",
     )
     group.add_argument(
-        "--user", metavar="NAME", help="with --connect and --replica-of: the user to connect as"
+        "--user",
+        metavar="NAME",
+        help="with --connect, --replica-of and --mirror-of: the user to connect as",
     )
     group.add_argument(
         "--password-file",
         metavar="FILE",
-        help="with --connect and --replica-of: the file with the user's password",
+        help="with --connect, --replica-of and --mirror-of: the file with the user's password",
     )
     group.add_argument(
         "--no-admin",
@@ -149,16 +151,29 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
             admin=not options.no_admin,
             credentials=given,
         )
+    given = credentials.NO_CREDENTIALS
+    listening_ca = options.tls_ca
+    if options.mirror_of:
+        given = credentials.from_parts(
+            options.tls_ca,
+            options.tls_certificate,
+            options.tls_key,
+            options.user,
+            password_file=options.password_file,
+        )
+        if options.tls_certificate is None:
+            listening_ca = None  # it is for the robots' certificates only
     for name in ("user", "password_file"):
-        if getattr(options, name):
+        if getattr(options, name) and not options.mirror_of:
             _reject(name, "works with --connect only; --users says who may connect to this server")
     security = Security(
         options.tls_certificate,
         options.tls_key,
-        options.tls_ca,
+        listening_ca,
         options.users,
         tuple(rules),
         not options.no_admin,
+        given,
     )
     _check(security, options.listen)
     return security

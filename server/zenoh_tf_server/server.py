@@ -13,10 +13,11 @@ from typing import Literal
 
 from zenoh_tf import TransformTree, keys
 
-from . import network, operations, ros2, sharing, tree_claim
+from . import federation, network, operations, ros2, sharing, tree_claim
 from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .event_reports import EventReports
+from .federation.settings import Settings as FederationSettings
 from .free_memory import FreeMemory
 from .future_stamps import FutureStamps
 from .ingest import Ingest
@@ -57,6 +58,7 @@ class Settings:
     state: StateSettings = field(default_factory=StateSettings)
     sharing: sharing.Settings = field(default_factory=sharing.Settings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)
+    federation: FederationSettings = field(default_factory=FederationSettings)
     replica_of: Sequence[str] = ()  # endpoints of the primary's network
 
 
@@ -155,6 +157,7 @@ class Server:
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
+            federation.start(settings.federation, settings.security, limits, service, ingest, stack)
             self._start_upkeep(settings, ingest, stack)
             clients.start(session, settings.tree)
             stack.callback(workers.close)

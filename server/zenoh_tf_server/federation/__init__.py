@@ -1,0 +1,88 @@
+"""A site's server gathers the trees of robots (``--mirror-of``).
+
+`settings` has the flags, `robot` listens to one robot, and `rows` turns what it says into puts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import Any, Final
+
+from ..ingest import Ingest
+from ..limits import Limits
+from ..security import Security
+from ..service import Service
+from .robot import Robot
+from .settings import Settings
+
+#: The tree's authorities are read at most this often.
+_REFRESH_S: Final = 1.0
+#: Fields of an authority's record that are summed for its robot.
+_SUMMED: Final = ("stored", "dropped", "refused", "dropped_by_queue")
+
+
+class Robots:
+    """All robots of a server, until `close`.
+
+    Thread safety: all methods.
+    """
+
+    def __init__(
+        self, settings: Settings, security: Security, limits: Limits, service: Service
+    ) -> None:
+        self._service = service
+        self._robots = [
+            Robot(link, settings.shared, security.credentials, limits, service.instance)
+            for link in settings.links
+        ]
+        self._sums: Mapping[str, Mapping[str, int]] = {}
+        self._sums_until_s = 0.0
+
+    def start(self, ingest: Ingest) -> None:
+        """Connect to each robot, and begin to listen."""
+        for robot in self._robots:
+            robot.start(ingest)
+
+    def close(self) -> None:
+        """Listen no more."""
+        for robot in self._robots:
+            robot.close()
+
+    def counters(self) -> dict[str, Any]:
+        """Counters for `stats`: FIELD/ROBOT, in `metric_table.FROM_ROBOTS`."""
+        now_s = time.monotonic()
+        if now_s >= self._sums_until_s:
+            self._sums, self._sums_until_s = self._sum(), now_s + _REFRESH_S
+        sums = self._sums
+        return {
+            f"robot_{field}/{robot.name}": value
+            for robot in self._robots
+            for field, value in {**robot.counters(), **sums[robot.name]}.items()
+        }
+
+    def _sum(self) -> dict[str, dict[str, int]]:
+        sums = {robot.name: dict.fromkeys(_SUMMED, 0) for robot in self._robots}
+        for record in self._service.info_requests.authorities():
+            robot, colon, _ = record["name"].partition(":")
+            if colon and robot in sums:
+                for field in _SUMMED:
+                    sums[robot][field] += record[field]
+        return sums
+
+
+def start(
+    settings: Settings,
+    security: Security,
+    limits: Limits,
+    service: Service,
+    ingest: Ingest,
+    stack: ExitStack,
+) -> None:
+    """Gather the trees of robots, until the stack is closed."""
+    if settings.links:
+        robots = Robots(settings, security, limits, service)
+        stack.callback(robots.close)
+        robots.start(ingest)
+        service.add_counters(robots.counters)

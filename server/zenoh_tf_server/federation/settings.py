@@ -1,0 +1,102 @@
+"""The flags of a server that gathers the trees of robots."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import Final
+
+from zenoh_tf import keys, zenoh_config
+from zenoh_tf.errors import TransformException
+from zenoh_tf.text import quoted
+
+_LINK: Final = re.compile(
+    r"(?P<name>[^/:=,\x00-\x20\x7f]+)="
+    r"(?P<endpoint>[a-z]+/(?:\[[^\]/]*\]|[^/:\[\]]+):[0-9]+)(?:/(?P<tree>.+))?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A robot's tree: ``NAME=ENDPOINT/TREE``."""
+
+    name: str  # also the prefix of its frames, and of its authorities
+    endpoint: str
+    tree: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the flags of `add_flags` say."""
+
+    links: tuple[Link, ...] = ()
+    shared: tuple[str, ...] = ()
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of this module."""
+    group = parser.add_argument_group(
+        "trees of robots (docs/federation.md)",
+        "Example: zenoh-tf-server --listen tcp/0.0.0.0:7447 --mirror-shared map "
+        "--mirror-of robot1=tcp/10.0.0.1:7447 --mirror-of robot2=tcp/10.0.0.2:7447/main",
+    )
+    group.add_argument(
+        "--mirror-of",
+        action="append",
+        type=_link,
+        default=[],
+        metavar="LINK",
+        help="take what is committed to a robot's tree into this one: NAME=ENDPOINT/TREE, or "
+        "NAME=ENDPOINT for the tree main; its frames are called NAME/frame here; repeatable",
+    )
+    group.add_argument(
+        "--mirror-shared",
+        type=_names,
+        default=(),
+        metavar="FRAMES",
+        help="frames that the robots share and that get no prefix, such as map,world; robots' "
+        "frames hang on them, but where they are themselves only this server is told",
+    )
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if the flags do not fit together."""
+    if options.mirror_shared and not options.mirror_of:
+        parser.error("--mirror-shared needs --mirror-of")
+    if options.mirror_of and options.replica_of:
+        parser.error(
+            "--mirror-of and --replica-of exclude each other: a replica has its primary's tree"
+        )
+    for name, count in Counter(link.name for link in options.mirror_of).items():
+        if count > 1:
+            parser.error(f"--mirror-of: {count} robots are called {name!r}")
+
+
+def from_flags(options: argparse.Namespace) -> Settings:
+    """The settings that the flags say."""
+    return Settings(tuple(options.mirror_of), tuple(options.mirror_shared))
+
+
+def _link(text: str) -> Link:
+    match = _LINK.fullmatch(text)
+    if match is None:
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE, as in "
+            "robot1=tcp/10.0.0.1:7447/main; a name has no '/', ':', '=', ',' or space"
+        )
+    link = Link(match["name"], match["endpoint"], match["tree"] or "main")
+    try:
+        zenoh_config.check_endpoint(link.endpoint)
+        keys.server(link.tree, "")
+    except TransformException as error:
+        raise argparse.ArgumentTypeError(f"{quoted(text)}: {error}") from error
+    return link
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of frames, as in map,world")
+    return names
