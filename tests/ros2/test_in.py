@@ -228,6 +228,19 @@ def test_statics_from_before_the_server_and_a_publisher_that_stalls(
         assert names["ros2:0/robot0"].stored == 2 and names["ros2:0/robot1"].stored == 1
 
 
+def test_an_old_bridge_that_was_there_before_the_server(
+    start_server: StartServer, start_peer: StartPeer
+) -> None:
+    endpoint = free_endpoint()
+    start_peer(endpoint, "router")
+    bridge = start_peer(endpoint, "bridge")
+    bridge.bridge("b", "first", "queryable")
+    bridge.send_static("b", [("base", "kept", 1, AHEAD)])
+    server = start_server("--ros2", "--connect", endpoint, endpoint=endpoint)
+    with server.connect() as tf:
+        assert position(tf, "base", "kept", 10.0) == [1.0, 0.0, 0.0]
+
+
 def test_a_router_that_restarts_takes_no_statics_away(
     start_server: StartServer, start_peer: StartPeer
 ) -> None:

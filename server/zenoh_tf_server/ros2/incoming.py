@@ -55,7 +55,7 @@ class Incoming:
         """Begin to receive."""
         for topic, receive in (("tf", self._receive), ("tf_static", self._receive_static)):
             self._listeners.append(TopicListener(session, topic, TF_MESSAGE, receive, self.report))
-        self._statics.start(session, self._receive_history, self.report)
+        self._statics.start(self._receive_history, self.report)
 
     def close(self) -> None:
         """Receive no more."""

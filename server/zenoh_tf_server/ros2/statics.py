@@ -86,14 +86,17 @@ class Statics:
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread = threading.Thread(target=self._forget_gone, name="ros2-statics", daemon=True)
 
+    def attach(self, session: zenoh.Session) -> None:
+        """Set the session; before publishers can be found."""
+        self._histories.attach(session)
+
     def start(
         self,
-        session: zenoh.Session,
         receive: Callable[[Received], None],
         report: Callable[[str, ProtocolError], None],
     ) -> None:
         """Ask for what was sent before, now and whenever a publisher appears."""
-        self._histories.start(session, receive, report)
+        self._histories.start(receive, report)
         self._thread.start()
 
     def close(self) -> None:
