@@ -43,10 +43,21 @@ class _Link:
     parent: str
     stamp_ns: int
     pose: tuple[float, ...]
-    number: int | None  # of the message that had it
+    gid: bytes | None  # of the publisher that sent it last
+    number: int | None  # that publisher's number of the message
 
     def same(self, other: _Link) -> bool:
         return self.parent == other.parent and self.pose == other.pose
+
+    def older(self, other: _Link) -> bool:
+        """True if the other one's publisher sent it later. A session's publishers, and a node that
+        is made again, count for themselves: their numbers tell nothing of each other."""
+        return (
+            self.gid == other.gid
+            and self.number is not None
+            and other.number is not None
+            and self.number < other.number
+        )
 
 
 @dataclass(slots=True, eq=False)
@@ -139,7 +150,7 @@ class Statics:
                 return commit
             new: dict[str, _Link] = {}
             for parent, child, stamp_ns, pose in rows:
-                link = _Link(commit.names[parent], stamp_ns, tuple(pose), number)
+                link = _Link(commit.names[parent], stamp_ns, tuple(pose), source.gid, number)
                 if self._note(publisher, source.identity, commit.names[child], link):
                     new[commit.names[child]] = link
         return _commit(new) if new else None
@@ -165,10 +176,10 @@ class Statics:
         """Note a link; True if the tree must get it. Requires the lock."""
         known = publisher.links.get(child)
         if known is not None:
-            if known.number is not None and link.number is not None and link.number < known.number:
+            if link.older(known):
                 return False
             if known.same(link):
-                known.number = link.number
+                known.gid, known.number = link.gid, link.number
                 return False
         elif self._links >= self._max_links:
             return True  # not kept, so it is put each time
