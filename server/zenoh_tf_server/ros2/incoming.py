@@ -107,13 +107,14 @@ class Incoming:
             if size <= self._limits.message_bytes:
                 put.payload = message.payload.to_bytes()
                 try:
-                    news = self._statics.take(source, message.number, decode(put.payload))
+                    commit = decode(put.payload)
+                    news = self._statics.take(source, message.number, commit, live=wait)
                 except TransformException:
                     pass
                 else:
                     if news is None:
                         continue
-                    put = self._statics.put(source.authority, news)
+                    put = news
             self._ingest.add([put], wait=wait)
         with self._lock:
             self._counts["ros2_messages"] += len(messages)
