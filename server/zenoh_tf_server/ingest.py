@@ -146,6 +146,7 @@ class Ingest:
         if put.size <= self._limits.message_bytes:
             return True
         self._refuse("", put.authority, 1, self._limits.exceeded("message_bytes", put.size))
+        put.done(False)
         return False
 
     def _hold_back(self, authorities: set[str]) -> None:
@@ -311,6 +312,7 @@ class Ingest:
             if put.static:
                 error = self._limits.exceeded("put_queue_bytes", put.size + self._max_queue_bytes)
                 self._refuse("", put.authority, 1, error)
+                put.done(False)
         with self._lock:
             self._counters.dropped_by_queue += dropped.total()
 
@@ -353,7 +355,9 @@ class Ingest:
             stored = self._commit(commit, max_stamp_ns).tobytes()
         except Exception as error:
             self._refuse("", authority, transforms, error)
+            put.done(False)
             return
+        put.done(True)
         kept = stored.count(1)
         counts.puts += 1
         counts.put_transforms += kept

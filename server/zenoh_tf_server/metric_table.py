@@ -116,6 +116,9 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "ros2_unanswered": _counter(
         "ros2_unanswered", "times that a publisher did not tell its static transforms in time"
     ),
+    "ros2_unpublishable": _counter(
+        "ros2_unpublishable", "transforms left out because ROS 2 has no such stamp or name"
+    ),
     "ros2_published_messages": _counter(
         "ros2_published_messages", "messages published on ROS 2 (`--ros2-publish`)"
     ),

@@ -36,6 +36,10 @@ MAX_PUTS: Final = 65_536
 _MAX_QUEUES: Final = 1024
 
 
+def _tell_nobody(accepted: bool) -> None:
+    """For puts whose sender does not ask."""
+
+
 @dataclass(slots=True, eq=False)
 class Put:
     """One message on its way to the tree."""
@@ -47,6 +51,8 @@ class Put:
     arrival_ns: int  # real time
     #: Makes the transaction of the payload's bytes, if they are not of this project's protocol.
     decode: Callable[[bytes], wire.Commit] | None = None
+    #: Called once, unless it is dropped: True after it was committed, False if it was refused.
+    done: Callable[[bool], None] = _tell_nobody
 
 
 @dataclass(slots=True, eq=False)

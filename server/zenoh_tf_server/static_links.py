@@ -162,6 +162,12 @@ class StaticLinks:
                 and frame not in self._by_call
             )
 
+    def has_link(self, frame: str) -> bool:
+        """True if a frame has a parent."""
+        with self.lock:
+            record = self._record(frame)
+            return record is not None and record["parent"] is not None
+
     def wait(self, ticket: int) -> None:
         """Wait until a change is durable; not at all for NO_TICKET.
 

@@ -130,6 +130,58 @@ def test_statics_that_are_sent_again_are_not_stored_again(tf: TransformClient, p
     wait_for(lambda: position(tf, "again_base", "again_0") == [5.0, 0.0, 0.0])
 
 
+def test_statics_of_a_node_that_is_made_again(tf: TransformClient, peer: Peer) -> None:
+    """It has another id, and counts from 1 again."""
+    peer.node("n", "anew", 0, "first")
+    for x in (1.0, 2.0, 3.0):
+        peer.send_static("n", [("anew_base", "anew_arm", 1, (x, *AHEAD[1:]))])
+    wait_for(lambda: "anew_arm" in tf.frames())
+    wait_for(lambda: position(tf, "anew_base", "anew_arm") == [3.0, 0.0, 0.0])
+    peer.node("n", "anew", 0, "second")
+    peer.send_static("n", [("anew_base", "anew_arm", 1, (9.0, *AHEAD[1:]))])
+    wait_for(lambda: position(tf, "anew_base", "anew_arm") == [9.0, 0.0, 0.0])
+
+
+def test_statics_that_are_sent_again_after_a_reset_come_back(
+    tf: TransformClient, peer: Peer
+) -> None:
+    peer.node("n", "back")
+    row = ("back_base", "back_arm", 1, AHEAD)
+    peer.send_static("n", [row])
+    wait_for(lambda: "back_arm" in tf.frames())
+    tf.reset()
+    peer.send_static("n", [row])
+    assert position(tf, "back_base", "back_arm") == [1.0, 0.0, 0.0]
+
+
+def test_statics_that_were_refused_are_tried_again(tf: TransformClient, peer: Peer) -> None:
+    peer.node("n", "loop")
+    tf.set_transform(StampedTransform("loop_a", "loop_b", 1, Transform()), static=True)
+    refused = tf.stats()["bad_puts"]
+    row = ("loop_b", "loop_a", 1, AHEAD)
+    peer.send_static("n", [row])
+    wait_for(lambda: tf.stats()["bad_puts"] > refused)
+    tf.remove_frame("loop_b")
+    peer.send_static("n", [row])
+    assert position(tf, "loop_b", "loop_a") == [1.0, 0.0, 0.0]
+
+
+def test_of_two_publishers_of_a_static_the_one_that_sent_last_counts(
+    server: ServerProcess, tf: TransformClient, start_peer: StartPeer
+) -> None:
+    peers = [start_peer(server.endpoint) for _ in range(2)]
+    for number, peer in enumerate(peers):
+        peer.node("n", "last", 0, f"node{number}")
+    deadline_s = time.monotonic() + 10
+    for number in (0, 1, 0):
+        x = 1.0 + number
+        peers[number].send_static("n", [("last_base", "last_arm", 1, (x, *AHEAD[1:]))])
+        wait_for(lambda: "last_arm" in tf.frames())
+        while position(tf, "last_base", "last_arm")[0] != x:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+
+
 def test_statics_of_a_publisher_that_is_gone(
     server: ServerProcess, tf: TransformClient, start_peer: StartPeer
 ) -> None:
@@ -226,6 +278,19 @@ def test_statics_from_before_the_server_and_a_publisher_that_stalls(
         assert position(tf, "base", "late") == [1.0, 0.0, 0.0]
         names = authorities(tf)
         assert names["ros2:0/robot0"].stored == 2 and names["ros2:0/robot1"].stored == 1
+
+
+def test_an_old_bridge_that_was_there_before_the_server(
+    start_server: StartServer, start_peer: StartPeer
+) -> None:
+    endpoint = free_endpoint()
+    start_peer(endpoint, "router")
+    bridge = start_peer(endpoint, "bridge")
+    bridge.bridge("b", "first", "queryable")
+    bridge.send_static("b", [("base", "kept", 1, AHEAD)])
+    server = start_server("--ros2", "--connect", endpoint, endpoint=endpoint)
+    with server.connect() as tf:
+        assert position(tf, "base", "kept", 10.0) == [1.0, 0.0, 0.0]
 
 
 def test_a_router_that_restarts_takes_no_statics_away(

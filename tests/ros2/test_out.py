@@ -142,6 +142,27 @@ def by(peer: Peer, node: str) -> list[Any]:
     return [row for _, mark, rows in peer.heard() if mark[-32:] in marks for row in rows]
 
 
+def test_what_ros_cannot_express_keeps_nothing_back(
+    server: ServerProcess, tf: TransformClient, start_peer: StartPeer
+) -> None:
+    peer = start_peer(server.endpoint)
+    for topic in ("tf", "tf_static"):
+        peer.listen(topic)
+    tf.set_transform(StampedTransform("base", "late", 2**62, TURNED), "maker", static=True)
+    tf.set_transform(StampedTransform("base", "good", 5, TURNED), "maker", static=True)
+    wait_for(lambda: [row[1] for row in last_static(peer)] == ["good"])
+
+    def heard() -> list[Any]:
+        # One transaction, so both are in the same message.
+        now_ns = time.time_ns()
+        moved = [StampedTransform("map", name, now_ns, TURNED) for name in ("m\0x", "drone")]
+        tf.set_transforms_xact(moved)
+        return rows(peer, "tf")
+
+    assert {row[1] for row in wait_for(heard)} == {"drone"}
+    assert tf.stats()["ros2_unpublishable"] >= 2
+
+
 def test_chosen_frames_at_a_limited_rate(start_server: StartServer, start_peer: StartPeer) -> None:
     flags = ("--ros2-publish", "cam*", "--ros2-publish", "laser", "--ros2-publish-rate", "5")
     server = start_server(*flags, "--ros2-domain", "3")
@@ -167,4 +188,5 @@ def test_chosen_frames_at_a_limited_rate(start_server: StartServer, start_peer: 
 
 
 def last_static(peer: Peer) -> list[Any]:
-    return list([rows for key, _, rows in peer.heard() if "tf_static" in key][-1])
+    heard = [rows for key, _, rows in peer.heard() if "tf_static" in key]
+    return list(heard[-1]) if heard else []

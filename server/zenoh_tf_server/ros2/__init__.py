@@ -49,6 +49,7 @@ def start(
             limits.ros2_static_links,
             lambda puts: ingest.add(puts, wait=False),
         )
+        statics.attach(session)  # a bridge that is there already is found, and asked, at once
         publishers.when_found(statics.peer_found)
         prefixes = Prefixes(settings.rules, settings.shared)
         incoming = Incoming(ingest, limits, publishers, prefixes, statics)

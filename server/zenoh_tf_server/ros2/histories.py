@@ -84,14 +84,17 @@ class Histories:
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread = threading.Thread(target=self._run, name="ros2-histories", daemon=True)
 
+    def attach(self, session: zenoh.Session) -> None:
+        """Set the session, so that bridges can be asked; their replies wait for `start`."""
+        self._session = session
+
     def start(
         self,
-        session: zenoh.Session,
         receive: Callable[[Received], None],
         report: Callable[[str, ProtocolError], None],
     ) -> None:
-        """Begin. `receive` gets messages, and `report` what is malformed (`Reception`)."""
-        self._session = session
+        """Begin, after `attach`. `receive` gets messages, `report` what is malformed."""
+        session = self._session
         self._own_zid = str(session.info.zid())
         self._receive = receive
         self._reception = Reception(TF_MESSAGE, report)

@@ -55,7 +55,7 @@ class Incoming:
         """Begin to receive."""
         for topic, receive in (("tf", self._receive), ("tf_static", self._receive_static)):
             self._listeners.append(TopicListener(session, topic, TF_MESSAGE, receive, self.report))
-        self._statics.start(session, self._receive_history, self.report)
+        self._statics.start(self._receive_history, self.report)
 
     def close(self) -> None:
         """Receive no more."""
@@ -107,13 +107,14 @@ class Incoming:
             if size <= self._limits.message_bytes:
                 put.payload = message.payload.to_bytes()
                 try:
-                    news = self._statics.take(source, message.number, decode(put.payload))
+                    commit = decode(put.payload)
+                    news = self._statics.take(source, message.number, commit, live=wait)
                 except TransformException:
                     pass
                 else:
                     if news is None:
                         continue
-                    put = self._statics.put(source.authority, news)
+                    put = news
             self._ingest.add([put], wait=wait)
         with self._lock:
             self._counts["ros2_messages"] += len(messages)

@@ -17,7 +17,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
@@ -117,7 +117,7 @@ class Outgoing:
         self._peers: dict[str, list[_Peer]] = {}
         self._statics: TfMessage | None = None
         self._statics_change = -1
-        self._messages = self._transforms = 0
+        self._messages = self._transforms = self._left_out = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread = threading.Thread(target=self._run, name="ros2-out", daemon=True)
 
@@ -164,6 +164,7 @@ class Outgoing:
         return {
             "ros2_published_messages": self._messages,
             "ros2_published_transforms": self._transforms,
+            "ros2_unpublishable": self._left_out,
         }
 
     def _declare_token(self, session: zenoh.Session, key: str) -> None:
@@ -172,13 +173,16 @@ class Outgoing:
     def _run(self) -> None:
         next_s = 0.0
         while not self._closing.wait(min(self._period_s, _STATICS_S)):
-            try:
-                self._publish_statics()
-                if (now_s := time.monotonic()) >= next_s:
-                    next_s = now_s + self._period_s
-                    self._publish_moving()
-            except Exception as error:  # publishing must go on
-                self._log.warn("publishing on ROS 2", f"{type(error).__name__}: {error}")
+            self._attempt(self._publish_statics)
+            if (now_s := time.monotonic()) >= next_s:
+                next_s = now_s + self._period_s
+                self._attempt(self._publish_moving)
+
+    def _attempt(self, publish: Callable[[], None]) -> None:
+        try:
+            publish()
+        except Exception as error:  # publishing must go on
+            self._log.warn("publishing on ROS 2", f"{type(error).__name__}: {error}")
 
     # --- moving frames
 
@@ -200,7 +204,7 @@ class Outgoing:
         if newest:
             items = list(newest.items())
             for begin in range(0, len(items), _MAX_ROWS):
-                self._put("tf", _message(dict(items[begin : begin + _MAX_ROWS])))
+                self._publish("tf", dict(items[begin : begin + _MAX_ROWS]))
 
     def _is_chosen(self, name: str) -> bool:
         chosen = self._chosen.get(name)
@@ -217,15 +221,13 @@ class Outgoing:
         change = self._links.changes
         if change == self._statics_change:
             return
-        self._statics_change = change
-        statics = _message(self._all_statics())
+        found = _Encoded(self._all_statics())
+        self._count_left_out("tf_static", found)
         before = self._statics
-        if before is None and not statics.names:
-            return
-        if before is not None and _same(before, statics):
-            return
-        self._statics = statics
-        self._put("tf_static", statics, latched=True)
+        if not _same(before, found.message) if before is not None else found.message.names:
+            self._put("tf_static", found)
+            self._statics = found.message
+        self._statics_change = change  # last: what has failed is tried again
 
     def _all_statics(self) -> dict[str, _Row]:
         found: dict[str, _Row] = {}
@@ -242,19 +244,53 @@ class Outgoing:
 
     # --- both
 
-    def _put(self, topic: str, message: TfMessage, *, latched: bool = False) -> None:
-        peers = [peer for peer in self._peers[topic] if latched or peer.has_listeners]
-        if not peers:
+    def _publish(self, topic: str, rows: dict[str, _Row]) -> None:
+        if not any(peer.has_listeners for peer in self._peers[topic]):
             return
-        try:
-            payload = encode_tf_message(message)
-        except TransformException as error:  # a stamp or a name that ROS 2 does not have
-            self._log.warn(f"publishing on /{topic}", str(error))
-            return
-        for peer in peers:
-            peer.put(payload)
+        found = _Encoded(rows)
+        self._count_left_out(topic, found)
+        if found.message.names:
+            self._put(topic, found)
+
+    def _count_left_out(self, topic: str, found: _Encoded) -> None:
+        if found.refusal is not None:
+            self._left_out += found.left_out
+            self._log.warn(
+                f"publishing on /{topic}", f"{found.left_out} left out, the last: {found.refusal}"
+            )
+
+    def _put(self, topic: str, found: _Encoded) -> None:
+        latched = topic == "tf_static"  # late subscribers get it too
+        for peer in self._peers[topic]:
+            if latched or peer.has_listeners:
+                peer.put(found.payload)
         self._messages += 1
-        self._transforms += len(message.stamp)
+        self._transforms += len(found.message.stamp)
+
+
+class _Encoded:
+    """A message of the rows that ROS 2 can express: it has fewer stamps and names than the tree,
+    and one such row must not keep the others back."""
+
+    def __init__(self, rows: dict[str, _Row]) -> None:
+        self.refusal: TransformException | None = None
+        self.left_out = 0
+        self.message = _message(rows)
+        try:
+            self.payload = encode_tf_message(self.message)
+        except TransformException:
+            good = {child: row for child, row in rows.items() if self._is_good(child, row)}
+            self.message = _message(good)
+            self.payload = encode_tf_message(self.message)
+
+    def _is_good(self, child: str, row: _Row) -> bool:
+        try:
+            encode_tf_message(_message({child: row}))
+        except TransformException as error:
+            self.refusal = error
+            self.left_out += 1
+            return False
+        return True
 
 
 def _message(rows: dict[str, _Row]) -> TfMessage:

@@ -2,7 +2,8 @@
 
 Some publishers send all of their links each time, older ones only what is new, and all send them
 again to late subscribers. So what each publisher has sent is kept here, and only what differs goes
-to the tree. Of several publishers of a child the one that sent last counts. A publisher whose token
+to the tree, and what the tree has refused or lost since, by a reset for instance. Of several
+publishers of a child the one that sent last counts. A publisher whose token
 has been gone for `--ros2-static-grace` is forgotten: its links pass to another publisher that has
 sent them too, or leave the tree. A router's restart takes tokens away for a moment only.
 
@@ -43,10 +44,23 @@ class _Link:
     parent: str
     stamp_ns: int
     pose: tuple[float, ...]
-    number: int | None  # of the message that had it
+    gid: bytes | None  # of the publisher that sent it last
+    number: int | None  # that publisher's number of the message
+    waits: bool = True  # its put is not committed yet
+    refused: bool = False
 
     def same(self, other: _Link) -> bool:
         return self.parent == other.parent and self.pose == other.pose
+
+    def older(self, other: _Link) -> bool:
+        """True if the other one's publisher sent it later. A session's publishers, and a node that
+        is made again, count for themselves: their numbers tell nothing of each other."""
+        return (
+            self.gid == other.gid
+            and self.number is not None
+            and other.number is not None
+            and self.number < other.number
+        )
 
 
 @dataclass(slots=True, eq=False)
@@ -86,14 +100,17 @@ class Statics:
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread = threading.Thread(target=self._forget_gone, name="ros2-statics", daemon=True)
 
+    def attach(self, session: zenoh.Session) -> None:
+        """Set the session; before publishers can be found."""
+        self._histories.attach(session)
+
     def start(
         self,
-        session: zenoh.Session,
         receive: Callable[[Received], None],
         report: Callable[[str, ProtocolError], None],
     ) -> None:
         """Ask for what was sent before, now and whenever a publisher appears."""
-        self._histories.start(session, receive, report)
+        self._histories.start(receive, report)
         self._thread.start()
 
     def close(self) -> None:
@@ -115,13 +132,17 @@ class Statics:
             "ros2_unanswered": self._histories.failures,
         }
 
-    def take(self, source: Source, number: int | None, commit: wire.Commit) -> wire.Commit | None:
-        """Note a message, and return what of it is new; None if nothing is.
+    def take(
+        self, source: Source, number: int | None, commit: wire.Commit, *, live: bool = True
+    ) -> Put | None:
+        """Note a message, and return the put of what the tree needs of it; None if nothing.
 
         Args:
             source: Its publisher.
             number: The publisher's number of it: an older message that comes late changes nothing.
             commit: Its transforms.
+            live: It is sent now. False: kept by its publisher, so it may be from before what
+                other publishers have sent.
         """
         rows = zip(
             commit.parent.tolist(),
@@ -133,13 +154,17 @@ class Statics:
         with self._lock:
             publisher = self._publisher(source)
             if publisher is None:
-                return commit
+                return self.put(source.authority, commit)
             new: dict[str, _Link] = {}
             for parent, child, stamp_ns, pose in rows:
-                link = _Link(commit.names[parent], stamp_ns, tuple(pose), number)
-                if self._note(publisher, source.identity, commit.names[child], link):
+                link = _Link(commit.names[parent], stamp_ns, tuple(pose), source.gid, number)
+                if self._note(publisher, source.identity, commit.names[child], link, live=live):
                     new[commit.names[child]] = link
-        return _commit(new) if new else None
+        if not new:
+            return None
+        put = self.put(source.authority, _commit(new))
+        put.done = lambda accepted: self._done(new, accepted)
+        return put
 
     @staticmethod
     def put(authority: str, commit: wire.Commit) -> Put:
@@ -158,14 +183,22 @@ class Statics:
         publisher.gone_s = None
         return publisher
 
-    def _note(self, publisher: _Publisher, identity: _Identity, child: str, link: _Link) -> bool:
+    def _done(self, links: dict[str, _Link], accepted: bool) -> None:
+        """Note that the put of some links was committed or refused."""
+        with self._lock:
+            for link in links.values():
+                link.waits, link.refused = False, not accepted
+
+    def _note(
+        self, publisher: _Publisher, identity: _Identity, child: str, link: _Link, *, live: bool
+    ) -> bool:
         """Note a link; True if the tree must get it. Requires the lock."""
         known = publisher.links.get(child)
         if known is not None:
-            if known.number is not None and link.number is not None and link.number < known.number:
+            if link.older(known):
                 return False
-            if known.same(link):
-                known.number = link.number
+            if known.same(link) and not self._is_lost(known, child, identity, live=live):
+                known.gid, known.number = link.gid, link.number
                 return False
         elif self._links >= self._max_links:
             return True  # not kept, so it is put each time
@@ -174,6 +207,12 @@ class Statics:
         publisher.links[child] = link
         self._owners[child] = identity
         return True
+
+    def _is_lost(self, known: _Link, child: str, identity: _Identity, *, live: bool) -> bool:
+        """True if a link that is sent again must go to the tree again. Requires the lock."""
+        if live and self._owners.get(child) != identity:
+            return True  # another one has sent last, until now
+        return known.refused or not (known.waits or self._tree_links.has_link(child))
 
     # --- publishers that come and go
 
