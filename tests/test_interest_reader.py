@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import sys
 import threading
 import time
 from itertools import pairwise
@@ -199,6 +200,47 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
         writer.join()
     follow(mirror, reader)
     assert mirror_state(mirror) == {name: state(tree)[name] for name in state(mirror.tree)}
+
+
+def test_what_is_told_beside_writers_has_a_new_number() -> None:
+    """A mirror takes changes only under a number that it does not have yet."""
+    tree, log = logged()
+    names = [f"f{i}" for i in range(8)]
+
+    def link(name: str, number: int) -> StampedTransform:
+        return StampedTransform("root", name, 1, Transform((number, 0, 0)))
+
+    for name in names:
+        tree.set_transform(link(name, 0), static=True)
+    reader = InterestReader(tree, [(name, "root") for name in names], False)
+    mirror = Mirror(max_frames=4096)
+    last = follow(mirror, reader, begin=True)
+    ending = threading.Event()
+
+    def write() -> None:
+        number = 0
+        while not ending.is_set():
+            number += 1
+            tree.set_transform(link(names[number % len(names)], number), static=True)
+
+    writer = threading.Thread(target=write)
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    writer.start()
+    try:
+        end_s = time.monotonic() + 1
+        while time.monotonic() < end_s:
+            seq, _, changes, _ = reader.read(False, MANY)
+            assert changes is None or seq > last
+            if changes is not None:
+                mirror.replay.apply(seq, *changes)
+            last = seq
+    finally:
+        ending.set()
+        writer.join()
+        sys.setswitchinterval(interval_s)
+    assert follow(mirror, reader) == log.last
+    assert mirror_state(mirror) == state(tree)
 
 
 def test_newest_samples_only() -> None:

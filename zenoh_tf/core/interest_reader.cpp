@@ -103,6 +103,12 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
   copy_frames(with_all);
   Result result = tell(with_all);  // before the comparison, which is for the names, too
   if (!is_valid()) return std::nullopt;
+  // A mirror takes changes only under a number that is new to it. All commits up to the last number
+  // that was told were told with it, those in progress included, as above. So what is new is of a
+  // later commit. It drew its number before it stored anything: perhaps just after `seq_` was
+  // loaded. A thread that sees its changes sees its number, too, so the next attempt has a later
+  // one. That may be another commit's; then this commit is told early, and not told again.
+  if (!result.changes.kind.empty() && seq_ <= told_seq_) return std::nullopt;
   remember();
   return result;
 }
@@ -118,6 +124,7 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
   for (const FrameId id : frames_) ascending.push_back(id);
   std::sort(ascending.begin(), ascending.end());
   const WriteLocks locks(tree_, ascending, true);
+  // None of these frames changes any more, so what is new has a number up to this one.
   seq_ = tree_.change_log_->last_drawn();
   begin_attempt();
   find_frames(max_frames);
@@ -344,6 +351,7 @@ InterestReader::Result InterestReader::tell(bool with_all) {
       // The frame may come back with the version that it has now.
       changes.add(ChangeKind::removed, changes.name(told.name), told.version + kAfterAll);
     }
+  // Beside changes of theirs, because the first reparenting gives all frames a new version.
   if (ever_reparented_ && !told_reparented_ && !copies_.empty())
     changes.add(ChangeKind::new_version, changes.name(copies_.front().id), copies_.front().version);
   for (const Copy& copy : copies_) {
@@ -368,6 +376,7 @@ void InterestReader::remember() {
     if (!copy.samples.empty()) told.newest = copy.samples.back().stamp;
   }
   told_reparented_ |= ever_reparented_ && !copies_.empty();
+  told_seq_ = seq_;
   refs_ = new_refs_;
 }
 

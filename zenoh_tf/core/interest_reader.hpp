@@ -15,6 +15,7 @@
 // 1. A mirror that was given `all` of one read, and applies the `changes` of all later ones in
 //    order, has the tree's state as of the last one, in the frames on the ways.
 // 2. All commits up to Result::seq are in the state. Later ones may be, each as a whole.
+// 3. A result with `changes` has a later `seq` than the result before it.
 #pragma once
 
 #include <mutex>
@@ -61,7 +62,7 @@ class InterestReader {
   // Returns whether read() would tell anything. Always true without pairs.
   [[nodiscard]] bool has_changed() const;
   // The number of frames as of the last read().
-  [[nodiscard]] std::size_t frames() const;
+  [[nodiscard]] std::size_t frames() const const;
 
  private:
   // What was told about a frame.
@@ -121,6 +122,7 @@ class InterestReader {
   std::unordered_map<FrameId, Told> told_;
   std::vector<NameRef> refs_;  // of the pairs' names, as of the last read
   bool told_reparented_ = false;
+  Seq told_seq_ = 0;
 
   // Of one attempt.
   Seq seq_ = 0;
