@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.logged_trees import FRAMES, Mirror, State, Writer, logged, make_tree, state
+from tests.logged_trees import FRAMES, LOG_BYTES, Mirror, State, Writer, logged, make_tree, state
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader, wait_for_changes
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
@@ -296,3 +296,19 @@ def test_limits_and_arguments() -> None:
     assert len(reader.read(True, 21)[3][0]) == 21  # type: ignore[index]
     with pytest.raises(InvalidArgumentException):
         InterestReader(make_tree(), [], True)
+
+
+def test_counting_does_not_wait_for_a_read() -> None:
+    """The server counts for its statistics, beside reads that may take long."""
+    tree = make_tree(max_frames=256, max_log_bytes=LOG_BYTES)
+    for i in range(100):
+        tree.set_transform(StampedTransform(f"f{i}", f"f{i + 1}", 1, Transform()))
+    reader = InterestReader(tree, [("f0", "f100")] * 20_000, False)
+    reading = threading.Thread(target=reader.read, args=(True, MANY))
+    reading.start()
+    counts = 0
+    while reading.is_alive():
+        assert reader.frames in (0, 101)
+        counts += 1
+        time.sleep(0.0001)
+    assert counts > 20

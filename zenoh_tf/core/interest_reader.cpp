@@ -66,11 +66,6 @@ class InterestReader::Rows {
 InterestReader::InterestReader(Tree& tree, Pairs pairs, bool newest_only)
     : tree_(tree), pairs_(std::move(pairs)), newest_only_(newest_only) {}
 
-std::size_t InterestReader::frames() const {
-  const std::lock_guard lock(mutex_);
-  return told_.size();
-}
-
 bool InterestReader::has_changed() const {
   const std::lock_guard lock(mutex_);
   if (pairs_.empty() || refs_.empty()) return true;
@@ -378,6 +373,7 @@ void InterestReader::remember() {
   told_reparented_ |= ever_reparented_ && !copies_.empty();
   told_seq_ = seq_;
   refs_ = new_refs_;
+  told_frames_.store(told_.size(), std::memory_order_relaxed);
 }
 
 void InterestReader::tell_frame(const Copy& copy, bool all, Rows& rows) const {

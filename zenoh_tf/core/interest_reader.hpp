@@ -18,6 +18,7 @@
 // 3. A result with `changes` has a later `seq` than the result before it.
 #pragma once
 
+#include <atomic>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -61,8 +62,10 @@ class InterestReader {
 
   // Returns whether read() would tell anything. Always true without pairs.
   [[nodiscard]] bool has_changed() const;
-  // The number of frames as of the last read().
-  [[nodiscard]] std::size_t frames() const const;
+  // The number of frames as of the last read(). Does not wait for one in progress.
+  [[nodiscard]] std::size_t frames() const noexcept {
+    return told_frames_.load(std::memory_order_relaxed);
+  }
 
  private:
   // What was told about a frame.
@@ -118,6 +121,7 @@ class InterestReader {
   const Pairs pairs_;
   const bool newest_only_;
 
+  std::atomic<std::size_t> told_frames_{0};
   mutable std::mutex mutex_;  // guards what follows
   std::unordered_map<FrameId, Told> told_;
   std::vector<NameRef> refs_;  // of the pairs' names, as of the last read
