@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from tests.conftest import ServerProcess, StartServer
 from tests.small_robot import DEADLINE_S, robot, stamped, wait
+from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     ConnectivityException,
     InvalidArgumentException,
@@ -18,6 +20,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf_client import OutsideInterest, Transaction, TransformClient
+from zenoh_tf_server.interests import Interests
+from zenoh_tf_server.limits import Limits
 
 
 def test_the_frames_on_the_ways_and_no_others(client: TransformClient) -> None:
@@ -258,3 +262,26 @@ def test_limits(start_server: StartServer) -> None:
                 assert m.lookup_transform("base", "camera").stamp_ns == 1
                 with pytest.raises(TransformException):
                     tf.mirror([("base", "camera")], timeout_s=0.5)
+
+
+def test_a_greedy_client_does_not_end_the_small_interest_of_another() -> None:
+    tree = TransformTree(max_log_bytes=1 << 20)
+    tree.set_transforms_xact([stamped(f"x{i}", 1) for i in range(87)])
+    tree.set_transform(stamped("base", 1, 0, "odom"))
+    interests = Interests(tree, "instance", Limits(interest_frames=100))
+    settings = wire.TreeSettings(10**10, 1000, 1000, 255, 64)
+    small, everything = wire.Interest.of([("base", "odom")]), wire.Interest((), 1)
+    interests.snapshot(small, "small", settings)
+    interests.snapshot(everything, "greedy", settings)
+    assert interests.counters()["interest_frames"] == 2 + 90
+    # The small one needs more than is free, but less than its client's share.
+    way = ["odom", *(f"y{i}" for i in range(10)), "base"]
+    tree.set_transforms_xact([stamped(b, 2, 0, a) for a, b in pairwise(way)])
+    interests._tell(interests._interests[small.id])
+    assert interests.counters()["interest_frames"] == 12 + 90
+    interests._tell(interests._interests[everything.id])
+    assert [*interests._interests] == [small.id]
+    with pytest.raises(ServerBusy, match=r"112 frames .* its share") as caught:
+        interests.snapshot(everything, "greedy", settings)
+    assert caught.value.field == "interest_frames"
+    assert (caught.value.limit, caught.value.value) == (100, 112)

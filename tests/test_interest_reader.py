@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import sys
 import threading
 import time
 from itertools import pairwise
@@ -10,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.logged_trees import FRAMES, Mirror, State, Writer, logged, make_tree, state
+from tests.logged_trees import FRAMES, LOG_BYTES, Mirror, State, Writer, logged, make_tree, state
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader, wait_for_changes
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
@@ -201,6 +202,47 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
     assert mirror_state(mirror) == {name: state(tree)[name] for name in state(mirror.tree)}
 
 
+def test_what_is_told_beside_writers_has_a_new_number() -> None:
+    """A mirror takes changes only under a number that it does not have yet."""
+    tree, log = logged()
+    names = [f"f{i}" for i in range(8)]
+
+    def link(name: str, number: int) -> StampedTransform:
+        return StampedTransform("root", name, 1, Transform((number, 0, 0)))
+
+    for name in names:
+        tree.set_transform(link(name, 0), static=True)
+    reader = InterestReader(tree, [(name, "root") for name in names], False)
+    mirror = Mirror(max_frames=4096)
+    last = follow(mirror, reader, begin=True)
+    ending = threading.Event()
+
+    def write() -> None:
+        number = 0
+        while not ending.is_set():
+            number += 1
+            tree.set_transform(link(names[number % len(names)], number), static=True)
+
+    writer = threading.Thread(target=write)
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    writer.start()
+    try:
+        end_s = time.monotonic() + 1
+        while time.monotonic() < end_s:
+            seq, _, changes, _ = reader.read(False, MANY)
+            assert changes is None or seq > last
+            if changes is not None:
+                mirror.replay.apply(seq, *changes)
+            last = seq
+    finally:
+        ending.set()
+        writer.join()
+        sys.setswitchinterval(interval_s)
+    assert follow(mirror, reader) == log.last
+    assert mirror_state(mirror) == state(tree)
+
+
 def test_newest_samples_only() -> None:
     tree, log = logged()
     tree.set_transform(StampedTransform("map", "base", 100, Transform((1, 0, 0))))
@@ -254,3 +296,19 @@ def test_limits_and_arguments() -> None:
     assert len(reader.read(True, 21)[3][0]) == 21  # type: ignore[index]
     with pytest.raises(InvalidArgumentException):
         InterestReader(make_tree(), [], True)
+
+
+def test_counting_does_not_wait_for_a_read() -> None:
+    """The server counts for its statistics, beside reads that may take long."""
+    tree = make_tree(max_frames=256, max_log_bytes=LOG_BYTES)
+    for i in range(100):
+        tree.set_transform(StampedTransform(f"f{i}", f"f{i + 1}", 1, Transform()))
+    reader = InterestReader(tree, [("f0", "f100")] * 20_000, False)
+    reading = threading.Thread(target=reader.read, args=(True, MANY))
+    reading.start()
+    counts = 0
+    while reading.is_alive():
+        assert reader.frames in (0, 101)
+        counts += 1
+        time.sleep(0.0001)
+    assert counts > 20

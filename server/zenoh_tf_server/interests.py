@@ -28,7 +28,7 @@ import zenoh
 
 from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf._core import ChangeLog, InterestReader, wait_for_changes
-from zenoh_tf.errors import ServerBusy, ServerRestarted, TransformException
+from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerRestarted, TransformException
 
 from .fair_share import FairShare
 from .limits import Limits
@@ -168,7 +168,7 @@ class Interests:
 
         Raises:
             LimitExceeded: It has too many pairs or frames.
-            ServerBusy: There are too many interests.
+            ServerBusy: There are too many interests, or too many frames in them.
         """
         self._limits.check("interest_pairs", len(wanted.pairs))
         for name in itertools.chain.from_iterable(wanted.pairs):
@@ -250,6 +250,7 @@ class Interests:
 
     def _end(self, interest_id: str) -> None:
         interest = self._interests.pop(interest_id)
+        self._frames -= interest.reader.frames
         for client in interest.clients:
             self._shares.give_back(client, 1)
         self._ended["messages"] += interest.messages
@@ -264,9 +265,47 @@ class Interests:
     def _counted(self, interest: _Interest) -> Iterator[int]:
         """Yields how many frames an interest may have, and counts what it has afterwards."""
         before = interest.reader.frames
-        yield max(self._limits.interest_frames - self._frames + before, 0)
+        with self._lock:
+            room = self._room(interest)
+        try:
+            yield room
+        except LimitExceeded as error:
+            if error.field != "interest_frames" or not isinstance(error.value, int):
+                raise
+            raise self._no_room(error.value, self._frames - before + error.value) from None
         with self._lock:
             self._frames += interest.reader.frames - before
+
+    def _room(self, interest: _Interest) -> int:
+        """How many frames an interest may have: as many as are free, or what is left of a client's
+        share. Shares are equal, and one is left for the next client. So what others use does not
+        end a small interest: if there are too many frames then, an interest above its client's
+        share ends when its next message is due. Requires the lock.
+        """
+        limit = self._limits.interest_frames
+        free = max(limit - self._frames + interest.reader.frames, 0)
+        if free >= limit // 2:  # more than any share
+            return free
+        held: dict[str, int] = {}
+        for one in self._interests.values():
+            for client in one.clients:
+                held[client] = held.get(client, 0) + (
+                    one.reader.frames if one is not interest else 0
+                )
+        share = limit // (len(held) + 1)
+        return max(free, *(share - held.get(client, 0) for client in interest.clients), 0)
+
+    def _no_room(self, frames: int, total: int) -> LimitExceeded | ServerBusy:
+        if frames > self._limits.interest_frames:
+            return self._limits.exceeded("interest_frames", frames)
+        return ServerBusy(
+            f"{self._limits.describe('interest_frames', total)}; this client has its share of "
+            f"them: try again in {_UNHEARD_IF_BUSY_S:.3g} s",
+            field="interest_frames",
+            limit=self._limits.interest_frames,
+            value=total,
+            retry_after_s=_UNHEARD_IF_BUSY_S,
+        )
 
     # --- the thread
 

@@ -222,8 +222,10 @@ class Limits:
     )
     interest_frames: int = _limit(
         200_000,
-        "frames that mirrors with an interest have, summed over all interests",
-        "the mirror is refused, or gets nothing more",
+        "frames that mirrors with an interest have, summed over all interests; a client always "
+        "has an equal share of them, and more while some are free",
+        "a mirror above its client's share is refused with `ServerBusy`, or gets nothing more; "
+        "one of more frames than the limit gets `LimitExceeded`",
     )
     interest_bytes: int = _limit(
         256 << 10,

@@ -1,6 +1,6 @@
 // InterestReader: what an interested mirror has, and waiting until some of it has changed.
 //
-// GIL: reading and waiting release it.
+// GIL: what may wait, for changes or for a read in progress, releases it.
 #include "interest_reader.hpp"
 
 #include <chrono>
@@ -82,7 +82,7 @@ void bind_interest_reader(nb::module_& m) {
       .def(nb::init<Tree&, const nb::list&, bool>(), nb::arg("tree"), nb::arg("pairs"),
            nb::arg("newest_only"), nb::keep_alive<1, 2>())
       .def("read", &Interest::read, nb::arg("with_all"), nb::arg("max_frames"))
-      .def("has_changed", &Interest::has_changed)
+      .def("has_changed", &Interest::has_changed, nb::call_guard<nb::gil_scoped_release>())
       .def_prop_ro("frames", &Interest::frames);
   m.def("wait_for_changes", &wait_for_changes, nb::arg("interests"), nb::arg("period_s"),
         nb::arg("timeout_s"));

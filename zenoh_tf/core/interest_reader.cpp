@@ -66,11 +66,6 @@ class InterestReader::Rows {
 InterestReader::InterestReader(Tree& tree, Pairs pairs, bool newest_only)
     : tree_(tree), pairs_(std::move(pairs)), newest_only_(newest_only) {}
 
-std::size_t InterestReader::frames() const {
-  const std::lock_guard lock(mutex_);
-  return told_.size();
-}
-
 bool InterestReader::has_changed() const {
   const std::lock_guard lock(mutex_);
   if (pairs_.empty() || refs_.empty()) return true;
@@ -103,6 +98,12 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
   copy_frames(with_all);
   Result result = tell(with_all);  // before the comparison, which is for the names, too
   if (!is_valid()) return std::nullopt;
+  // A mirror takes changes only under a number that is new to it. All commits up to the last number
+  // that was told were told with it, those in progress included, as above. So what is new is of a
+  // later commit. It drew its number before it stored anything: perhaps just after `seq_` was
+  // loaded. A thread that sees its changes sees its number, too, so the next attempt has a later
+  // one. That may be another commit's; then this commit is told early, and not told again.
+  if (!result.changes.kind.empty() && seq_ <= told_seq_) return std::nullopt;
   remember();
   return result;
 }
@@ -118,6 +119,7 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
   for (const FrameId id : frames_) ascending.push_back(id);
   std::sort(ascending.begin(), ascending.end());
   const WriteLocks locks(tree_, ascending, true);
+  // None of these frames changes any more, so what is new has a number up to this one.
   seq_ = tree_.change_log_->last_drawn();
   begin_attempt();
   find_frames(max_frames);
@@ -344,6 +346,7 @@ InterestReader::Result InterestReader::tell(bool with_all) {
       // The frame may come back with the version that it has now.
       changes.add(ChangeKind::removed, changes.name(told.name), told.version + kAfterAll);
     }
+  // Beside changes of theirs, because the first reparenting gives all frames a new version.
   if (ever_reparented_ && !told_reparented_ && !copies_.empty())
     changes.add(ChangeKind::new_version, changes.name(copies_.front().id), copies_.front().version);
   for (const Copy& copy : copies_) {
@@ -368,7 +371,9 @@ void InterestReader::remember() {
     if (!copy.samples.empty()) told.newest = copy.samples.back().stamp;
   }
   told_reparented_ |= ever_reparented_ && !copies_.empty();
+  told_seq_ = seq_;
   refs_ = new_refs_;
+  told_frames_.store(told_.size(), std::memory_order_relaxed);
 }
 
 void InterestReader::tell_frame(const Copy& copy, bool all, Rows& rows) const {

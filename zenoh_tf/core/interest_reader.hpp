@@ -15,8 +15,10 @@
 // 1. A mirror that was given `all` of one read, and applies the `changes` of all later ones in
 //    order, has the tree's state as of the last one, in the frames on the ways.
 // 2. All commits up to Result::seq are in the state. Later ones may be, each as a whole.
+// 3. A result with `changes` has a later `seq` than the result before it.
 #pragma once
 
+#include <atomic>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -60,8 +62,10 @@ class InterestReader {
 
   // Returns whether read() would tell anything. Always true without pairs.
   [[nodiscard]] bool has_changed() const;
-  // The number of frames as of the last read().
-  [[nodiscard]] std::size_t frames() const;
+  // The number of frames as of the last read(). Does not wait for one in progress.
+  [[nodiscard]] std::size_t frames() const noexcept {
+    return told_frames_.load(std::memory_order_relaxed);
+  }
 
  private:
   // What was told about a frame.
@@ -117,10 +121,12 @@ class InterestReader {
   const Pairs pairs_;
   const bool newest_only_;
 
+  std::atomic<std::size_t> told_frames_{0};
   mutable std::mutex mutex_;  // guards what follows
   std::unordered_map<FrameId, Told> told_;
   std::vector<NameRef> refs_;  // of the pairs' names, as of the last read
   bool told_reparented_ = false;
+  Seq told_seq_ = 0;
 
   // Of one attempt.
   Seq seq_ = 0;
