@@ -236,6 +236,8 @@ def test_a_waiting_lookup_is_woken_by_a_replay() -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
+        ({"names": ["base", "base"]}, "names"),
+        ({"names": ["map", ""]}, "names"),
         ({"kind": np.array([9], np.uint8)}, "kind"),
         ({"version": np.array([5], np.uint64)}, "version"),
         ({"version": np.array([0], np.uint64)}, "version"),
@@ -265,3 +267,23 @@ def test_malformed_changes_are_refused(change: dict[str, Any], field: str) -> No
     assert mirror.tree.frames() == []
     mirror.replay.apply(1, **columns)
     assert mirror.tree.parent("base") == "map"
+
+
+def test_a_name_at_two_indexes_is_refused() -> None:
+    """Its frame would be locked twice, for ever."""
+    mirror = Mirror()
+    two, of_samples = np.arange(2, dtype=np.uint32), np.empty(0, np.uint32)
+    stamp, pose = np.empty(0, np.int64), np.empty((0, 7))
+    versions = np.array([4, 8], np.uint64)
+    none = np.zeros(2, np.uint32)
+    with pytest.raises(InvalidArgumentException, match="twice"):
+        created = np.full(2, 2, np.uint8)
+        mirror.replay.apply(
+            1, ["a", "a"], [""], created, two, versions, of_samples, of_samples, stamp, pose
+        )
+    with pytest.raises(InvalidArgumentException, match="twice"):
+        is_static = np.zeros(2, np.uint8)
+        mirror.replay.load(
+            ["a", "a"], [""], two, versions, is_static, none, none, stamp, of_samples, pose
+        )
+    assert mirror.tree.frames() == []

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import re
 import threading
 import time
 import urllib.request
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +19,10 @@ from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflic
 from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.receipt import Receipt
 from zenoh_tf_client.shared_reads import Mode
+from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.replica_service import ReplicaService
+from zenoh_tf_server.shared_copies import SharedCopies
+from zenoh_tf_server.sharing import Settings
 
 from .conftest import ServerProcess, StartServer, free_port, linux
 from .raw import raw
@@ -306,3 +312,22 @@ def test_a_new_copy_has_memory_of_its_own(
         assert seen(tf) == 1
     replica.stop()
     assert list(socket_folder.iterdir()) == []
+
+
+def test_a_replaced_copy_goes_without_a_garbage_collection() -> None:
+    """The server's collections are rare, and never have what was there when it started."""
+    loop = asyncio.new_event_loop()
+    copies = SharedCopies(Settings(on=False), "main", "own")
+    replica = ReplicaService("main", "own", Limits(), loop, copies)
+    gc.disable()
+    try:
+        old = [TransformTree()]
+        gone = weakref.ref(old[0])
+        replica._take(old[0], "first")
+        replica._take(TransformTree(), "second")
+        old.clear()
+        wait(lambda: gone() is None, "the first copy is still there")
+    finally:
+        gc.enable()
+        replica.close()
+        loop.close()

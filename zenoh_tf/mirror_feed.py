@@ -80,8 +80,7 @@ class State:
 
 
 class Source(Protocol):
-    """How a feed listens to a server and asks it. All methods raise ServerUnavailable once the
-    connection is closed."""
+    """How a feed listens and asks. All raise ServerUnavailable once the connection is closed."""
 
     @property
     def tree(self) -> str:
@@ -133,6 +132,7 @@ class MirrorFeed:
         self.closed = False
         self._ended = threading.Event()
         self._error: TransformException | None = None  # of the last request
+        self._refused: TransformTree | None = None  # the last copy, if `on_copy` has raised
         self._failures = 0  # since the last new copy
         self._unknown = 0  # failures of a server that knows no snapshots
         self._next_snapshot_s = 0.0
@@ -172,12 +172,9 @@ class MirrorFeed:
             TimeoutException: The snapshot was not complete in time.
             LimitExceeded: A frame's history has no room in a reply of the server.
         """
-        is_final = self._is_final
-        if self.wait(lambda: self.state.tree is not None or is_final(), timeout_s):
-            if self.state.tree is not None:
-                return
-            assert self._error is not None
-            raise self._error
+        self.wait(lambda: self.state.tree is not None or self._is_final(), timeout_s)
+        if self.state.tree is not None:
+            return
         if self._error is not None:
             raise self._error
         if self.closed:
@@ -270,23 +267,29 @@ class MirrorFeed:
         """Send requests, and tell what has changed. Requires the lock."""
         if self.closed:
             return
-        mirroring = self._mirroring
-        for request in mirroring.requests():
+        m = self._mirroring
+        has_copy = self._take_copy()
+        for request in m.requests():
             if not self._in_thread(self._ask, request):
-                mirroring.failed(request.number)  # the next message sends it again
-        if mirroring.tree is not self.state.tree:
+                m.failed(request.number)  # the next message sends it again
+        if has_copy:
+            self.state = State(m.tree, m.instance, m.seq, m.clock_ns, m.synced)
+            self._changed.notify_all()
+            self.on_change()
+
+    def _take_copy(self) -> bool:
+        """Tell of a new copy. False: the owner has failed to take it, and the next one comes."""
+        tree = self._mirroring.tree
+        if tree is not self.state.tree and tree is not self._refused:
             self._failures = self._unknown = 0
-            self._error = None
-            self._on_copy(mirroring.tree, mirroring.instance)
-        self.state = State(
-            mirroring.tree,
-            mirroring.instance,
-            mirroring.seq,
-            mirroring.clock_ns,
-            mirroring.synced,
-        )
-        self._changed.notify_all()
-        self.on_change()
+            self._error = self._refused = None
+            try:
+                self._on_copy(tree, self._mirroring.instance)
+            except Exception:  # the thread must go on: nobody else would make a copy
+                log.exception("internal error while a new copy was taken; it is made anew")
+                self._refused = tree
+                self._mirroring.restart()  # its request waits for its turn
+        return tree is not self._refused or tree is None
 
     def _end(self) -> None:
         with self._changed:

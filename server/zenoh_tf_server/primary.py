@@ -95,7 +95,7 @@ class Primary:
     def clock(self) -> tuple[str, int]:
         """Ask the primary for its instance id and its clock."""
         reply = self._ask("hello", {"v": wire.VERSION, "what": "hello"}, _REPLY_TIMEOUT_S)
-        return wire.text(reply, "instance"), wire.integer(reply["value"], "clock_ns")
+        return wire.text(reply, "instance"), wire.integer(wire.mapping(reply, "value"), "clock_ns")
 
     def _ask(self, operation: str, body: wire.Message, timeout_s: float) -> wire.Message:
         key = zenoh.KeyExpr(keys.operation(self._tree, operation))

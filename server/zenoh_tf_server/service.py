@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+import weakref
 from collections.abc import Callable
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -65,10 +66,11 @@ class Service:
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
         self.clocks = ClockOffsets()
-        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, self._counters)
+        counters = _counters_of(self)
+        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, counters)
         self._future = future or FutureStamps()
         self._reply_cache = ReplyCache(limits)
-        self._writes = Writes(instance, self._reply_cache, self.error)
+        self._writes = Writes(instance, self._reply_cache)
         self.name = name
         #: Number of the tree's last commit, which replies to writes tell.
         self.last_seq: Callable[[], int] | None = None
@@ -86,13 +88,15 @@ class Service:
             "server_version": version("zenoh-tf"),
             "limits": limits.as_dict(),
         }
-        self._operations: dict[str, Callable[[wire.Message, ReplyCallback], None]] = {
-            "lookup": self._lookup,
-            "commit": self._commit,
-            "batch": self._batch,
-            "info": self._reply_to_info,
-            "admin": self._admin,
-            "hello": self._reply_to_hello,
+        # Functions, not bound methods: nothing in the service may refer to it. A replica's copy
+        # that was replaced then goes at once with its memory, not when garbage is collected.
+        self._operations: dict[str, Callable[[Service, wire.Message, ReplyCallback], None]] = {
+            "lookup": Service._lookup,
+            "commit": Service._commit,
+            "batch": Service._batch,
+            "info": Service._reply_to_info,
+            "admin": Service._admin,
+            "hello": Service._reply_to_hello,
         }
 
     def handle(
@@ -106,7 +110,7 @@ class Service:
         try:
             message = self.limits.unpack(payload)
             self.guard.check(operation, chunk, message)
-            self._operations[operation](message, reply_to)
+            self._operations[operation](self, message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
         counts.end(operation)
@@ -135,8 +139,10 @@ class Service:
         """Serve more families: each function makes the fields of a reply to a client."""
         for operation, read in reads.items():
 
-            def reply(message: wire.Message, reply_to: ReplyCallback, read: Any = read) -> None:
-                reply_to(self._pack_within(read(message, reply_to.client)), False)
+            def reply(
+                service: Service, message: wire.Message, reply_to: ReplyCallback, read: Any = read
+            ) -> None:
+                reply_to(service._pack_within(read(message, reply_to.client)), False)
 
             self._operations[operation] = reply
 
@@ -212,7 +218,7 @@ class Service:
             reply = self._pack(stored)
             return reply, reply
 
-        self._writes.run(message, reply_to, "a transaction", run)
+        self._writes.run(message, reply_to, self.error, "a transaction", run)
 
     def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
         """The fields of the reply to a commit, and the ticket of its durability."""
@@ -264,7 +270,8 @@ class Service:
                 return batch.reply()
 
             what = f"a batch with {batch.commits} transactions"
-            self._writes.run(message, reply_to, what, run, repeat, batch.most_outcome_bytes)
+            reserve = batch.most_outcome_bytes
+            self._writes.run(message, reply_to, self.error, what, run, repeat, reserve)
             return
         batch.run(None)
         if batch.waiting:
@@ -321,4 +328,15 @@ class Service:
             reply = self._pack(self._add_seq(self._admin_requests.reply(message, expires_ns)))
             return reply, reply
 
-        self._writes.run(message, reply_to, "an administrative operation", run)
+        self._writes.run(message, reply_to, self.error, "an administrative operation", run)
+
+
+def _counters_of(service: Service) -> Callable[[], dict[str, int]]:
+    """The counters of a service, which this does not keep alive; none once it is gone."""
+    weak = weakref.ref(service)
+
+    def counters() -> dict[str, int]:
+        found = weak()
+        return {} if found is None else found._counters()
+
+    return counters

@@ -58,7 +58,15 @@ class SharedCopies:
         if self._current is not None:
             self._current.close()
         self._current, self._next = self._next, None
-        return None if self._current is None else self._current.start(tree, limits.as_dict())
+        if self._current is None:
+            return None
+        try:
+            return self._current.start(tree, limits.as_dict())
+        except OSError as error:  # such as a socket that somebody has removed
+            log.warning("cannot share a copy: %s: clients read it by queries", error)
+            self._current.close()
+            self._current = None
+            return None
 
     def close(self) -> None:
         """Share nothing any more. May be called again."""

@@ -23,23 +23,23 @@ Repeat = Callable[[bytes], bytes]
 class Writes:
     """Decides which writes run; see the module."""
 
-    def __init__(self, instance: str, cache: ReplyCache, error: Callable[[Exception], bytes]):
-        """`error` makes the reply of a write that fails."""
+    def __init__(self, instance: str, cache: ReplyCache) -> None:
         self._instance = instance
         self._cache = cache
-        self._error = error
 
     def run(
         self,
         message: wire.Message,
         reply_to: ReplyCallback,
+        error_reply: Callable[[Exception], bytes],
         what: str,
         run: Run,
         repeat: Repeat = lambda outcome: outcome,
         reserve: int = 0,
     ) -> None:
-        """Run a write and reply, or reply with its outcome if this is a repeat. `what`: the
-        kind of write. `reserve`: bytes that its outcome may have, where that is much.
+        """Run a write and reply, or reply with its outcome if this is a repeat.
+        `error_reply` makes the reply of a write that fails. `what`: the kind of write.
+        `reserve`: bytes that its outcome may have, where that is much.
 
         Raises:
             ServerRestarted: It is meant for another instance.
@@ -64,7 +64,7 @@ class Writes:
             try:
                 reply = outcome if failed else repeat(outcome)
             except Exception as error:  # of the reads in the repeat
-                reply, failed = self._error(error), True
+                reply, failed = error_reply(error), True
             reply_to(reply, failed)
 
         expires_ns = self._cache.begin(
@@ -76,7 +76,7 @@ class Writes:
         try:
             reply, outcome = run(expires_ns)
         except Exception as error:
-            reply = outcome = self._error(error)
+            reply = outcome = error_reply(error)
             failed = True
         self._cache.finish(write.id, outcome, failed)
         reply_to(reply, failed)

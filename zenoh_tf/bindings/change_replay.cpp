@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <unordered_set>
 
 #include "read_rows.hpp"
 #include "snapshot.hpp"
@@ -47,8 +48,12 @@ struct Texts {
   Texts(const Tree& tree, nb::handle name_list, nb::handle authority_list)
       : name_objects(names_of(tree, name_list, names, "names")),
         authority_objects(names_of(tree, authority_list, authorities, "authorities")) {
-    for (const std::string_view name : names)
+    // A frame under two indexes would be locked twice, by a thread that waits for itself.
+    std::unordered_set<std::string_view> known(names.size());
+    for (const std::string_view name : names) {
       if (name.empty()) raise_invalid("names has an empty name", "names");
+      if (!known.insert(name).second) raise_invalid("names has a name twice", "names");
+    }
   }
 
   std::vector<std::string_view> names, authorities;
