@@ -235,6 +235,13 @@ def test_names_that_are_alike() -> None:
     assert did_you_mean("lase", names) == "did you mean 'laser'?"
     assert did_you_mean("wheel", names) is None
     assert did_you_mean("x", []) is None
+    assert (
+        did_you_mean(["odom", "lase"], ["robot1/odom", "robot2/odom", "laser"])
+        == "did you mean 'robot1/odom' or 'robot2/odom' instead of 'odom', and 'laser' instead of "
+        "'lase'?"
+    )
+    assert did_you_mean(["zzz", "lase"], names) == "did you mean 'laser' instead of 'lase'?"
+    assert did_you_mean([], names) is None
 
 
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Protocol, Self
 
@@ -27,6 +28,30 @@ log = logging.getLogger("zenoh_tf")
 PAUSE_S = 0.05
 #: A lookup that ends earlier before its time-out than this can never succeed.
 EARLY_S = 0.005
+
+
+class FirstError:
+    """Turns errors that no lookup should raise into ServiceException, and logs the first one.
+
+    So a gate tries again, and reports the items whose time is over.
+    """
+
+    def __init__(self, to: logging.Logger) -> None:
+        self._log = to
+        self._is_told = False
+
+    @contextmanager
+    def converted(self) -> Iterator[None]:
+        """Raise ServiceException for any error in the block that is no TransformException."""
+        try:
+            yield
+        except TransformException:
+            raise
+        except Exception as error:
+            if not self._is_told:  # else twenty times a second
+                self._is_told = True
+                self._log.exception("a lookup of a gate has failed; the gate tries again")
+            raise ServiceException(f"the lookup has failed: {error!r}") from error
 
 
 class Source(Protocol):
@@ -73,6 +98,7 @@ class Gate:
         self._queue: GateQueue[Any] = GateQueue(target, queue_size, timeout_s)
         self._changed = threading.Condition()
         self._closed = threading.Event()
+        self._reports = FirstError(log)
 
     def __enter__(self) -> Self:
         return self
@@ -103,12 +129,20 @@ class Gate:
 
         Raises:
             InvalidArgumentException: The name or the stamp is invalid.
+            RuntimeError: The system has no room for a thread. The item is not held.
         """
         check_item(frame, stamp_ns)
         with self._changed:
-            begins = self._queue.put(item, frame, stamp_ns, time.monotonic())
-        if begins:
-            threading.Thread(target=self._serve, args=(frame,), name="gate", daemon=True).start()
+            # The thread starts under the lock: else others might put, and rely on it.
+            if self._queue.put(item, frame, stamp_ns, time.monotonic()):
+                thread = threading.Thread(
+                    target=self._serve, args=(frame,), name="gate", daemon=True
+                )
+                try:
+                    thread.start()
+                except BaseException:
+                    self._queue.not_begun(frame)
+                    raise
         self._tell()
 
     def get(self, timeout_s: float | None = None) -> Passed[Any]:
@@ -157,7 +191,8 @@ class Gate:
         try:
             while True:
                 try:
-                    self._look_up(frame)
+                    with self._reports.converted():
+                        self._look_up(frame)
                 except TransformException:
                     self._closed.wait(PAUSE_S)
                 with self._changed:
@@ -166,7 +201,7 @@ class Gate:
                 if wait is None:
                     return
                 self._wait(*wait)
-        except Exception:  # a bug, or a client that was closed in an unusual way
+        except Exception:  # a bug
             log.exception("internal error of a gate")
 
     def _look_up(self, frame: str) -> None:
@@ -188,7 +223,10 @@ class Gate:
         begin_s = time.monotonic()
         error: TransformException | None = None
         try:
-            found = self._source.lookup_transform(self.target, held.frame, held.stamp_ns, timeout_s)
+            with self._reports.converted():
+                found = self._source.lookup_transform(
+                    self.target, held.frame, held.stamp_ns, timeout_s
+                )
         except ServiceException as failure:
             error = failure
             self._closed.wait(min(PAUSE_S, timeout_s))

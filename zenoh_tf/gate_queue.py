@@ -1,7 +1,9 @@
 """The items that a gate holds, and what becomes of each, without any I/O.
 
 Items of one frame share a wait: for the oldest stamp among them. Once its transform exists, the
-newer ones are looked up together. An item leaves exactly once: handed over, or dropped with a
+newer ones are looked up together. An item that is older than what is waited for begins a second
+wait, a short one, which is renewed for the oldest item until the first one ends: stamps that go
+back would else take a wait each. An item leaves exactly once: handed over, or dropped with a
 reason.
 
 Thread safety: none; the gate locks.
@@ -29,7 +31,7 @@ T = TypeVar("T")
 Reason = Literal["too_old", "full", "timeout", "unknown_frame", "closed"]
 REASONS: Final[tuple[Reason, ...]] = ("too_old", "full", "timeout", "unknown_frame", "closed")
 
-#: Most frames whose items wait at once: each takes a thread, or a task.
+#: Most frames whose items wait at once: each takes a thread or a task, and at times a second one.
 MAX_FRAMES: Final = 64
 MAX_QUEUE_SIZE: Final = 100_000
 #: Items that are looked up together.
@@ -37,6 +39,10 @@ _ROWS: Final = 256
 #: The longest single wait. Then all items of the frame are looked up again, in case that an older
 #: one, which can never have a transform, holds up newer ones.
 _LONGEST_WAIT_S: Final = 1.0
+#: The longest wait beside another one of the frame: nobody else sees older items meanwhile.
+_SECOND_WAIT_S: Final = 0.05
+#: Waits of one frame at once.
+_MAX_WAITS: Final = 2
 
 
 class Passed(NamedTuple, Generic[T]):
@@ -119,7 +125,7 @@ class GateQueue(Generic[T]):
         return self._held
 
     def put(self, item: T, frame: str, stamp_ns: int, now_s: float) -> bool:
-        """Take an item. True: the caller has to begin a round for its frame."""
+        """Take an item. True: the caller has to begin a round for its frame, or `not_begun`."""
         held = Held(item, frame, stamp_ns, now_s + self._timeout_s, next(self._numbers))
         if self.closed:
             self._report(held, "closed")
@@ -131,11 +137,17 @@ class GateQueue(Generic[T]):
         else:
             self._frames.setdefault(frame, {})[held.number] = held
             self._held += 1
-            covered = any(stamp <= stamp_ns for stamp in self._waits.get(frame, ()))
+            waits = self._waits.get(frame, ())
+            covered = len(waits) >= _MAX_WAITS or any(stamp <= stamp_ns for stamp in waits)
             if not covered and not self._looking[frame]:
                 self._looking[frame] += 1
                 return True
         return False
+
+    def not_begun(self, frame: str) -> None:
+        """Take back the last `put`, whose round could not begin: nobody would serve its item."""
+        self._end_look(frame)
+        self._remove(next(reversed(self._frames[frame].values())))
 
     def oldest(self, frame: str) -> list[Held[T]]:
         """The items of a frame, by their stamps."""
@@ -181,9 +193,7 @@ class GateQueue(Generic[T]):
         None: nothing waits, or another wait covers it. Ends a round that looks up, which `put` or
         `end_wait` began.
         """
-        self._looking[frame] -= 1
-        if not self._looking[frame]:
-            del self._looking[frame]
+        self._end_look(frame)
         for held in list(self._frames.get(frame, {}).values()):
             if held.deadline_s > now_s:
                 break  # all have the same time-out
@@ -198,7 +208,7 @@ class GateQueue(Generic[T]):
             return None
         waits.append(oldest.stamp_ns)
         left_s = next(iter(items.values())).deadline_s - now_s
-        return oldest, min(left_s, _LONGEST_WAIT_S)
+        return oldest, min(left_s, _LONGEST_WAIT_S if len(waits) == 1 else _SECOND_WAIT_S)
 
     def end_wait(self, held: Held[T]) -> None:
         """Note that nobody waits for an item's stamp any more, and a round of lookups begins."""
@@ -221,6 +231,11 @@ class GateQueue(Generic[T]):
             self._dropped(
                 Dropped(passed.item, stamped.child_frame, stamped.stamp_ns, "closed", None)
             )
+
+    def _end_look(self, frame: str) -> None:
+        self._looking[frame] -= 1
+        if not self._looking[frame]:
+            del self._looking[frame]
 
     def _remove(self, held: Held[T]) -> bool:
         items = self._frames.get(held.frame, {})

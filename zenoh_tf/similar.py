@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from zenoh_tf.text import quoted
 
@@ -49,17 +49,22 @@ def similar(name: str, names: Collection[str], most: int = 3) -> list[str]:
     return [*found][:most]
 
 
-def did_you_mean(name: str, names: Collection[str]) -> str | None:
+def did_you_mean(unknown: str | Sequence[str], names: Collection[str]) -> str | None:
     """Return a question such as ``did you mean 'base_link'?``; None if no name is like it.
 
     Args:
-        name: The name that does not exist.
+        unknown: The name that does not exist, or several. Of several, the question tells which it
+            is about: ``did you mean 'base_link' instead of 'base', and 'laser' instead of 'lase'?``
         names: The names that exist.
     """
-    found = [quoted(other) for other in similar(name, names)]
-    if not found:
-        return None
-    return f"did you mean {' or '.join(filter(None, [', '.join(found[:-1]), found[-1]]))}?"
+    several = [unknown] if isinstance(unknown, str) else unknown
+    parts = []
+    for name in several:
+        found = [quoted(other) for other in similar(name, names)]
+        if found:
+            choice = " or ".join(filter(None, [", ".join(found[:-1]), found[-1]]))
+            parts.append(choice if len(several) == 1 else f"{choice} instead of {quoted(name)}")
+    return f"did you mean {', and '.join(parts)}?" if parts else None
 
 
 def _last_part(name: str) -> str:

@@ -41,8 +41,8 @@ _FLUSH_S: Final = 0.5
 _SNAPSHOT_ROWS: Final = 200
 #: Samples of a snapshot are recorded as this old at most: their stamps may be of another clock.
 _MAX_AGE_NS: Final = 3600 * 10**9
-#: Before every stamp.
-_FAR: Final = 1 << 62
+#: From here on, stamps as old as that are of 64 bits, too.
+_FIRST_NEWEST_NS: Final = -(1 << 63) + _MAX_AGE_NS
 #: Bytes of a row in a queue, roughly.
 _ROW_BYTES: Final = 100
 
@@ -175,8 +175,9 @@ class Recorder:
         times = np.full(count, time.time_ns())
         if is_first:
             # As if it had been recorded when it happened, so that it is played again so.
-            age = histories.stamp.max(initial=-_FAR) - histories.stamp
-            times -= np.minimum(age, _MAX_AGE_NS)
+            # Clipped first: the difference of two stamps may need more than 64 bits.
+            newest_ns = int(histories.stamp.max(initial=_FIRST_NEWEST_NS))
+            times -= newest_ns - np.maximum(histories.stamp, newest_ns - _MAX_AGE_NS)
         first_ns = int(times[0]) if count else time.time_ns()
         self._put(_Item(first_ns, True, static), may_wait=True)
         for begin in range(0, count, _SNAPSHOT_ROWS):

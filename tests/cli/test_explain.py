@@ -42,6 +42,8 @@ def test_names_that_do_not_exist(run_here: Run) -> None:
     assert "Did you mean 'camera'?" in done.stdout
     for command in (("lookup", "map", "camra"), ("latest", "camra", "map"), ("frame", "camra")):
         assert refusal(run_here(*command)).endswith("; did you mean 'camera'?")
+    both = refusal(run_here("lookup", "camra", "bas"))
+    assert both.endswith("; did you mean 'camera' instead of 'camra', and 'base' instead of 'bas'?")
     assert "did you mean" not in refusal(run_here("lookup", "map", "zzz"))
     done = run_here("lookup", "map", "camra", "--json")
     assert json.loads(done.stderr)["message"].endswith("; did you mean 'camera'?")

@@ -150,6 +150,8 @@ def test_errors_are_one_line(zenoh_tf: Run, recording: Path, tmp_path: Path) -> 
         ((file, "odom", "nope"), "LookupException: frame 'nope' does not exist"),
         ((file, "odom", "odom2"), "ConnectivityException"),
         ((file, "odom", "base", "--at", "99s"), "too late"),
+        ((file, "odom", "base", "--at", "+9223372036s"), "64 bits of nanoseconds"),
+        ((file, "odom", "base", "--every", "1s", "--end", "+9223372036s"), "64 bits of nanosec"),
         ((file, "base", "camera", "--every", "1s"), "are static"),
         ((file, "odom", "base", "--every", "1ns"), "more than 10,000,000"),
         ((file, "odom", "base", "--every", "1s", "--end", "1s"), "--end (1.000000000 s) is before"),
@@ -168,6 +170,8 @@ def test_errors_are_one_line(zenoh_tf: Run, recording: Path, tmp_path: Path) -> 
         (("odom", "base", "--start", "1s"), "--start and --end belong to --every"),
         (("odom", "base", "--every", "20"), "with its unit"),
         (("odom", "base", "--at", "now"), "is not a time"),
+        (("odom", "base", "--at", "9223372036854775808"), "too large for 64 bits"),
+        (("odom", "base", "--every", "99999999999s"), "too large for 64 bits"),
         (("odom", "base", "--at", "1s", "--every", "1s"), "not allowed with"),
     ],
 )

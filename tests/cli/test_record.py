@@ -105,6 +105,20 @@ def same_answers(ours: TransformTree, theirs: Any, pairs: list[tuple[str, str]])
         np.testing.assert_allclose(mine.rotations, other.rotations, atol=1e-9)
 
 
+def test_stamps_that_are_further_apart_than_64_bits(
+    client: TransformClient, server: ServerProcess, tmp_path: Path, recorders: list[RecorderProcess]
+) -> None:
+    client.set_transform(StampedTransform("a", "static", 0, pose(0.0)), static=True)
+    client.set_transform(StampedTransform("a", "b", time.time_ns(), pose(0.0)))
+    client.set_transform(StampedTransform("a", "c", -8 * 10**18, pose(1.0)))
+    recorder = RecorderProcess(server.endpoint, tmp_path / "run.mcap")
+    recorders.append(recorder)
+    wait_until_recorded(recorder, 1)
+    code, summary, told = recorder.stop()
+    assert (code, told) == (0, "")
+    assert summary["static"] == 1
+
+
 @pytest.mark.parametrize("form", ["foxglove", "ros2"])
 def test_history_statics_and_every_commit(
     client: TransformClient,

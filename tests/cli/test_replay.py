@@ -262,6 +262,21 @@ def test_a_recording_without_transforms(zenoh_tf: Run, tmp_path: Path) -> None:
     assert "no message of type tf2_msgs/msg/TFMessage" in line
 
 
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+def test_an_empty_recording(zenoh_tf: Run, tmp_path: Path, kind: str) -> None:
+    folder = tmp_path / "log"
+    storage = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    with Writer2(folder, version=9, storage_plugin=storage):
+        pass
+    assert "the recording is empty" in refusal(zenoh_tf("replay", str(folder)))
+
+
+@pytest.mark.parametrize("rate", ["1e-300", "1e-15"])
+def test_a_message_that_would_never_come(run: Run, tmp_path: Path, rate: str) -> None:
+    line = refusal(run("replay", str(write(tmp_path / "log")), "--rate", rate))
+    assert f"at --rate {rate} the next message" in line
+
+
 @pytest.mark.parametrize(("library", "kind"), [("mcap", "mcap"), ("rosbags", "db3")])
 def test_without_the_extra(zenoh_tf: Run, tmp_path: Path, library: str, kind: str) -> None:
     path = write(tmp_path / "log", kind=kind)

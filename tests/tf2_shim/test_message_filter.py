@@ -352,3 +352,32 @@ def test_many_messages_wait_on_two_threads(
     assert threading.active_count() <= before + 2
     move(buffer, 4)
     until(lambda: len(calls) == 1000)
+
+
+def test_an_error_that_no_lookup_should_raise(
+    make: Any, calls: Calls, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_: object) -> None:
+        raise RuntimeError("boom")
+
+    monkeypatch.setattr("zenoh_tf_client.tf2.message_filter._look_up", fail)
+    held, message = make(), point(2)
+    held.add(message)
+    until(lambda: calls)
+    assert calls[0][:2] == (message, FilterFailureReason.UNKNOWN)
+    assert "boom" in str(calls[0][2])
+    assert held.stats()["held"] == 0
+
+
+def test_a_callback_cannot_end_the_filter(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
+    """`sys.exit` would end the filter's thread only."""
+
+    def leave(*_: object) -> None:
+        raise SystemExit
+
+    held = make()
+    held.registerCallback(leave)
+    held.add(point(1))
+    until(lambda: held.stats()["callback_errors"] == 1)
+    held.add(point(1))
+    until(lambda: len(calls) == 2)

@@ -32,6 +32,7 @@ class BagFile:
         }
         self._connections = [c for c in self._reader.connections if c.id in self._channels]
         self.message_count = sum(c.msgcount for c in self._connections)
+        self.is_empty = not any(c.msgcount for c in self._reader.connections)
 
     def messages(self) -> Iterator[RawMessage]:
         """See `Container.messages`."""

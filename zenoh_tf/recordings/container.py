@@ -46,6 +46,10 @@ class Container(Protocol):
         """How many messages with transforms there are; None if only reading them tells."""
 
     @property
+    def is_empty(self) -> bool:
+        """Whether it is known to have no messages at all, not even of other types."""
+
+    @property
     def is_cut_off(self) -> bool:
         """Whether the file lacks its end, as after a crash of what recorded it."""
 

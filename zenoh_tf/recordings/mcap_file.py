@@ -61,6 +61,8 @@ class McapFile:
         except BaseException:
             self.close()
             raise
+        statistics = summary.statistics if summary is not None else None
+        self.is_empty = statistics is not None and statistics.message_count == 0
         if summary is not None and summary.chunk_indexes:
             self._use_index(summary)
 

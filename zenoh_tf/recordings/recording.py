@@ -165,6 +165,8 @@ class Recording:
         if others:
             found = ", ".join(map(quoted, sorted(others)))
             return f"none of the chosen topics has transforms; these have: {found}"
+        if all(container.is_empty for container in self._containers):
+            return "the recording is empty: it has no messages"
         end = "; the file lacks its end" if self.is_cut_off else ""
         return f"no message of type {READABLE}{end}"
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
-from zenoh_tf.gate import EARLY_S, PAUSE_S
+from zenoh_tf.gate import EARLY_S, PAUSE_S, FirstError
 from zenoh_tf.gate_queue import GateQueue, Held, OnDrop, Passed, check_item, portions
 
 from .lookups import AsyncLookups
@@ -53,6 +53,7 @@ class AsyncGate:
         self._queue: GateQueue[Any] = GateQueue(target, queue_size, timeout_s)
         self._changed = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
+        self._reports = FirstError(log)
 
     async def __aenter__(self) -> Self:
         return self
@@ -80,10 +81,16 @@ class AsyncGate:
 
         Raises:
             InvalidArgumentException: The name or the stamp is invalid.
+            RuntimeError: No event loop runs here. The item is not held.
         """
         check_item(frame, stamp_ns)
         if self._queue.put(item, frame, stamp_ns, time.monotonic()):
-            task = asyncio.get_running_loop().create_task(self._serve(frame))
+            try:
+                loop = asyncio.get_running_loop()
+            except RuntimeError:
+                self._queue.not_begun(frame)
+                raise
+            task = loop.create_task(self._serve(frame))
             self._tasks.add(task)  # the loop alone would not keep it alive
             task.add_done_callback(self._tasks.discard)
         self._tell()
@@ -138,7 +145,8 @@ class AsyncGate:
         try:
             while True:
                 try:
-                    await self._look_up(frame)
+                    with self._reports.converted():
+                        await self._look_up(frame)
                 except TransformException:
                     await asyncio.sleep(PAUSE_S)
                 wait = self._queue.begin_wait(frame, time.monotonic())
@@ -162,9 +170,10 @@ class AsyncGate:
         """Wait for the transform of the oldest item of a frame."""
         begin_s = time.monotonic()
         try:
-            found = await self._source.lookup_transform(
-                self.target, held.frame, held.stamp_ns, timeout_s
-            )
+            with self._reports.converted():
+                found = await self._source.lookup_transform(
+                    self.target, held.frame, held.stamp_ns, timeout_s
+                )
         except ServiceException as error:
             self._queue.failed(held, error, for_good=False)
             await asyncio.sleep(min(PAUSE_S, timeout_s))

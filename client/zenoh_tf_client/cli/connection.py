@@ -30,16 +30,16 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
 
 
 def _suggest_names(tf: TransformClient, error: LookupException) -> None:
-    asked = dict.fromkeys((error.target_frame, error.source_frame, error.frame))
+    asked = dict.fromkeys(
+        name for name in (error.target_frame, error.source_frame, error.frame) if name is not None
+    )
     try:
         names = set(tf.frames())
     except TransformException:
         return  # the error that the user sees is the first one
-    for name in asked:
-        if name is not None and name not in names:
-            question = did_you_mean(name, names)
-            if question is not None:
-                error.add_note(question)
+    question = did_you_mean([name for name in asked if name not in names], names)
+    if question is not None:
+        error.add_note(question)
 
 
 def _client(args: argparse.Namespace, reads: Mode | None) -> TransformClient:

@@ -10,9 +10,12 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf.recordings import Message
+from zenoh_tf_client.cli.errors import CommandError
 
 #: From the last stamp of a turn to the first of the next one.
 _BETWEEN_TURNS_NS: Final = 10_000_000
+#: The longest wait for a message, some 30 years: nobody means it, and `sleep` takes ten times that.
+_MAX_WAIT_S: Final = 1e9
 
 
 @dataclass(slots=True)
@@ -49,7 +52,14 @@ class Playback:
             if self.rate:
                 begin_s = time.monotonic() if begin_s is None else begin_s
                 due_s = begin_s + (offset_s - self.start_s) / self.rate
-                time.sleep(max(0.0, due_s - time.monotonic()))
+                wait_s = max(0.0, due_s - time.monotonic())
+                if wait_s > _MAX_WAIT_S:
+                    raise CommandError(
+                        f"at --rate {self.rate:g} the next message, {offset_s:g} s after the "
+                        f"first, is due in {wait_s:.3g} s: give a higher --rate, or an --end "
+                        "before it"
+                    )
+                time.sleep(wait_s)
             yield message if message.static else self._stamped(message)
 
     def _stamped(self, message: Message) -> Message:

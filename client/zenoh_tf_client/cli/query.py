@@ -37,6 +37,8 @@ _TIMES: Final = (
 _TIME: Final = re.compile(r"(?P<sign>[+-])?(?P<number>\d+\.?\d*|\.\d+)(?P<unit>s|ns)?")
 _STEP: Final = re.compile(r"(?P<number>\d+\.?\d*|\.\d+)(?P<unit>s|ms|us|ns)")
 _UNITS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+#: The last time that a stamp can say.
+_MAX_NS: Final = (1 << 63) - 1
 #: Rows of one answer; 100 bytes each.
 _MAX_ROWS: Final = 10_000_000
 #: A clock that is far from every stamp: a recording has no delays.
@@ -144,7 +146,13 @@ class _RecordedTime:
         """The time in ns, of links that can serve this range; None if they are static."""
         if self._sign is None or served is None:
             return self._time_ns
-        return served[0] + self._time_ns if self._sign == "+" else served[1] - self._time_ns
+        time_ns = served[0] + self._time_ns if self._sign == "+" else served[1] - self._time_ns
+        if abs(time_ns) > _MAX_NS:
+            raise CommandError(
+                f"{stamps.seconds(time_ns)} s does not fit in 64 bits of nanoseconds: give a time "
+                "nearer to the recording"
+            )
+        return time_ns
 
 
 def _time(text: str) -> _RecordedTime:
@@ -155,7 +163,10 @@ def _time(text: str) -> _RecordedTime:
     # As everywhere, a plain integer is in nanoseconds; an offset is in seconds.
     seconds = unit == "s" or (unit is None and ("." in digits or sign is not None))
     # Decimal, because a double is too coarse for nanoseconds since 1970.
-    return _RecordedTime(sign, int(Decimal(digits) * (10**9 if seconds else 1)))
+    time_ns = int(Decimal(digits) * (10**9 if seconds else 1))
+    if time_ns > _MAX_NS:
+        raise argparse.ArgumentTypeError(f"{text!r} is too large for 64 bits of nanoseconds")
+    return _RecordedTime(sign, time_ns)
 
 
 def _step(text: str) -> int:
@@ -165,6 +176,8 @@ def _step(text: str) -> int:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a length of time; give one with its unit, such as 20ms or 0.5s"
         )
+    if step_ns > _MAX_NS:
+        raise argparse.ArgumentTypeError(f"{text!r} is too large for 64 bits of nanoseconds")
     return step_ns
 
 

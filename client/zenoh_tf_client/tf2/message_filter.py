@@ -27,6 +27,7 @@ from zenoh_tf.errors import (
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
+    ServiceException,
     TransformException,
 )
 
@@ -134,7 +135,8 @@ class TransformFilter:
         self._closed = False
         self._counts = dict.fromkeys(("received", "passed", "callback_errors"), 0)
         self._counts |= {reason.name.lower(): 0 for reason in FilterFailureReason}
-        threading.Thread(target=self._call_back, name="tf2 filter", daemon=True).start()
+        self._thread = threading.Thread(target=self._call_back, name="tf2 filter", daemon=True)
+        self._thread.start()
         if input_filter is not None:
             self.connectInput(input_filter)
 
@@ -273,6 +275,9 @@ class TransformFilter:
             )
         except TransformException as error:
             self._settle(held, error)
+        except Exception as error:  # a bug; the message must not be held for ever
+            log.exception("a lookup of a message filter failed")
+            self._settle(held, ServiceException(f"the lookup has failed: {error!r}"))
         except asyncio.CancelledError:
             # Dropped, which leaves nothing to settle; or the connection was closed.
             self._settle(held, ServerUnavailable("the connection is closed"))
@@ -326,7 +331,11 @@ class TransformFilter:
     def _call(self, callback: Callable[..., object], *arguments: Any) -> None:
         try:
             callback(*arguments)
-        except Exception:
+        except BaseException as error:
+            # Also `sys.exit`, which would end the filter's thread only, and without a word. In a
+            # thread of the caller, inside of `add`, it does what it says.
+            if not isinstance(error, Exception) and threading.current_thread() is not self._thread:
+                raise
             with self._changed:
                 self._counts["callback_errors"] += 1
             log.exception("a callback of a message filter failed")
