@@ -54,7 +54,7 @@ def test_every_line_is_known() -> None:
     for line in LINES:
         command = shlex.split(line)
         if command[0] == "pip":
-            assert command[2] == "zenoh-tf[ros2]" and "ros2" in extras
+            assert command[2] == ".[ros2]" and "ros2" in extras
         elif command[0] == "zenoh-tf-server":
             assert flags.parse(command[1:]).ros2 == ("--ros2" in command)
         else:
