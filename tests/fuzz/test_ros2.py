@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import struct
@@ -15,6 +14,7 @@ import time
 import pytest
 import zenoh
 
+from zenoh_tf import zenoh_config
 from zenoh_tf.ros2 import attachment
 from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_data
@@ -98,10 +98,7 @@ class Draw:
 def test_damaged_messages_of_ros_break_nothing() -> None:
     print(f"\nSEED={SEED}")
     with Server(sys.executable, "--ros2", "--ros2-static-grace", "1") as server:
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps([server.endpoint]))
-        config.insert_json5("scouting/multicast/enabled", "false")
+        config = zenoh_config.client([server.endpoint], 5.0)
         with TransformClient.connect(server.endpoint) as tf, zenoh.open(config) as session:
             moving, bad_attachments, bad_keys = play(tf, session, MESSAGES // 2)
             middle_mb = server.rss_mb()

@@ -23,6 +23,7 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
+from zenoh_tf import zenoh_config
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.urdf import reader
 from zenoh_tf_client.urdf.joint_states import JointStateFeed
@@ -80,11 +81,7 @@ def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
 @contextlib.contextmanager
 def robot_at(endpoint: str) -> Iterator[Callable[..., None]]:
     """``publish(key, payload)`` of a node of rmw_zenoh, or of a bridge, which attaches nothing."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config) as session:
+    with zenoh.open(zenoh_config.client([endpoint], 5.0)) as session:
         sent = 0
 
         def publish(key: str, payload: bytes) -> None:
