@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import struct
+import tracemalloc
 from typing import Any
 
 import msgpack
@@ -309,6 +310,28 @@ def test_a_message_over_the_limit_is_refused_unread() -> None:
     with pytest.raises(LimitExceeded) as caught:
         wire.unpack(b"x" * 11, max_bytes=10)
     assert (caught.value.field, caught.value.limit, caught.value.value) == ("message_bytes", 10, 11)
+
+
+def test_a_long_message_is_copied_once() -> None:
+    payload = wire.pack({"v": 1, "pose": bytes(4 << 20)})
+    tracemalloc.start()
+    try:
+        message = wire.unpack(payload)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert message["pose"] == bytes(4 << 20)
+    assert peak < 1.5 * len(payload)
+
+
+@pytest.mark.parametrize("count", [1, 10_000])
+def test_a_batch_in_steps_is_the_same_message(count: int) -> None:
+    body = wire.batch_body([("lookup", LOOKUP), ("info", {"what": "stats"})] * count)
+    payload = wire.pack(body | {"id": b"1" * 16})
+    assert wire.unpack(payload, in_steps=True) == wire.unpack(payload)
+    for damaged in (payload + b"\0", payload[:-1], payload.replace(b"\xa2id", b"\x02\xc0\xc0", 1)):
+        with pytest.raises(ProtocolError):
+            wire.unpack(damaged, in_steps=True)
 
 
 def test_what_cannot_be_sent_is_the_callers_fault() -> None:

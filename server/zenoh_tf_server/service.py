@@ -108,7 +108,7 @@ class Service:
         """
         counts = self.requests.begin()
         try:
-            message = self.limits.unpack(payload)
+            message = self.limits.unpack(payload, in_steps=operation == "batch")
             self.guard.check(operation, chunk, message)
             self._operations[operation](self, message, reply_to)
         except Exception as error:

@@ -42,7 +42,7 @@ Message = dict[str, Any]
 _NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
 _BIN_32: Final = struct.Struct(">BI")
 _IN_STEPS_FROM_ROWS: Final = 500  # of a reply; steps cost a shorter one more than they spare
-_IN_STEPS_FROM: Final = 64 * 1024  # bytes of a message
+_IN_STEPS_FROM: Final = 64 * 1024  # bytes of a batch
 
 
 class _Packers(threading.local):
@@ -94,9 +94,15 @@ def pack_in_steps(message: Mapping[str, Any]) -> bytes:
 
 
 def unpack(
-    payload: bytes, max_bytes: int = MAX_MESSAGE_BYTES, max_decoded_bytes: int | None = None
+    payload: bytes,
+    max_bytes: int = MAX_MESSAGE_BYTES,
+    max_decoded_bytes: int | None = None,
+    *,
+    in_steps: bool = False,
 ) -> Message:
     """The map of a message. Refuses it before it is decoded, if that would cost too much.
+    `in_steps`: it is a batch, and other threads get the interpreter between its operations if it is
+    a long one. That costs another copy of the message.
 
     Raises:
         LimitExceeded: The payload has more than `max_bytes`, or takes more than
@@ -111,12 +117,17 @@ def unpack(
             limit=max_bytes,
             value=len(payload),
         )
-    _check_cost(payload, max_decoded_bytes)
+    size = decoded_size(payload)
+    if size < 0 or (max_decoded_bytes is not None and size > max_decoded_bytes):
+        raise _refusal(size, max_decoded_bytes)
     try:
-        if len(payload) < _IN_STEPS_FROM:
-            message = _unpack(payload, "strict")
-        else:
+        if in_steps and len(payload) >= _IN_STEPS_FROM:
             message = _unpack_in_steps(payload)
+        else:
+            # Each argument that is msgpack's default costs a short message 0.1 us.
+            message = msgpack.unpackb(
+                payload, max_array_len=MAX_LIST, max_map_len=MAX_MAP_KEYS, max_ext_len=0
+            )
     except UnicodeDecodeError as error:
         raise ProtocolError(
             "the message has text that is not UTF-8", field=_field_not_utf8(payload)
@@ -139,38 +150,23 @@ def unpack(
     return message
 
 
-def _check_cost(payload: bytes, max_bytes: int | None) -> None:
-    """Raise an error for a message that is cut short, nested too deeply, or too dear to decode."""
-    size = decoded_size(payload)
+def _refusal(size: int, max_bytes: int | None) -> ProtocolError | LimitExceeded:
+    """The error of a message that is cut short, nested too deeply, or too dear to decode."""
     if size < 0:
         reason = "nested too deeply" if size == _NESTED_TOO_DEEPLY else "cut short or not msgpack"
-        raise ProtocolError(f"the message is not a msgpack map: it is {reason}", field="message")
-    if max_bytes is not None and size > max_bytes:
-        raise LimitExceeded(
-            f"the message takes {size} bytes when it is decoded: the limit is {max_bytes} "
-            "(--max-decoded-bytes); send fewer rows at once",
-            field="decoded_bytes",
-            limit=max_bytes,
-            value=size,
-        )
-
-
-def _unpack(payload: bytes, unicode_errors: str) -> Any:
-    size = len(payload)
-    return msgpack.unpackb(
-        payload,
-        raw=False,
-        strict_map_key=True,
-        unicode_errors=unicode_errors,
-        max_array_len=min(size, MAX_LIST),
-        max_map_len=MAX_MAP_KEYS,
-        max_ext_len=0,
+        return ProtocolError(f"the message is not a msgpack map: it is {reason}", field="message")
+    return LimitExceeded(
+        f"the message takes {size} bytes when it is decoded: the limit is {max_bytes} "
+        "(--max-decoded-bytes); send fewer rows at once",
+        field="decoded_bytes",
+        limit=max_bytes,
+        value=size,
     )
 
 
 def _unpack_in_steps(payload: bytes) -> Message:
-    """As `_unpack`, of a map. Other threads get the interpreter between the operations of a batch,
-    which one call of msgpack decodes without a break."""
+    """The map of a batch. Other threads get the interpreter between its operations, which one
+    call of msgpack decodes without a break."""
     unpacker = msgpack.Unpacker(
         raw=False,
         strict_map_key=True,
@@ -203,7 +199,13 @@ def _unpack_in_steps(payload: bytes) -> Message:
 def _field_not_utf8(payload: bytes) -> str:
     """The path to the first text that is not UTF-8. Decodes the payload once more."""
     try:
-        message = _unpack(payload, "surrogateescape")
+        message = msgpack.unpackb(
+            payload,
+            unicode_errors="surrogateescape",
+            max_array_len=MAX_LIST,
+            max_map_len=MAX_MAP_KEYS,
+            max_ext_len=0,
+        )
     except Exception:  # the payload has another defect behind the bad text
         return "message"
     return _bad_text(message, "") or "message"
