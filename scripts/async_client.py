@@ -62,9 +62,8 @@ REPLACEMENTS = [
 ]
 
 
-def made_from(source: str) -> str:
-    """The asynchronous file that is made from the synchronous one of this name."""
-    text = (CLIENT / source).read_text()
+def made_from(source: str, text: str) -> str:
+    """The asynchronous file that is made from the synchronous one of this name and text."""
     for pattern, replacement in REPLACEMENTS:
         text = re.sub(pattern, replacement, text, flags=re.MULTILINE)
     lines = text.splitlines()
@@ -99,7 +98,7 @@ def _formatted(text: str) -> str:
 def main() -> int:
     stale = []
     for source, made in FILES.items():
-        text, path = made_from(source), CLIENT / made
+        text, path = made_from(source, (CLIENT / source).read_text()), CLIENT / made
         if not path.exists() or path.read_text() != text:
             stale.append(made)
             if "--check" not in sys.argv:

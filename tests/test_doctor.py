@@ -19,7 +19,6 @@ from zenoh_tf import (
     TransformTree,
 )
 from zenoh_tf.doctor import CATALOGUE, Gaps, LinkFacts, TreeFacts, diagnose
-from zenoh_tf.doctor.__main__ import page
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 S = 10**9
@@ -269,11 +268,6 @@ def test_refusals_of_a_real_tree_are_of_their_kinds() -> None:
         TransformTree().set_transform(
             StampedTransform("a", "b", 0, Transform((0, 0, 0), (0, 0, 0, 1.1)))
         )
-
-
-def test_the_page_is_made_from_the_catalogue() -> None:
-    """After a change: python -m zenoh_tf.doctor > docs/doctor.md"""
-    assert (DOCS / "doctor.md").read_text() == "\n".join(page()) + "\n"
 
 
 def test_the_snippet_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:

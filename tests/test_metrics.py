@@ -29,7 +29,6 @@ from .conftest import ServerProcess, StartServer, free_endpoint, free_port
 from .raw import raw
 from .test_server_process import refused
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "metrics.md"
 HOSTILE = 'lidar"\n\x1b[31m\\{}'
 
 Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -163,10 +162,6 @@ def test_every_declared_metric_is_exported_and_no_other(server: ServerProcess) -
         for metric in metric_table.all_metrics()
         if not metric.name.startswith(("replica_", "robot_"))
     }
-
-
-def test_the_page_of_the_docs_is_up_to_date() -> None:
-    assert PAGE.read_text().splitlines() == list(metric_table.page())
 
 
 def test_names_follow_the_conventions_of_prometheus() -> None:

@@ -1,20 +1,13 @@
-"""docs/limits.md and the flags agree with the table of limits."""
+"""The flags agree with the table of limits."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
 
 from zenoh_tf_server import limits
-
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "limits.md"
-
-
-def test_the_page_is_made_from_the_table() -> None:
-    assert PAGE.read_text().splitlines() == list(limits.page())
 
 
 def test_each_limit_is_a_flag() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import itertools
 import math
 import signal
@@ -23,7 +22,7 @@ from zenoh_tf.errors import (
     ServerUnavailable,
     TimeoutException,
 )
-from zenoh_tf_client import AsyncTransformClient, AsyncWatch, PoseEvent, TransformClient, Watch
+from zenoh_tf_client import AsyncTransformClient, PoseEvent, TransformClient, Watch
 
 #: Longer than any test: no heartbeat comes in between.
 NEVER_S = 3600.0
@@ -280,11 +279,3 @@ def test_asyncio(shared: ServerProcess, tf: TransformClient, run: Callable[[Main
                 assert events == ["lost", "heartbeat", "heartbeat", "heartbeat"]
 
     run(main)
-
-
-def test_the_same_names() -> None:
-    """`AsyncWatch` differs in `await` only."""
-    names = {name for name in dir(Watch) if not name.startswith("_")}
-    assert names == {name for name in dir(AsyncWatch) if not name.startswith("_")}
-    methods = (TransformClient.watch, AsyncTransformClient.watch)
-    assert len({tuple(inspect.signature(method).parameters.items()) for method in methods}) == 1

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
 from zenoh_tf import zenoh_config
 from zenoh_tf.errors import InvalidArgumentException
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.mark.parametrize(
@@ -78,15 +75,3 @@ def test_discovery_and_shared_memory_are_off() -> None:
             "transport/shared_memory/enabled",
         ):
             assert json.loads(config.get_json(key)) is False, key
-
-
-def test_no_other_file_builds_a_configuration() -> None:
-    for folder in ("zenoh_tf", "server", "client", "tests", "bench", "examples"):
-        for path in (ROOT / folder).rglob("*.py"):
-            # peer.py and ros2_robot.py stand for programs that share no code with this project.
-            if path.name in (
-                *("zenoh_config.py", "test_zenoh_config.py"),
-                *("peer.py", "ros2_robot.py"),
-            ):
-                continue
-            assert "zenoh.Config()" not in path.read_text(), path

@@ -7,7 +7,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import pytest
 from ruamel.yaml import YAML
 
 from zenoh_tf_server import flags
-from zenoh_tf_server.metric_table import FROM_AUTHORITIES, FROM_STATS
 
 from ..conftest import ServerProcess
 from ..test_demo import endpoint_of, processes_of
@@ -45,26 +43,6 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
     server = make_server(tmp_path_factory.mktemp("page"), *options)
     yield server
     server.stop()
-
-
-def test_every_line_is_known() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-    for line in LINES:
-        command = shlex.split(line)
-        if command[0] == "pip":
-            assert command[2] == ".[ros2]" and "ros2" in extras
-        elif command[0] == "zenoh-tf-server":
-            assert flags.parse(command[1:]).ros2 == ("--ros2" in command)
-        else:
-            assert command[0] in ("python", "zenoh-tf"), line
-    for flag in re.findall(r"`(--ros2[a-z-]*)", PAGE):
-        assert flag in flags.parser().format_help(), flag
-    for name in re.findall(r"`(ros2_[a-z_]+)`", PAGE):
-        assert name in FROM_STATS or name == "ros2_", name
-    for name in ("conflicts", "rewritten", "clock_offset_max_s", "stamp_age_s"):
-        assert name in FROM_AUTHORITIES and f"`{name}`" in PAGE
 
 
 def test_the_first_five_minutes(server: ServerProcess) -> None:

@@ -16,7 +16,6 @@ import pytest
 from .conftest import FAKE_ROS
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples/tf2_tutorials"
-SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
 
 
 @pytest.fixture
@@ -74,20 +73,3 @@ def test_all_nodes_together(shared_server: Any, node: Any) -> None:
         laser = tf.frame("laser")
         assert (laser.parent, laser.static, laser.authority) == ("base_link", True, "/mount")
         assert tf.frame("goal").authority == "/goal"
-
-
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_only_import_lines_differ_from_a_script_for_tf2(script: str) -> None:
-    ours = [text for text in (FOLDER / script).read_text().splitlines() if "zenoh" in text]
-    assert ours
-    assert all(re.match(r"from zenoh_tf_client\.tf2[\w.]* import ", text) for text in ours)
-
-
-def test_there_is_a_script_for_each_tutorial() -> None:
-    assert SCRIPTS == [
-        "broadcaster.py",
-        "frame_adder.py",
-        "listener.py",
-        "static_broadcaster.py",
-        "time_travel.py",
-    ]

@@ -10,12 +10,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
-
-from zenoh_tf_client.urdf import joint_states, kinematics
 
 from ..conftest import ServerProcess, free_endpoint
 
@@ -110,11 +107,3 @@ def test_the_examples_of_the_help(shared_server: ServerProcess, tmp_path: Path) 
     assert len(examples) == 4
     for line in examples:
         assert run(line, shared_server.endpoint, tmp_path)
-
-
-def test_every_count_is_on_the_page() -> None:
-    names = {
-        each.name for kind in (joint_states.Counts, kinematics.Counts) for each in fields(kind)
-    }
-    assert names <= set(re.findall(r"`(\w+)`", PAGE))
-    assert f"{joint_states.MAX_JOINTS:,} joints" in PAGE

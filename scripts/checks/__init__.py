@@ -1,0 +1,29 @@
+"""All checks, each a function from the repository to its violations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from . import (
+    both_clients,
+    docstrings,
+    documented,
+    monitoring,
+    packaging,
+    pages,
+    source_rules,
+    suite,
+)
+from .repository import Repository, Violation
+
+CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
+    *(docstrings.docstrings, docstrings.references),
+    *(both_clients.both_clients, both_clients.made_files),
+    *(source_rules.imports, source_rules.sizes, source_rules.actors, source_rules.configurations),
+    *(packaging.make_targets, packaging.readme, packaging.metadata, packaging.extras),
+    *(pages.links, pages.named_files, pages.shown_examples, pages.api_reference),
+    *(pages.made_pages, pages.documented_calls),
+    *(monitoring.queries, monitoring.panels, monitoring.compose_files, monitoring.scraping),
+    *(documented.flags, documented.defaults, documented.enumerations),
+    suite.conformance,
+)

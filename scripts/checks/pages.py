@@ -1,0 +1,132 @@
+"""What pages say of files: links, files that they name, examples that they show, made pages."""
+
+from __future__ import annotations
+
+import importlib
+import posixpath
+import re
+from collections.abc import Iterator
+
+import zenoh_tf
+import zenoh_tf_client
+from zenoh_tf.doctor import __main__ as doctor
+from zenoh_tf_server import limits, metric_table
+
+from .repository import Repository, Violation
+
+#: Example -> the page that shows it as it is.
+SHOWN = {
+    "sensor.py": "README.md",
+    "client.py": "README.md",
+    "transaction.py": "README.md",
+    "async_client.py": "docs/asyncio.md",
+    "from_tf2.py": "docs/from-tf2.md",
+    "message_filter.py": "docs/from-tf2.md",
+}
+MAX_EXAMPLE_LINES = 40
+NAMING_FILES = ("docs/architecture.md", "docs/concurrency.md", "docs/glossary.md")
+FILE_NAME = re.compile(r"[\w/]+\.(?:pyi?|hpp|cpp)\b")
+
+
+def links(repository: Repository) -> Iterator[Violation]:
+    """Relative links and pictures lead to files, and anchors to headings."""
+    for page in repository.pages():
+        for number, line in repository.lines(page):
+            for target in re.findall(r"\]\(([^)]+)\)|src=\"([^\"]+)\"", line):
+                path, _, anchor = "".join(target).partition("#")
+                if "://" in path:
+                    continue
+                file = posixpath.normpath(posixpath.join(posixpath.dirname(page), path))
+                file = file if path else page
+                if not repository.exists(file):
+                    yield Violation(page, number, f"{path} leads nowhere")
+                elif anchor and anchor not in _anchors(repository.text(file)):
+                    yield Violation(page, number, f"{file} has no heading #{anchor}")
+
+
+def _anchors(text: str) -> set[str]:
+    headings = re.findall(r"^#+ (.*)$", text, re.M)
+    plain = (re.sub(r"\[([^\]]*)\]\([^)]*\)|[`*]", r"\1", heading) for heading in headings)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in plain}
+
+
+def named_files(repository: Repository) -> Iterator[Violation]:
+    """Pages name source files that exist."""
+    files = repository.files(".py", ".pyi", ".hpp", ".cpp")
+    for page in NAMING_FILES:
+        for number, line in repository.lines(page):
+            for name in FILE_NAME.findall(line):
+                if not any(f"/{file}".endswith(f"/{name}") for file in files):
+                    yield Violation(page, number, f"names {name}, which does not exist")
+
+
+def shown_examples(repository: Repository) -> Iterator[Violation]:
+    """Examples are short, and pages show them as they are."""
+    for name, page in SHOWN.items():
+        path = f"examples/{name}"
+        text = repository.text(path)
+        if len(text.splitlines()) >= MAX_EXAMPLE_LINES:
+            problem = f"has {MAX_EXAMPLE_LINES} lines or more: a page shows it"
+            yield Violation(path, MAX_EXAMPLE_LINES, problem)
+        if f"```python\n{text}```" not in repository.text(page):
+            yield Violation(page, 1, f"shows {path} as it is not: copy it again")
+    for path in repository.files(".py", under=["examples/tf2_tutorials"]):
+        for number, line in repository.lines(path):
+            # All else is as in a script for tf2.
+            if "zenoh" in line and not re.match(r"from zenoh_tf_client\.tf2[\w.]* import ", line):
+                yield Violation(path, number, "only import lines may differ from tf2's tutorial")
+
+
+def api_reference(repository: Repository) -> Iterator[Violation]:
+    """Every public name is in the API reference."""
+    pages = "".join(repository.text(page) for page in repository.files(".md", under=["docs/api"]))
+    shown = set(re.findall(r"^::: (\S+)$", pages, re.M))
+    for package in (zenoh_tf, zenoh_tf_client):
+        for name in package.__all__:
+            full = f"{package.__name__}.{name}"
+            if full in shown or name.startswith("_") or hasattr(zenoh_tf.errors, name):
+                continue
+            yield Violation("docs/api/README.md", 1, f"add ::: {full} to a page of docs/api")
+
+
+def made_pages(repository: Repository) -> Iterator[Violation]:
+    """Pages that are made from tables are current."""
+    for page, lines, command in (
+        ("docs/limits.md", list(limits.page()), "zenoh_tf_server.limits"),
+        ("docs/metrics.md", list(metric_table.page()), "zenoh_tf_server.metric_table"),
+        ("docs/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
+    ):
+        there = repository.text(page).splitlines()
+        if there != lines:
+            pairs = zip([*there, ""], [*lines, ""], strict=False)
+            number = next((n for n, (a, b) in enumerate(pairs, 1) if a != b), 1)
+            problem = f"differs from its table: .venv/bin/python -m {command} > {page}"
+            yield Violation(page, number, problem)
+
+
+def documented_calls(repository: Repository) -> Iterator[Violation]:
+    """Calls and imports in docs/from-tf2.md are of methods and names that exist."""
+    page = "docs/from-tf2.md"
+    pattern = r"\b(tf|X|Transform|TransformTree)\.(\w+)\(([^`]*)\)"
+    for number, line in repository.lines(page):
+        for code in re.findall(r"`([^`\n]+)`", line):
+            for owner, method, arguments in re.findall(pattern, code):
+                kind = zenoh_tf_client.TransformClient if owner == "tf" else zenoh_tf.Transform
+                function = getattr(kind, method, None)
+                names = getattr(getattr(function, "__code__", None), "co_varnames", ())
+                if function is None:
+                    yield Violation(page, number, f"{kind.__name__} has no method {method}")
+                for name in re.findall(r"(\w+)=", arguments) if owner == "tf" else ():
+                    if name not in names:
+                        yield Violation(page, number, f"{method} has no argument {name}")
+            imported = re.match(r"from (zenoh_tf_client\.tf2[\w.]*) import ([\w, ]+)$", code)
+            for name in imported[2].split(", ") if imported else ():
+                if imported and not _has(imported[1], name):
+                    yield Violation(page, number, f"{imported[1]} has no {name}")
+
+
+def _has(module: str, name: str) -> bool:
+    try:
+        return hasattr(importlib.import_module(module), name)
+    except ModuleNotFoundError:
+        return False

@@ -1,0 +1,92 @@
+"""The rules of the source tree: which way imports point, what may be imported, sizes and words."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+
+from .public_members import parsed
+from .repository import Repository, Violation
+
+PACKAGES = {
+    "zenoh_tf": "zenoh_tf",
+    "zenoh_tf_server": "server/zenoh_tf_server",
+    "zenoh_tf_client": "client/zenoh_tf_client",
+}
+RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
+#: Optional imports: what an extra brings, and the one package that may use it.
+EXTRAS = {
+    "cryptography": "zenoh_tf_client",
+    "foxglove": "zenoh_tf_client",
+    "matplotlib": "zenoh_tf_client",
+    "prometheus_client": "zenoh_tf_server",
+    "foxglove_schemas_protobuf": "zenoh_tf",
+    "mcap": "zenoh_tf",
+    "mcap_protobuf": "zenoh_tf",
+    "rich": "zenoh_tf_client",
+    "rosbags": "zenoh_tf",
+    "scipy": "zenoh_tf",
+    "shtab": "zenoh_tf_client",
+    "viser": "zenoh_tf_client",
+    "xxhash": "zenoh_tf",
+}
+SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
+MAX_LINES = 400
+#: peer.py and ros2_robot.py stand for programs that share no code with this project.
+OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "ros2_robot.py")
+HEADLESS = re.compile(r"\b(for|of|by|to|from) who\b|(^|[.;:] |[#/*\"] *)Who(ever)? \w+s\b")
+
+
+def imports(repository: Repository) -> Iterator[Violation]:
+    """Client and server import zenoh_tf and never each other; extras have one place each."""
+    for package, folder in PACKAGES.items():
+        for path in repository.files(".py", under=[folder]):
+            for line, name in _imported(repository.text(path)):
+                if name in PACKAGES and name not in (package, "zenoh_tf"):
+                    yield Violation(path, line, f"{package} must not import {name}")
+                known = name in PACKAGES or name in sys.stdlib_module_names or name in RUN_TIME
+                if not known and EXTRAS.get(name) != package:
+                    problem = f"imports {name}, which is no run-time dependency; see EXTRAS"
+                    yield Violation(path, line, problem)
+        if not repository.exists(f"{folder}/py.typed"):
+            yield Violation(f"{folder}/py.typed", 1, "is missing, so the package is not typed")
+
+
+def _imported(text: str) -> Iterator[tuple[int, str]]:
+    """Every top-level module that a file imports absolutely, with its line."""
+    for node in ast.walk(parsed(text)):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names = [node.module]
+        for name in names:
+            yield node.lineno, name.split(".")[0]  # type: ignore[attr-defined]
+
+
+def sizes(repository: Repository) -> Iterator[Violation]:
+    """A file over 400 lines has more than one subject."""
+    for path in repository.files(".py", ".pyi", ".cpp", ".hpp", under=SOURCES):
+        lines = len(repository.text(path).splitlines())
+        if lines > MAX_LINES:
+            problem = f"has {lines} lines, of at most {MAX_LINES}: split it by subject"
+            yield Violation(path, MAX_LINES + 1, problem)
+
+
+def actors(repository: Repository) -> Iterator[Violation]:
+    """Docs, comments and messages say "a reader" or "the caller", never a headless "who"."""
+    for path in repository.files(".py", ".pyi", ".cpp", ".hpp", ".md", ".yaml"):
+        for number, line in repository.lines(path):
+            if HEADLESS.search(line) and path != "scripts/checks/source_rules.py":
+                yield Violation(path, number, f"name the actor: {line.strip()}")
+
+
+def configurations(repository: Repository) -> Iterator[Violation]:
+    """Zenoh's configurations are built in one file, so that its unsafe defaults are off."""
+    for path in repository.files(".py", under=SOURCES):
+        if not path.endswith(OWN_CONFIGURATION):
+            for number, line in repository.lines(path):
+                if "zenoh.Config" + "()" in line:
+                    yield Violation(path, number, "build configurations in zenoh_config.py")

@@ -1,0 +1,65 @@
+"""Each check of ``make lint`` finds a violation that is planted in a copy of the texts."""
+
+from __future__ import annotations
+
+import re
+
+from scripts.checks import CHECKS
+from scripts.checks.repository import Repository
+
+CLIENT, AIO = "client/zenoh_tf_client", "client/zenoh_tf_client/aio"
+DASHBOARD = "docker/grafana/dashboard.json"
+#: Check, file, a pattern in it, what takes its place, and a part of the report.
+PLANTED: list[tuple[str, str, str, str, str]] = [
+    ("docstrings", "zenoh_tf/_core.pyi", r"\bstamp_ns: int", "when: int", "explain 'when'"),
+    ("docstrings", f"{CLIENT}/client_lookups.py", r"Raises:", "Errors:", "list its errors"),
+    ("docstrings", f"{CLIENT}/batch.py", r'"""[^"]*?"""', "", "Batch has no docstring"),
+    ("references", f"{CLIENT}/mirror_reads.py", "As `TransformTree", "See `", "let the docstring"),
+    ("both_clients", f"{AIO}/client.py", r"async def close", "async def end", "has no close"),
+    ("both_clients", f"{AIO}/introspection.py", r"async def stats", "def stats", "does not wait"),
+    ("both_clients", f"{AIO}/watch.py", "timeout_s: float", "timeout_s: int", "arguments differ"),
+    ("made_files", f"{CLIENT}/batch.py", r"\Z", "x = 1\n", "aio/batch.py"),
+    ("imports", f"{CLIENT}/text.py", r"\A", "import zenoh_tf_server\n", "must not import"),
+    ("imports", "zenoh_tf/keys.py", r"\A", "import yaml\n", "imports yaml"),
+    ("sizes", "zenoh_tf/keys.py", r"\Z", 400 * "\n", "split it by subject"),
+    ("actors", "docs/clocks.md", r"\Z", "It is for" + " who reads.\n", "name the actor"),
+    ("configurations", "bench/sizing.py", r"\Z", "zenoh" + ".Config()\n", "zenoh_config.py"),
+    ("make_targets", "Makefile", r"\nnative:", "\nother: x ## y\nnative:", "explain make other"),
+    ("make_targets", ".ci/run", r"make lint", "make nonsense", "there is no make nonsense"),
+    ("make_targets", "docs/testing.md", "`make fuzz`", "`make fuss`", "there is no make fuss"),
+    ("readme", "README.md", r"\(docs/clocks.md\)", "(docs/clock.md)", "leads nowhere"),
+    ("metadata", "CHANGELOG.md", r"0\.1\.0", "0.0.9", "add a section"),
+    ("extras", "docs/view.md", r"\.\[viewer,", "zenoh-tf[view,", "no extra view"),
+    ("links", "docs/state.md", r"\]\([a-z]+\.md", "](nowhere.md", "nowhere.md leads nowhere"),
+    ("links", "docs/from-tf2.md", "#call-by-call", "#calls", "has no heading #calls"),
+    ("named_files", "docs/glossary.md", "`frame.hpp`", "`frames.hpp`", "names frames.hpp"),
+    ("shown_examples", "examples/sensor.py", "0.02", "0.03", "README.md"),
+    ("api_reference", "docs/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
+    ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:14"),
+    ("documented_calls", "docs/from-tf2.md", r"tf\.can_transform\(", "tf.can(", "no method can"),
+    ("documented_calls", "docs/from-tf2.md", r"tf2 import do_\w+", "tf2 import it", "has no it"),
+    ("queries", DASHBOARD, "zenoh_tf_frames", "zenoh_tf_fames", "no metric zenoh_tf_fames"),
+    ("panels", DASHBOARD, r'"x": [1-9]\d*', '"x": 0', "overlaps"),
+    ("compose_files", "docker/compose.yaml", "pids_limit: ", "pids: ", "docker/compose.yaml"),
+    ("scraping", "docker/prometheus/prometheus.yaml", r"server:\d+", "server:1", "metrics are at"),
+    ("flags", "docs/view.md", r"zenoh-tf view ", "zenoh-tf view --loop ", "has no flag --loop"),
+    ("flags", "docs/clocks.md", "`--cache-time`", "`--cash-time`", "flag --cash-time"),
+    ("defaults", "docs/clocks.md", "default 3600", "default 60", "of --max-future-s is 3600"),
+    ("enumerations", "docs/urdf.md", "`no_stamp`", "", "docs/urdf.md"),
+    ("conformance", "tests/conformance/test_e_time.py", "test_E02_", "test_E03_", "row E02"),
+    ("conformance", "docs/from-tf2.md", "99 cases", "98 cases", "suite has 99 cases"),
+]
+
+
+def test_each_check_finds_what_is_planted() -> None:
+    by_name = {check.__name__: check for check in CHECKS}
+    clean = Repository()
+    for name, path, pattern, replacement, report in PLANTED:
+        text, found = re.subn(pattern, replacement, clean.text(path), count=1)
+        assert found, f"{path} has no {pattern!r} to replace"
+        reports = [str(each) for each in by_name[name](Repository({path: text}))]
+        assert any(report in each for each in reports), (name, path, replacement, reports)
+
+
+def test_each_check_has_something_planted() -> None:
+    assert {check.__name__ for check in CHECKS} == {name for name, *_ in PLANTED}
