@@ -246,6 +246,8 @@ def test_a_waiting_lookup_is_woken_by_a_replay() -> None:
         ({"authority": np.array([1], np.uint32)}, "authority"),
         ({"stamp": np.empty(0, np.int64)}, "stamp"),
         ({"pose": np.empty((0, 7))}, "pose"),
+        ({"lost": np.zeros(1, np.uint32)}, "lost"),
+        ({"kind": np.array([6], np.uint8), "lost": np.array([2], np.uint32)}, "lost"),
     ],
 )
 def test_malformed_changes_are_refused(change: dict[str, Any], field: str) -> None:
@@ -259,14 +261,18 @@ def test_malformed_changes_are_refused(change: dict[str, Any], field: str) -> No
         "authority": np.zeros(1, np.uint32),
         "stamp": np.array([7]),
         "pose": np.array([[0, 0, 0, 0, 0, 0, 1.0]]),
+        "lost": np.zeros(0, np.uint32),
     }
+    if "lost" in change and "kind" in change:  # such a row has no sample
+        columns |= {name: columns[name][:0] for name in ("parent", "authority", "stamp", "pose")}
     mirror = Mirror()
     with pytest.raises(InvalidArgumentException) as error:
         mirror.replay.apply(1, **{**columns, **change})
     assert error.value.field == field
     assert mirror.tree.frames() == []
-    mirror.replay.apply(1, **columns)
-    assert mirror.tree.parent("base") == "map"
+    if "lost" not in change:
+        mirror.replay.apply(1, **columns)
+        assert mirror.tree.parent("base") == "map"
 
 
 def test_a_name_at_two_indexes_is_refused() -> None:
@@ -279,7 +285,16 @@ def test_a_name_at_two_indexes_is_refused() -> None:
     with pytest.raises(InvalidArgumentException, match="twice"):
         created = np.full(2, 2, np.uint8)
         mirror.replay.apply(
-            1, ["a", "a"], [""], created, two, versions, of_samples, of_samples, stamp, pose
+            1,
+            ["a", "a"],
+            [""],
+            created,
+            two,
+            versions,
+            *[of_samples] * 2,
+            stamp,
+            pose,
+            of_samples,
         )
     with pytest.raises(InvalidArgumentException, match="twice"):
         is_static = np.zeros(2, np.uint8)

@@ -83,6 +83,38 @@ def test_golden_stream_message() -> None:
     assert message.changes[4].tolist() == [8, 12]
 
 
+def test_golden_orphans() -> None:
+    """Names lose their ids only at the limit of frames: other messages have no `lost`."""
+    orphans = {
+        "v": 1,
+        "instance": "00",
+        "first": 5,
+        "last": 5,
+        "clock_ns": 9,
+        "names": ["base", "old"],
+        "authorities": [],
+        "kind": b"\x06\x06",
+        "frame": struct.pack("<2I", 0, 0),
+        "version": struct.pack("<2Q", 8, 8),
+        "parent": b"",
+        "authority": b"",
+        "stamp": b"",
+        "pose": b"",
+        "lost": struct.pack("<2I", 1, (1 << 32) - 1),
+    }
+    golden = (
+        "8fa17601a8696e7374616e6365a23030a5666972737405a46c61737405a8636c6f636b5f6e7309a56e616d65"
+        "7392a462617365a36f6c64ab617574686f72697469657390a46b696e64c4020606a56672616d65c408000000"
+        "0000000000a776657273696f6ec41008000000000000000800000000000000a6706172656e74c400a9617574"
+        "686f72697479c400a57374616d70c400a4706f7365c400a46c6f7374c40801000000ffffffff"
+    )
+    assert wire.pack(orphans).hex() == golden
+    message = wire.parse_stream(wire.unpack(bytes.fromhex(golden)))
+    assert wire.pack(wire.stream_body(message)).hex() == golden
+    assert message.changes is not None
+    assert message.changes[9].tolist() == [1, (1 << 32) - 1]
+
+
 def test_golden_heartbeat() -> None:
     golden = "85a17601a8696e7374616e6365a23030a5666972737407a46c61737406a8636c6f636b5f6e7309"
     message = wire.StreamMessage("00", 7, 6, 9)
@@ -137,6 +169,9 @@ def test_an_error_in_a_reply_is_raised() -> None:
         ({"clock_ns": None}, "clock_ns"),
         ({"kind": b"\x00\x07"}, "kind"),
         ({"kind": b"\x00\x00"}, "parent"),
+        ({"kind": b"\x00\x06"}, "lost"),
+        ({"kind": b"\x00\x06", "lost": struct.pack("<I", 3)}, "lost"),
+        ({"kind": b"\x00\x06", "lost": struct.pack("<2I", 1, 1)}, "lost"),
         ({"frame": struct.pack("<2I", 1, 3)}, "frame"),
         ({"frame": struct.pack("<I", 1)}, "frame"),
         ({"version": b"12345678"}, "version"),

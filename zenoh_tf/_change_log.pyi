@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from zenoh_tf import _core
 
-#: (names, authorities, kind, frame, version, parent, authority, stamp, pose), see wire.Changes
+#: (names, authorities, kind, frame, version, parent, authority, stamp, pose, lost), see wire.Changes
 _Changes = tuple[
     list[str],
     list[str],
@@ -20,6 +20,7 @@ _Changes = tuple[
     NDArray[np.uint32],
     NDArray[np.int64],
     NDArray[np.float64],
+    NDArray[np.uint32],
 ]
 #: (names, authorities, frame, version, static, authority, count, stamp, parent, pose), see
 #: wire.Frames
@@ -79,6 +80,7 @@ class ChangeReplay:
         authority: NDArray[np.uint32],
         stamp: NDArray[np.int64],
         pose: NDArray[np.float64],  # (n, 7)
+        lost: NDArray[np.uint32],
     ) -> None: ...
     def load(
         self,

@@ -138,7 +138,7 @@ class Recorder:
         self._end_snapshot()
         self._seq = max(self._seq, message.last)
         assert message.changes is not None
-        names, _, kind, frame, _, parent, _, stamp, pose = message.changes
+        names, _, kind, frame, _, parent, _, stamp, pose, _ = message.changes
         self.counters.removals += int(np.isin(kind, (CLEARED, REMOVED)).sum())
         has_sample = kind <= STATIC
         rows = TfMessage(names, parent, frame[has_sample], stamp, pose)

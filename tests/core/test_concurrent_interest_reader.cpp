@@ -17,7 +17,7 @@ void apply(ChangeReplay& replay, const ChangeRows& rows, Seq seq) {
   const std::vector<std::string_view> names(rows.names.begin(), rows.names.end());
   const std::vector<std::string_view> authorities(rows.authorities.begin(), rows.authorities.end());
   replay.apply({names, authorities, rows.kind, rows.frame, rows.version, rows.parent,
-                rows.authority, rows.stamp, rows.pose, seq});
+                rows.authority, rows.stamp, rows.pose, rows.lost, seq});
 }
 
 // The chain of commit n: three links of length n, on the left of two places or on the right.

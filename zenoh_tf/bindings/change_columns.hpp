@@ -36,13 +36,14 @@ nb::list texts_of(const std::vector<Text>& texts) {
   return out;
 }
 
-// (names, authorities, kind, frame, version, parent, authority, stamp, pose): what ChangeReplay
-// applies. The batch has the other columns.
+// (names, authorities, kind, frame, version, parent, authority, stamp, pose, lost): what
+// ChangeReplay applies. The batch has the other columns.
 template <class Batch, class Texts>
 nb::object changes_of(const Batch& batch, const Texts& names, const Texts& authorities) {
   return nb::make_tuple(texts_of(names), texts_of(authorities), kinds_of(batch.kind),
                         array_of(batch.frame), array_of(batch.version), array_of(batch.parent),
-                        array_of(batch.authority), array_of(batch.stamp), poses_of(batch.pose));
+                        array_of(batch.authority), array_of(batch.stamp), poses_of(batch.pose),
+                        array_of(batch.lost));
 }
 
 }  // namespace ztf

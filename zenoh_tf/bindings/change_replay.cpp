@@ -77,29 +77,41 @@ class Replay {
   void apply(Seq last, nb::handle names, nb::handle authorities, const Column<std::uint8_t>& kind,
              const Column<std::uint32_t>& frame, const Column<Version>& version,
              const Column<std::uint32_t>& parent, const Column<std::uint32_t>& authority,
-             const Column<Stamp>& stamp, const PoseColumn& pose) {
+             const Column<Stamp>& stamp, const PoseColumn& pose,
+             const Column<std::uint32_t>& lost) {
     const Texts texts(tree_, names, authorities);
     fit(frame, kind.shape(0), "frame");
     fit(version, kind.shape(0), "version");
     check_indexes(frame, texts.names.size(), "frame");
     check_versions(version);
     std::vector<ChangeKind> kinds(kind.shape(0));
-    std::size_t samples = 0;
+    std::size_t samples = 0, orphaned = 0;
     for (std::size_t i = 0; i < kinds.size(); ++i) {
       if (kind(i) > static_cast<std::uint8_t>(ChangeKind::orphaned))
         raise_invalid("kind has the unknown kind " + std::to_string(kind(i)), "kind");
       kinds[i] = static_cast<ChangeKind>(kind(i));
       samples += has_sample(kinds[i]);
+      orphaned += kinds[i] == ChangeKind::orphaned;
     }
     fit(parent, samples, "parent");
     fit(authority, samples, "authority");
     fit(stamp, samples, "stamp");
     if (pose.shape(0) != samples) raise_invalid("pose must have a row for each sample", "pose");
-    check_indexes(parent, texts.names.size(), "parent", SnapshotPiece::kNoParent);
+    fit(lost, orphaned, "lost");
+    check_indexes(parent, texts.names.size(), "parent", kNoParent);
+    check_indexes(lost, texts.names.size(), "lost", kNoParent);
     check_indexes(authority, texts.authorities.size(), "authority");
-    const ChangeColumns columns{
-        texts.names,     texts.authorities,  kinds,          span_of(frame), span_of(version),
-        span_of(parent), span_of(authority), span_of(stamp), span_of(pose),  last};
+    const ChangeColumns columns{texts.names,
+                                texts.authorities,
+                                kinds,
+                                span_of(frame),
+                                span_of(version),
+                                span_of(parent),
+                                span_of(authority),
+                                span_of(stamp),
+                                span_of(pose),
+                                span_of(lost),
+                                last};
     replay([&] { replay_.apply(columns); });
   }
 
@@ -154,7 +166,7 @@ void bind_change_replay(nb::module_& m) {
       .def(nb::init<Tree&>(), nb::arg("tree"), nb::keep_alive<1, 2>())
       .def("apply", &Replay::apply, nb::arg("last"), nb::arg("names"), nb::arg("authorities"),
            nb::arg("kind"), nb::arg("frame"), nb::arg("version"), nb::arg("parent"),
-           nb::arg("authority"), nb::arg("stamp"), nb::arg("pose"))
+           nb::arg("authority"), nb::arg("stamp"), nb::arg("pose"), nb::arg("lost"))
       .def("load", &Replay::load, nb::arg("names"), nb::arg("authorities"), nb::arg("frame"),
            nb::arg("version"), nb::arg("static"), nb::arg("authority"), nb::arg("count"),
            nb::arg("stamp"), nb::arg("parent"), nb::arg("pose"))

@@ -26,7 +26,8 @@ class ChangeBatch {
   }
   // `last`: the number of the last entry. The result refers to the batch.
   [[nodiscard]] ChangeColumns columns(Seq last) const noexcept {
-    return {names(), authorities(), kind, frame, version, parent, authority, stamp, pose, last};
+    return {names(),   authorities(), kind, frame, version, parent,
+            authority, stamp,         pose, lost,  last};
   }
 
   // By change.
@@ -37,6 +38,8 @@ class ChangeBatch {
   std::vector<std::uint32_t> parent, authority;
   std::vector<Stamp> stamp;
   std::vector<Pose> pose;
+  // By orphaned frame and lost parent.
+  std::vector<std::uint32_t> lost;
 
  private:
   struct TextIndex {
@@ -60,6 +63,8 @@ class ChangeBatch {
       kind.push_back(change.kind);
       frame.push_back(name(change.frame));
       version.push_back(change.version);
+      if (change.kind == ChangeKind::orphaned)
+        lost.push_back(change.parent == kNoParent ? kNoParent : name(change.parent));
       if (!has_sample(change.kind)) continue;
       parent.push_back(name(change.parent));
       authority.push_back(authorities_.add(entry.authority()));

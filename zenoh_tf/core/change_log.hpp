@@ -42,16 +42,21 @@ enum class ChangeKind : std::uint8_t {
   cleared = 3,      // the frame lost its link and history
   removed = 4,      // and its name
   new_version = 5,  // only the version; from now on, frames may have samples of several parents
-  orphaned = 6,     // samples whose past parent was removed have no parent any more
+  orphaned = 6,     // the samples of one past parent have none any more: its name lost its id
 };
 
 constexpr bool has_sample(ChangeKind kind) noexcept { return kind <= ChangeKind::static_link; }
 
+// No parent, where an index of a name is expected.
+constexpr std::uint32_t kNoParent = ~std::uint32_t{0};
+
 struct Change {
   ChangeKind kind;
-  std::uint32_t frame;   // as is `parent`: index of a name of the entry
-  std::uint32_t parent;  // if has_sample(), as are `stamp` and `pose`
-  Version version;       // of the frame after the commit
+  std::uint32_t frame;  // as is `parent`: index of a name of the entry
+  // If has_sample(), as are `stamp` and `pose`. If orphaned: the past parent, or kNoParent if only
+  // the version is new.
+  std::uint32_t parent;
+  Version version;  // of the frame after the commit
   Stamp stamp;
   Pose pose;
 };

@@ -70,10 +70,7 @@ void ChangeReplay::find_names(std::span<const std::string_view> names) {
   ids_.clear();
   for (const std::string_view name : names) {
     FrameId id = table.find_any(name);
-    if (id == 0) {
-      id = table.insert(name);
-      table.hide(id);
-    }
+    if (id == 0) id = table.insert_hidden(name);
     ids_.push_back(id);
   }
 }
@@ -150,11 +147,13 @@ void ChangeReplay::prepare_rings() {
 
 void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
   const auto release = std::memory_order_release;
-  std::size_t row = 0;
+  std::size_t row = 0, orphaned = 0;
   for (std::size_t i = 0; i < changes.kind.size(); ++i) {
     const ChangeKind kind = changes.kind[i];
     const std::size_t this_row = row;
     row += has_sample(kind);
+    const std::size_t this_orphaned = orphaned;
+    orphaned += kind == ChangeKind::orphaned;
     Target& target = targets_[target_of_[changes.frame[i]]];
     // Also if the frame is newer, as in a snapshot that was read after this commit.
     if (kind == ChangeKind::new_version) tree_.ever_reparented_.store(true);
@@ -182,7 +181,8 @@ void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
       case ChangeKind::new_version:
         break;
       case ChangeKind::orphaned:
-        tree_.forget_removed_parents(target.id);
+        if (const std::uint32_t lost = changes.lost[this_orphaned]; lost != kNoParent)
+          (void)forget_parents(frame, [&](FrameId id) { return id == ids_[lost]; });
         break;
     }
   }

@@ -39,9 +39,11 @@ struct ChangeColumns {
   std::span<const std::uint32_t> frame;
   std::span<const Version> version;
   // By sample or static link, in the order of the changes.
-  std::span<const std::uint32_t> parent, authority;  // SnapshotPiece::kNoParent: it was removed
+  std::span<const std::uint32_t> parent, authority;  // kNoParent: it was removed
   std::span<const Stamp> stamp;
   std::span<const Pose> pose;
+  // By change of the kind `orphaned`: the parent that samples lost, or kNoParent.
+  std::span<const std::uint32_t> lost;
   Seq last;  // the number after which the original was so
 };
 

@@ -1,5 +1,6 @@
 // What commits write to the change log. Only trees that have a log come here.
 #include <algorithm>
+#include <map>
 #include <utility>
 #include <vector>
 
@@ -23,6 +24,16 @@ void log_names(LogTicket& ticket, ChangeKind kind,
 
 Version version_after(const WriteLocks& locks, FrameId id) noexcept {
   return *locks.version_before(id) + SeqLock::kIncrement;
+}
+
+// The version that a commit leaves to a frame which it creates only as a parent: the first
+// reparenting gives all frames that it locks a new one, frames without a name included. Else it is
+// that of CommitNames::publish().
+Version version_of_created(const Frame& frame, FrameId id, const WriteLocks& locks,
+                           bool all_change) noexcept {
+  if (all_change && locks.version_before(id)) return version_after(locks, id);
+  const Version now = frame.version.current() & ~SeqLock::kWriting;
+  return now == 0 ? SeqLock::kIncrement : now;
 }
 
 }  // namespace
@@ -54,13 +65,9 @@ void CommitExecution::log(LogTicket& ticket, const WriteLocks& locks) const {
 
   for (std::uint32_t i = 0; i < name_count; ++i) entry->add_name(names.name(i));
   for (const auto& [name, id] : created) {
-    const Version now = tree_.frames_[id].version.current();
-    entry->add({ChangeKind::created,
-                entry->add_name(name),
-                0,
-                now == 0 ? SeqLock::kIncrement : now & ~SeqLock::kWriting,
-                0,
-                {}});
+    const Version version =
+        version_of_created(tree_.frames_[id], id, locks, plan_.is_first_reparenting());
+    entry->add({ChangeKind::created, entry->add_name(name), 0, version, 0, {}});
   }
   for (const auto& [name, version] : others)
     entry->add({ChangeKind::new_version, entry->add_name(name), 0, version, 0, {}});
@@ -100,17 +107,45 @@ void Tree::log_removal(LogTicket& ticket, const WriteLocks& locks) const {
   log_names(ticket, ChangeKind::removed, removed);
 }
 
-// The frames that refer to removed ones, with the versions that free_removed_names() gives them.
+// The frames that refer to removed ones, with the versions that free_removed_names() gives them,
+// and the parents that it takes from them: a mirror may have another view of what is removed, as it
+// reads frames one after the other.
 void Tree::log_orphans(LogTicket& ticket, const WriteLocks& locks) const {
   if (!ticket.wants_entry()) return;
   Version base = version_base_;
   for (const FrameId id : locks.frames())
     if (names_.hidden(id)) base = std::max(base, version_after(locks, id));
-  std::vector<std::pair<std::string, Version>> orphans;
-  for (const FrameId id : locks.frames())
-    if (!names_.hidden(id))
-      orphans.emplace_back(name(id), std::max(version_after(locks, id), base));
-  log_names(ticket, ChangeKind::orphaned, orphans);
+  struct Orphan {
+    FrameId id, lost;  // lost: 0 if only the version changes
+  };
+  std::vector<Orphan> orphans;
+  std::map<FrameId, std::string> names;
+  const auto add = [&](FrameId id, FrameId lost) {
+    orphans.push_back({id, lost});
+    for (const FrameId each : {id, lost})
+      if (each != 0 && !names.contains(each)) names.emplace(each, name(each));
+  };
+  std::vector<FrameId> lost;
+  for (const FrameId id : locks.frames()) {
+    if (names_.hidden(id)) continue;
+    list_removed_parents(id, lost);
+    if (lost.empty()) add(id, 0);
+    for (const FrameId parent : lost) add(id, parent);
+  }
+  if (orphans.empty()) return ticket.changes_nothing();
+  std::size_t bytes = 0;
+  for (const auto& [id, name] : names) bytes += name.size();
+  LogEntry* const entry = ticket.make_entry(orphans.size(), names.size(), bytes);
+  if (!entry) return;
+  std::map<FrameId, std::uint32_t> index;
+  for (const auto& [id, name] : names) index.emplace(id, entry->add_name(name));
+  for (const auto& [id, parent] : orphans)
+    entry->add({ChangeKind::orphaned,
+                index.at(id),
+                parent == 0 ? kNoParent : index.at(parent),
+                std::max(version_after(locks, id), base),
+                0,
+                {}});
 }
 
 }  // namespace ztf

@@ -54,6 +54,24 @@ inline void clear_history(Frame& frame) noexcept {
   frame.parent.store(0, std::memory_order_release);
 }
 
+// Replaces by 0 each past parent for which is_lost(id) is true. Requires that the newest sample's
+// parent is not lost: then the parents still differ if one is replaced, and all that says so stays
+// valid (frame.hpp, invariants 3 and 4). Returns whether the samples had several parents.
+template <class IsLost>
+bool forget_parents(Frame& frame, IsLost&& is_lost) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const std::uint32_t count = frame.count.load(relaxed), first = frame.first.load(relaxed);
+  if (count == 0 || frame.parent_changes.load(relaxed) == 0) return false;
+  const Ring ring = frame.ring.load(relaxed);
+  std::uint32_t changes = 0;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (is_lost(ring.parent(first + i))) ring.store_parent(first + i, 0);
+    changes += i != 0 && ring.parent(first + i) != ring.parent(first + i - 1);
+  }
+  frame.parent_changes.store(changes, std::memory_order_release);
+  return true;
+}
+
 // Replaces the frame's history by one transform for all times.
 inline void set_static(Frame& frame, Stamp stamp, FrameId parent, const Pose& pose) noexcept {
   frame.samples_per_ns.store(0, std::memory_order_release);

@@ -40,7 +40,7 @@ class InterestReader::Rows {
   }
   void add_sample(const Copy& copy, std::uint32_t frame, const CopiedSample& sample) {
     add(copy.is_static ? ChangeKind::static_link : ChangeKind::sample, frame, copy.version);
-    out_.parent.push_back(sample.parent == 0 ? SnapshotPiece::kNoParent : name(sample.parent));
+    out_.parent.push_back(sample.parent == 0 ? kNoParent : name(sample.parent));
     out_.authority.push_back(authority(copy.authority));
     out_.stamp.push_back(sample.stamp);
     out_.pose.push_back(sample.pose);

@@ -40,6 +40,7 @@ struct ChangeRows {
   std::vector<std::uint32_t> parent, authority;  // a parent that was removed: kNoParent
   std::vector<Stamp> stamp;
   std::vector<Pose> pose;
+  std::vector<std::uint32_t> lost;  // none: a history that loses parents is sent as a whole
 };
 
 class InterestReader {

@@ -96,17 +96,13 @@ class NameTable : private NameReader<> {
 
   // Adds a name and returns its id. Requires a new name, and that left() is not 0. Throws
   // bad_alloc, unless reserve() has made room.
-  Id insert(std::string_view name) {
-    reserve(1, name.size());
-    const Id id = next_id();
-    if (!free_ids_.empty()) free_ids_.pop_back();
-    set_text(names_[id], name);
-    // Before the slot: whoever finds an id may rely on it to be within the size.
-    if (id > size()) owned_root_.size.store(id, std::memory_order_release);
-    fill_slot(slots_, hash_(name), id);
+  Id insert(std::string_view name) { return insert(name, NameEntry::kLive); }
+  // The same, but the name is hidden from the start: no find() ever returns it before show().
+  Id insert_hidden(std::string_view name) {
+    const Id id = insert(name, 0);
+    ++hidden_;
     return id;
   }
-
   // Removes a name, so that another may get its id. Requires a name that is in the table. Throws
   // bad_alloc, and then changes nothing.
   void remove(Id id) {
@@ -174,6 +170,18 @@ class NameTable : private NameReader<> {
     publish(bigger);
   }
 
+  // `live`: NameEntry::kLive, or 0 for a hidden name.
+  Id insert(std::string_view name, std::uint32_t live) {
+    reserve(1, name.size());
+    const Id id = next_id();
+    if (!free_ids_.empty()) free_ids_.pop_back();
+    set_text(names_[id], name, live);
+    // Before the slot: whoever finds an id may rely on it to be within the size.
+    if (id > size()) owned_root_.size.store(id, std::memory_order_release);
+    fill_slot(slots_, hash_(name), id);
+    return id;
+  }
+
   // Returns for each id up to size() whether it has no name.
   [[nodiscard]] std::vector<bool> free_ids() const {
     std::vector<bool> is_free(size() + 1);
@@ -184,7 +192,7 @@ class NameTable : private NameReader<> {
     names_[id].state.store(state, std::memory_order_release);
   }
   // Replaces the text. Requires that reserve() has made room.
-  void set_text(NameEntry& entry, std::string_view name) noexcept {
+  void set_text(NameEntry& entry, std::string_view name, std::uint32_t live) noexcept {
     const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
     const std::uint32_t state =
         entry.state.load(relaxed) & ~(NameEntry::kLive | NameEntry::kChanging);
@@ -202,7 +210,7 @@ class NameTable : private NameReader<> {
     if (name.size() % 8 != 0) words[name.size() / 8].store(last_word(name), release);
     entry.length.store(static_cast<std::uint32_t>(name.size()), release);
     if (old_length > NameEntry::kShortBytes) give_back_text(old_text, old_length);
-    entry.state.store((state + NameEntry::kIncrement) | NameEntry::kLive, release);
+    entry.state.store((state + NameEntry::kIncrement) | live, release);
   }
 
   // Texts of long names have a power of two of words, and a list of the free ones of each size.

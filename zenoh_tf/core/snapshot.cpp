@@ -97,7 +97,7 @@ void SnapshotReader::add_frame(FrameId id, SnapshotPiece& piece) {
   piece.is_static.push_back(state.is_static);
   for (std::uint32_t i = 0; i < state.count; ++i) {
     piece.stamp.push_back(samples_[i].stamp);
-    piece.parent.push_back(samples_[i].parent == 0 ? SnapshotPiece::kNoParent
+    piece.parent.push_back(samples_[i].parent == 0 ? kNoParent
                                                    : name_of(samples_[i].parent, piece));
     piece.pose.push_back(samples_[i].pose);
   }

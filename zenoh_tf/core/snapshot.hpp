@@ -20,8 +20,6 @@ namespace ztf {
 
 // Some frames as columns. Frames and parents are indices into `names`.
 struct SnapshotPiece {
-  static constexpr std::uint32_t kNoParent = ~std::uint32_t{0};
-
   FrameId reached;  // the last id that was read
   std::vector<std::string> names, authorities;
   // By frame. A frame with a static link has one sample.

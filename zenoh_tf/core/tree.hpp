@@ -276,6 +276,9 @@ class Tree {
   void free_removed_names();
   [[nodiscard]] bool refers_to_removed(FrameId id) const noexcept;
   void forget_removed_parents(FrameId id) noexcept;
+  // Lists the removed frames that are past parents of a frame's samples, each once. Requires the
+  // topology mutex and the frame's write lock. Throws bad_alloc.
+  void list_removed_parents(FrameId id, std::vector<FrameId>& parents) const;
   // Makes room for a new authority: forgets those that own no frame, up to half of all, the least
   // recently used first. Requires the topology mutex. Throws bad_alloc.
   void forget_authorities();

@@ -56,24 +56,30 @@ bool Tree::refers_to_removed(FrameId id) const noexcept {
 }
 
 // Replaces the ids of removed frames by 0. Requires the topology mutex and the frame's write lock,
-// and that readers wait.
+// and that readers wait. The newest sample's parent is never removed.
 void Tree::forget_removed_parents(FrameId id) noexcept {
   const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
-  Frame& frame = frames_[id];
   std::atomic<FrameId>& parent_before = events_[id].parent_before;
   if (names_.hidden(parent_before.load(relaxed))) parent_before.store(0, release);
+  const auto is_removed = [&](FrameId parent) { return names_.hidden(parent); };
+  if (forget_parents(frames_[id], is_removed)) increment(edits_[id]);
+}
+
+void Tree::list_removed_parents(FrameId id, std::vector<FrameId>& parents) const {
+  const auto relaxed = std::memory_order_relaxed;
+  parents.clear();
+  const Frame& frame = frames_[id];
   const std::uint32_t count = frame.count.load(relaxed), first = frame.first.load(relaxed);
   if (count == 0 || frame.parent_changes.load(relaxed) == 0) return;
-  // The newest sample's parent exists. So if one is replaced, the parents still differ, and all
-  // that says so stays valid (frame.hpp, invariants 3 and 4).
   const Ring ring = frame.ring.load(relaxed);
-  std::uint32_t changes = 0;
+  FrameId last = 0;  // samples in a row mostly have one parent
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (names_.hidden(ring.parent(first + i))) ring.store_parent(first + i, 0);
-    changes += i != 0 && ring.parent(first + i) != ring.parent(first + i - 1);
+    const FrameId parent = ring.parent(first + i);
+    if (parent != last && parent != 0 && names_.hidden(parent)) parents.push_back(parent);
+    last = parent;
   }
-  frame.parent_changes.store(changes, release);
-  increment(edits_[id]);
+  std::sort(parents.begin(), parents.end());
+  parents.erase(std::unique(parents.begin(), parents.end()), parents.end());
 }
 
 void Tree::free_removed_names() {

@@ -42,13 +42,14 @@ REMOVED: Final = 4
 NEW_VERSION: Final = 5
 ORPHANED: Final = 6
 
-#: The parent of a sample whose parent was removed.
+#: The parent of a sample whose parent was removed, and of an orphaned frame that lost none.
 NO_PARENT: Final = (1 << 32) - 1
 
 #: Of a plan without pieces.
 NO_BOUNDS: Final = np.zeros(0, np.uint32)
 
-#: names, authorities, kind, frame, version; and of samples: parent, authority, stamp, pose
+#: names, authorities, kind, frame, version; of samples: parent, authority, stamp, pose; and of
+#: orphaned frames: the parent that samples lost
 Changes = tuple[
     list[str],
     list[str],
@@ -59,6 +60,7 @@ Changes = tuple[
     NDArray[np.uint32],
     NDArray[np.int64],
     NDArray[np.float64],
+    NDArray[np.uint32],
 ]
 #: names, authorities, frame, version, static, authority, count; and of samples: stamp, parent, pose
 Frames = tuple[
@@ -101,8 +103,8 @@ def stream_body(message: StreamMessage) -> Message:
 
 
 def _fields(changes: Changes) -> Message:
-    names, authorities, kind, frame, version, parent, authority, stamp, pose = changes
-    return {
+    names, authorities, kind, frame, version, parent, authority, stamp, pose, lost = changes
+    body: Message = {
         "names": names,
         "authorities": authorities,
         "kind": raw(kind, U8),
@@ -113,6 +115,9 @@ def _fields(changes: Changes) -> Message:
         "stamp": raw(stamp, I64),
         "pose": raw(pose, F64),
     }
+    if lost.size:  # names lose their ids only at the limit of frames
+        body["lost"] = raw(lost, U32)
+    return body
 
 
 def parse_stream(body: Message) -> StreamMessage:
@@ -136,20 +141,26 @@ def _parse(body: Message) -> Changes:
     if kind.size and int(kind.max()) > ORPHANED:
         raise malformed("kind", f"at most {ORPHANED}")
     samples = int(np.count_nonzero(kind <= STATIC))
-    parent = column(body, "parent", U32, samples)
-    if bool(np.any((parent >= len(names)) & (parent != NO_PARENT))):
-        raise malformed("parent", f"indexes below {len(names)}, or {NO_PARENT}")
+    orphaned = int(np.count_nonzero(kind == ORPHANED))
     return (
         names,
         authorities,
         kind,
         indexes(body, "frame", kind.size, len(names)),
         column(body, "version", U64, kind.size),
-        parent,
+        _parents(body, "parent", samples, len(names)),
         indexes(body, "authority", samples, len(authorities)),
         column(body, "stamp", I64, samples),
         column(body, "pose", F64, samples, 7).reshape(samples, 7),
+        _parents(body, "lost", orphaned, len(names)) if orphaned else np.zeros(0, np.uint32),
     )
+
+
+def _parents(body: Message, field: str, rows: int, names: int) -> NDArray[np.uint32]:
+    parents = column(body, field, U32, rows)
+    if bool(np.any((parents >= names) & (parents != NO_PARENT))):
+        raise malformed(field, f"indexes below {names}, or {NO_PARENT}")
+    return parents
 
 
 # --- snapshot

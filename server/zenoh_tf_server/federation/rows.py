@@ -50,7 +50,7 @@ class Rows:
 
     def of_changes(self, changes: wire.Changes) -> Iterator[Put]:
         """Puts of a message of the stream: what each authority has committed."""
-        names, authorities, kind, frame, _, parent, authority, stamp, pose = changes
+        names, authorities, kind, frame, _, parent, authority, stamp, pose, _ = changes
         self.removals += int(np.isin(kind, (CLEARED, REMOVED)).sum())
         has_sample = kind <= STATIC
         all_rows = TfMessage(self._rename(names), parent, frame[has_sample], stamp, pose)
