@@ -294,6 +294,22 @@ def test_no_frame_is_deeper_than_the_limit() -> None:
     assert tree.set_transform(link("top", "f0", 2))
 
 
+def test_a_tree_without_a_limit_of_depths() -> None:
+    tree = TransformTree(max_depth=0)
+    for index in range(2000):
+        tree.set_transform(link(f"f{index}", f"f{index + 1}", 10, 1.0))
+    assert x_of(tree.lookup_transform("f0", "f2000")) == 2000.0
+    with pytest.raises(InvalidArgumentException, match="cycle"):
+        tree.set_transform(link("f2000", "f0", 10))
+    tree.set_transform(link("top", "f0", 10))
+    tree.set_transform(link("f1", "f0", 5))
+    tree.set_transform(link("f0", "f1", 5))
+    tree.set_transform(link("aside", "other", 5))
+    with pytest.raises(LookupException, match="runs in a loop") as caught:
+        tree.lookup_transform("aside", "f1", 5)
+    assert caught.value.limit is None
+
+
 def test_a_path_that_ends_at_the_depth_limit_is_not_too_deep() -> None:
     tree = TransformTree(max_depth=1)
     tree.set_transform(link("map", "base", 10))

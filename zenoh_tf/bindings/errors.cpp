@@ -66,10 +66,13 @@ nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::u
     message = "frame " + (f.target == 0 ? target_name : source_name) + " does not exist";
   } else if (f.code == Code::lookup) {
     if (const std::string frame = name_of(f.frame); !frame.empty()) facts["frame"] = frame;
-    facts["limit"] = max_depth;
-    message = "the path between " + target_name + " and " + source_name + at +
-              " is longer than the limit of " + std::to_string(max_depth) +
-              " links per side (max_depth), or runs in a loop";
+    message = "the path between " + target_name + " and " + source_name + at;
+    if (max_depth != 0) {
+      facts["limit"] = max_depth;
+      message += " is longer than the limit of " + std::to_string(max_depth) +
+                 " links per side (max_depth), or";
+    }
+    message += " runs in a loop";
   } else if (f.code == Code::connectivity) {
     const std::string target_root = name_of(f.target_root);
     const std::string source_root = name_of(f.source_root);

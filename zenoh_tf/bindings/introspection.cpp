@@ -181,7 +181,7 @@ std::uint64_t links(const Tree& tree, nb::handle frames) {
     const std::string_view text = text_of(name, "frame");
     const GilReleasedOnWait released;
     std::uint32_t depth = 0;
-    for (FrameId id = tree.find(text); id != 0 && depth <= tree.options().max_depth; ++depth)
+    for (FrameId id = tree.find(text); id != 0 && depth <= tree.options().max_path(); ++depth)
       id = tree.parent(id, kNoStamp);
     total += depth;
   }

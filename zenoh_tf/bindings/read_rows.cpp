@@ -269,7 +269,7 @@ std::uint64_t ReadRows::links(const AnyTree& tree, std::uint64_t most) const {
     std::uint32_t& depth = depths[name];
     if (depth == kUnknown) {
       depth = 0;
-      for (FrameId id = frames[name].id; id != 0 && depth <= tree.options().max_depth; ++depth)
+      for (FrameId id = frames[name].id; id != 0 && depth <= tree.options().max_path(); ++depth)
         id = tree.parent(id, kNoStamp);
     }
     return depth;

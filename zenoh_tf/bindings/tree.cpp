@@ -113,7 +113,7 @@ void construct(Tree* self, double cache_time_s, std::string_view concurrency,
   options.max_samples_per_frame =
       limit_of(max_samples_per_frame, 2, std::int64_t{1} << 30, "max_samples_per_frame");
   options.max_name_bytes = limit_of(max_name_bytes, 1, 65535, "max_name_bytes");
-  options.max_depth = limit_of(max_depth, 1, std::int64_t{1} << 20, "max_depth");
+  options.max_depth = limit_of(max_depth, 0, std::int64_t{1} << 30, "max_depth");
   options.one_authority_per_frame = one_authority_per_frame;
   if (max_memory_bytes != 0 && max_memory_bytes < kLeastMemory)
     raise_invalid("max_memory_bytes must be 0 or at least " + std::to_string(kLeastMemory) +

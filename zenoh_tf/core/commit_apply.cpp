@@ -18,7 +18,7 @@ void CommitExecution::apply() noexcept {
   plan_.names().publish(plan_.children());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
-  if (!plan_.changed_links().empty()) update_heights();
+  plan_.keep_links();
   if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
   if (plan_.from_future() != 0) {
     tree_.from_future_.fetch_add(plan_.from_future(), std::memory_order_relaxed);
@@ -60,10 +60,6 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   store_rows(group);
   if (tally_.stored == stored_before) return false;
   if (group.wakes_all) increment(tree_.edits_[group.child]);
-  if (group.new_parent != 0) {
-    if (parent_before != 0) tree_.topology_index_.unlink(group.child, parent_before);
-    tree_.topology_index_.link(group.child, group.new_parent);
-  }
   record_link_change(group, parent_before, static_before);
   return true;
 }

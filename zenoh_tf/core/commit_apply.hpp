@@ -43,8 +43,6 @@ class CommitExecution {
   void store_rows(const FrameWrites& group) noexcept;
   void record_link_change(const FrameWrites& group, FrameId parent_before,
                           bool static_before) noexcept;
-  // Raises the heights of the frames above the changed links (topology_index.hpp).
-  void update_heights() noexcept;
   void count_authority() const noexcept;
 
   Tree& tree_;

@@ -138,7 +138,6 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
     return PlanOutcome::needs_topology;
   is_first_reparenting_ = false;
   bool topology_changes = names_.any_new();
-  changed_links_.clear();
   for (FrameWrites& group : groups_) {
     group.is_append = is_append(group);
     if (group.is_append) [[likely]] {
@@ -150,7 +149,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   }
   if (topology_changes) {
     if (scope == CommitScope::children) return PlanOutcome::needs_topology;
-    check_topology();
+    change_links();
   }
   // While no frame was ever reparented, readers use one path for all times. The first reparenting
   // therefore gives every frame a new version, so that readers which relied on it must retry.

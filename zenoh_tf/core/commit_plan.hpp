@@ -8,7 +8,7 @@
 // Invariants
 // 1. After a retry all steps run again and decide anew.
 // 2. Planning changes nothing that readers can see. It notes late samples (FrameEvents), also for a
-//    commit that is then rejected.
+//    commit that is then rejected. It changes the topology index, until undo_links().
 #pragma once
 
 #include <span>
@@ -52,12 +52,6 @@ struct FrameWrites {
   bool wakes_all = false;  // not only newer samples of the same parent: all waiters are woken
 };
 
-// A frame that gets another parent.
-struct ChangedLink {
-  std::uint32_t depth;  // links below its root, after this commit
-  std::uint32_t group;  // index in CommitPlan::groups()
-};
-
 class CommitPlan {
  public:
   // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
@@ -96,14 +90,16 @@ class CommitPlan {
   // Throws Rejected and bad_alloc.
   PlanOutcome decide(CommitScope scope);
 
+  // Restores the topology index, unless keep_links() has been called. Requires that decide() has,
+  // that nothing is applied, and still the topology mutex.
+  void undo_links() noexcept;
+  // Leaves the topology index as decide() has changed it, as the links are now the same.
+  void keep_links() noexcept { changed_links_.clear(); }
+
   // The results, once decide() has returned ready.
   [[nodiscard]] const CommitRequest& request() const noexcept { return request_; }
   [[nodiscard]] std::span<const FrameWrites> groups() const noexcept {
     return {groups_.begin(), groups_.size()};
-  }
-  // The frames that get another parent, the lowest first.
-  [[nodiscard]] std::span<const ChangedLink> changed_links() const noexcept {
-    return {changed_links_.begin(), changed_links_.size()};
   }
   [[nodiscard]] const RowWrite& write(std::uint32_t i) const noexcept { return writes_[i]; }
   [[nodiscard]] const Pose& pose(std::uint32_t row) const noexcept { return poses_[row]; }
@@ -141,14 +137,13 @@ class CommitPlan {
   void check_authority_of(const FrameWrites& group) const;
   [[noreturn]] void reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
                                  Stamp oldest) const;
-  // Throws Rejected if the newest parents would form a cycle once all rows are applied, or a frame
-  // would be too deep; and bad_alloc. Lists the changed links. Requires the topology mutex.
-  void check_topology();
-  [[nodiscard]] std::uint32_t depth_after(FrameId frame) const;
-  [[nodiscard]] std::uint32_t height_of_unchanged(FrameId top) const;
-  [[nodiscard]] FrameId parent_after(FrameId frame) const noexcept;
-  [[noreturn]] void reject_cycle(FrameId on_cycle) const;
-  [[noreturn]] void reject_depth(const FrameWrites& group, std::uint32_t depth) const;
+  // Changes the topology index as this commit will change the newest parents. Throws Rejected if
+  // they would form a cycle, or a frame would be too deep; and bad_alloc. Requires the topology
+  // mutex, and undo_links() also if it throws.
+  void change_links();
+  [[nodiscard]] std::uint32_t limit_of_depths() const noexcept;
+  [[noreturn]] void reject_cycle(const FrameWrites& last);
+  [[noreturn]] void reject_depth() const;
   void reserve_memory();
   void prepare_ring(FrameWrites& group);
   void give_back_rings() noexcept;
@@ -165,7 +160,7 @@ class CommitPlan {
   SmallVector<RowWrite, 16> writes_;  // without the rows that are from the future
   SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
-  SmallVector<ChangedLink, 4> changed_links_;
+  SmallVector<std::uint32_t, 4> changed_links_;  // groups whose links the topology index has
   // Rings that no frame has: those that this attempt has prepared, then those that they replaced.
   SmallVector<PreparedRing, 1> prepared_rings_;
   FrameList children_;  // of groups_, ascending

@@ -244,7 +244,7 @@ const InterestReader::Link& InterestReader::link(FrameId id) {
 // Lists a frame and its ancestors along the newest links.
 void InterestReader::list_path(FrameId id, std::vector<FrameId>& path) {
   // A frame that moves meanwhile may be met twice, so the length is bounded.
-  for (std::size_t left = tree_.options_.max_depth + std::size_t{1}; id != 0 && left > 0; --left) {
+  for (std::size_t left = tree_.options_.max_path() + std::size_t{1}; id != 0 && left > 0; --left) {
     path.push_back(id);
     id = link(id).parent;
   }

@@ -82,7 +82,7 @@ void MappedRegion::check_header() {
   options_.max_name_bytes = header.max_name_bytes;
   options_.max_depth = header.max_depth;
   options_.instance = text_of(header.instance);
-  if (options_.max_frames > 1u << 30 || options_.max_depth > 1u << 20 ||
+  if (options_.max_frames > 1u << 30 || options_.max_depth > 1u << 30 ||
       options_.max_name_bytes > 1u << 16 || header.concurrency > 2)
     throw RegionRefused("the region's limits are out of range");
 }

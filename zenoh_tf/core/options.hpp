@@ -3,6 +3,7 @@
 // Thread safety: values.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 
@@ -20,7 +21,8 @@ struct Options {
   std::uint32_t max_frames = 1u << 20;
   std::uint32_t max_samples_per_frame = 1u << 16;
   std::uint32_t max_name_bytes = 255;
-  // The most links between a frame and its root: a commit that puts a frame deeper is rejected.
+  // The most links between a frame and its root: a commit that puts a frame deeper is rejected. It
+  // also ends lookups at past times, whose links may form a loop. 0: no limit.
   std::uint32_t max_depth = 1000;
   // If there are more, those that own no frame are forgotten, the least recently used first.
   std::uint32_t max_authorities = 4096;
@@ -42,6 +44,10 @@ struct Options {
   // A tree has more ids than frames. So at the limit of frames, too, ids are freed only after many
   // removals, and each bears a small part of what it costs to look at all frames (tree_names.cpp).
   [[nodiscard]] std::uint32_t max_ids() const noexcept { return max_frames + max_frames / 16; }
+  // The most links that a walk upwards follows. Without a limit of depths it ends in a loop, too.
+  [[nodiscard]] std::uint32_t max_path() const noexcept {
+    return max_depth != 0 ? std::min(max_depth, max_ids()) : max_ids();
+  }
 };
 
 }  // namespace ztf

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <algorithm>
+#include <unordered_set>
 #include <vector>
 
 #include "answer.hpp"
@@ -79,11 +80,10 @@ class Reader {
   // kNoStamp means the newest ones.
   template <class Visit>
   bool visit_ancestors(std::span<const FrameId> starts, Stamp stamp, Visit visit) {
-    FrameList seen;
+    std::unordered_set<FrameId> seen;
     for (FrameId id : starts) {
       for (std::uint32_t depth = 0; id != 0 && depth <= max_depth_; ++depth) {
-        if (std::find(seen.begin(), seen.end(), id) != seen.end()) break;
-        seen.push_back(id);
+        if (!seen.insert(id).second) break;
         const Frame& frame = *access_.frame(id);
         id = id_of(&frame);  // of mapped memory that makes no sense it is another one
         PathStep step{&frame, 0, {}};

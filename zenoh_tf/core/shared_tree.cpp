@@ -17,7 +17,7 @@ SharedTree::SharedTree(int descriptor)
       names_(checked(region_, region_.header().names, options().max_ids(), memory_)),
       authorities_(
           checked(region_, region_.header().authorities, options().max_authorities, memory_)),
-      max_depth_(options().max_depth),
+      max_depth_(options().max_path()),
       ever_reparented_(region_.header().ever_reparented),
       ids_freed_(region_.header().ids_freed) {}
 

@@ -52,8 +52,6 @@ void Tree::list_frames(FrameList& all) const {
 }
 
 void Tree::clear_frame(FrameId id) noexcept {
-  const FrameId parent = frames_[id].parent.load(std::memory_order_relaxed);
-  if (parent != 0) topology_index_.unlink(id, parent);
   clear_history(frames_[id]);
   increment(edits_[id]);
 }
@@ -70,6 +68,23 @@ void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dr
     clear_frame(id);
     dropped.push_back(id);
   }
+}
+
+// Updates the topology index once the samples of `dropped` are. It takes the cheaper way: to cut
+// their links, or to link what is left. Requires the topology mutex.
+void Tree::cut_links(const FrameList& dropped) noexcept {
+  const auto parent_of = [&](FrameId id) {
+    return frames_[id].parent.load(std::memory_order_relaxed);
+  };
+  std::size_t left = 0;
+  for (FrameId id = 1; id <= names_.size(); ++id) left += parent_of(id) != 0;
+  if (dropped.size() <= left) {
+    for (const FrameId id : dropped) topology_index_.cut(id);
+    return;
+  }
+  for (FrameId id = 1; id <= names_.size(); ++id) topology_index_.forget(id);
+  for (FrameId id = 1; id <= names_.size(); ++id)
+    if (const FrameId parent = parent_of(id); parent != 0) topology_index_.link(id, parent);
 }
 
 void Tree::notify_waiters_of(const FrameList& changed) const noexcept {
@@ -94,6 +109,7 @@ void Tree::clear(bool keep_static, std::int64_t expires_ns) {
     drop_samples(all, keep_static, dropped);
     locks.release(dropped);
     ticket.publish();
+    cut_links(dropped);
   }
   commit_count_.add();
   notify_waiters_of(dropped);
@@ -106,6 +122,7 @@ void Tree::reset(std::int64_t expires_ns) {
     const auto topology = lock_announced(topology_);  // no name is added meanwhile
     list_frames(all);
     drop_frames(all, expires_ns);
+    for (const FrameId id : all) topology_index_.forget(id);
   }
   commit_count_.add();
   notify_waiters_of(all);
@@ -123,7 +140,6 @@ void Tree::drop_frames(const FrameList& frames, std::int64_t expires_ns) {
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     clear_frame(id);
-    topology_index_.set_height(id, 0);  // its children are gone, too
     frame.authority.store(0, std::memory_order_release);
     if (const Ring ring = frame.ring.load(std::memory_order_relaxed)) {
       rings.push_back(ring);
@@ -144,21 +160,16 @@ void Tree::list_subtree(std::string_view name, bool subtree, FrameList& frames) 
     throw Rejected{.code = Code::lookup,
                    .message = "frame " + quoted(name) + " does not exist",
                    .frame = std::string(name)};
-  frames.push_back(id);
-  for (std::size_t i = 0; i < frames.size(); ++i)  // the loop appends to `frames`
-    for (FrameId child = topology_index_.first_child(frames[i]); child != 0;
-         child = topology_index_.next_sibling(child)) {
-      if (!subtree) {
-        const std::string child_name = names_.name(child);
-        throw Rejected{.code = Code::invalid_argument,
-                       .message = "cannot remove frame " + quoted(name) + ": it is the parent of " +
-                                  quoted(child_name) + "; remove that first, or the whole subtree",
-                       .frame = child_name,
-                       .parent = std::string(name),
-                       .field = "name"};
-      }
-      frames.push_back(child);
-    }
+  if (const FrameId child = topology_index_.first_child(id); child != 0 && !subtree) {
+    const std::string child_name = names_.name(child);
+    throw Rejected{.code = Code::invalid_argument,
+                   .message = "cannot remove frame " + quoted(name) + ": it is the parent of " +
+                              quoted(child_name) + "; remove that first, or the whole subtree",
+                   .frame = child_name,
+                   .parent = std::string(name),
+                   .field = "name"};
+  }
+  topology_index_.visit_subtree(id, [&](FrameId frame) { frames.push_back(frame); });
   std::sort(frames.begin(), frames.end());
 }
 
@@ -168,7 +179,10 @@ void Tree::remove_frame(std::string_view name, bool subtree, std::int64_t expire
   {
     const auto topology = lock_announced(topology_);  // no newest parent changes
     list_subtree(name, subtree, removed);
+    const FrameId top = names_.find(name);
     drop_frames(removed, expires_ns);
+    topology_index_.cut(top);
+    for (const FrameId id : removed) topology_index_.forget(id);
   }
   commit_count_.add();
   notify_waiters_of(removed);

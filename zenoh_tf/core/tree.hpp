@@ -288,8 +288,8 @@ class Tree {
   // Locks the giant mutex, if the concurrency control has one.
   [[nodiscard]] std::unique_lock<std::mutex> lock_giant() const;
   void list_frames(FrameList& all) const;
-  // Leaves the frame without samples and without a parent. Requires the topology mutex, and what
-  // clear_history() requires.
+  // Leaves the frame without samples and without a parent. Requires what clear_history() does. The
+  // topology index does not change.
   void clear_frame(FrameId id) noexcept;
   // Whether clear() drops the frame's samples. Requires the frame's write lock.
   [[nodiscard]] bool is_cleared(FrameId id, bool keep_static) const noexcept;
@@ -304,6 +304,7 @@ class Tree {
   // Drops the frames with their names, at one instant. Requires the topology mutex. Throws
   // Rejected if it has expired, and bad_alloc.
   void drop_frames(const FrameList& frames, std::int64_t expires_ns);
+  void cut_links(const FrameList& dropped) noexcept;
   void list_subtree(std::string_view name, bool subtree, FrameList& frames) const;
   // Requires that the commit which changed the frame is counted (wait_list.hpp).
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {

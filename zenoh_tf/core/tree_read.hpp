@@ -73,7 +73,7 @@ bool list_ancestors(AnyReader& reader, std::span<const FrameId> starts, Stamp st
 
 template <class Guard>
 ZTF_ALWAYS_INLINE Reader<Guard, FrameAccess> Tree::reader(Guard& guard) const noexcept {
-  return {FrameAccess(frames_), guard, options_.max_depth, ever_reparented_, ids_freed_};
+  return {FrameAccess(frames_), guard, options_.max_path(), ever_reparented_, ids_freed_};
 }
 
 // Runs body(reader) until everything that it read was the tree's state at one instant. `reads` is

@@ -14,6 +14,18 @@ struct NoTicket {
   void publish() noexcept {}
 };
 
+// Restores the topology index at the end of an attempt that has not applied its plan.
+class LinksRestored {
+ public:
+  explicit LinksRestored(CommitPlan& plan) noexcept : plan_(plan) {}
+  ~LinksRestored() { plan_.undo_links(); }
+  LinksRestored(const LinksRestored&) = delete;
+  LinksRestored& operator=(const LinksRestored&) = delete;
+
+ private:
+  CommitPlan& plan_;
+};
+
 }  // namespace
 
 void Tree::commit(const CommitRequest& request, std::span<std::uint8_t> stored) {
@@ -54,6 +66,7 @@ PlanOutcome Tree::try_commit(CommitPlan& plan, CommitExecution& execution, Commi
       ticket.draw();
       plan.validate_read_set(locks);
     }
+    const LinksRestored restored(plan);
     if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready)
       return outcome;
     execution.reserve();
