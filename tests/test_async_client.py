@@ -183,10 +183,10 @@ def test_more_calls_than_there_is_room_for(server: ServerProcess, run: Run) -> N
 
 def test_calls_under_way_fail_when_the_client_is_closed(server: ServerProcess, run: Run) -> None:
     async def main() -> None:
-        tf = await connected(server, 40.0)
+        tf = await connected(server, 400.0)  # far beyond this test's own time-out
         await fill(tf)
         sensor = await tf.broadcaster("sensor")
-        read = asyncio.create_task(tf.lookup_transform("map", "never", timeout_s=40.0))
+        read = asyncio.create_task(tf.lookup_transform("map", "never", timeout_s=400.0))
         await tf.stats()
         server.freeze()
         lone = asyncio.create_task(tf.frames())
@@ -194,9 +194,7 @@ def test_calls_under_way_fail_when_the_client_is_closed(server: ServerProcess, r
         await asyncio.sleep(0.05)
         unsent = asyncio.create_task(tf.lookup_transform("map", "base"))
         await asyncio.sleep(0)
-        begun_s = time.monotonic()
         await asyncio.gather(tf.close(), tf.close())
-        assert time.monotonic() - begun_s < 20
         for task, error in (
             (read, ServerUnavailable),
             (lone, ServerUnavailable),

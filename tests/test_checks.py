@@ -47,6 +47,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("defaults", "docs/clocks.md", "default 3600", "default 60", "of --max-future-s is 3600"),
     ("enumerations", "docs/urdf.md", "`no_stamp`", "", "docs/urdf.md"),
     ("conformance", "tests/conformance/test_e_time.py", "test_E02_", "test_E03_", "row E02"),
+    ("clocks", "tests/torn.py", r"\Z", "assert time.monotonic() - begin < 5\n", "compare counts"),
     ("conformance", "docs/from-tf2.md", "99 cases", "98 cases", "suite has 99 cases"),
 ]
 

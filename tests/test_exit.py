@@ -287,11 +287,9 @@ def test_connect_hears_ctrl_c(nobody: str) -> None:
 import os, signal, sys, threading, time
 from zenoh_tf_client import TransformClient
 threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
-begun = time.monotonic()
 try:
-    TransformClient.connect(sys.argv[1], timeout_s=45)
+    TransformClient.connect(sys.argv[1], timeout_s=450)  # far beyond this test's own time-out
 except KeyboardInterrupt:
-    assert time.monotonic() - begun < 20
     sys.exit(5)
 """,
         nobody,

@@ -164,21 +164,20 @@ def test_a_thinned_mirror(server: ServerProcess, client: TransformClient) -> Non
     with server.connect() as other, other.mirror(max_rate_hz=5) as m, other.mirror() as full:
         assert sorted(m.frames()) == sorted(client.frames())
         begin = client.stats()
-        begin_s = time.monotonic()
+        deadline_s = time.monotonic() + DEADLINE_S
         stamp = 1
         seen: set[int] = set()
-        while len(seen) < 8:
-            assert time.monotonic() < begin_s + DEADLINE_S
+        while len(seen) < 8 or stamp < 300:
+            assert time.monotonic() < deadline_s
             stamp += 1
             robot(client, stamp)
             pairs = [("map", "odom"), ("odom", "base"), ("arm", "gripper")]
             stamps = {one.stamp_ns for one in m.lookup_latest_transforms_xact(pairs)}
             assert len(stamps) == 1
             seen |= stamps
-        took_s = time.monotonic() - begin_s
         now = client.stats()
-        # With the heartbeats in between: fewer than there are commits.
-        assert now["interest_messages"] - begin["interest_messages"] < took_s * 20 + 10
+        # With the heartbeats in between: far fewer than there are commits.
+        assert now["interest_messages"] - begin["interest_messages"] < stamp / 2
         m.wait_for(client.last_receipt)
         full.wait_for(client.last_receipt)
         assert m.lookup_transform("map", "gripper") == full.lookup_transform("map", "gripper")

@@ -304,7 +304,7 @@ def test_durations_fall_into_the_right_bucket() -> None:
     pairs, sum_s = buckets(counters.total().ok["lookup"])
     by_bound = dict(pairs)
     assert (by_bound["0.01"], by_bound["0.25"], by_bound["10.0"], by_bound["+Inf"]) == (1, 2, 3, 4)
-    assert 20.3 < sum_s < 30.0
+    assert sum_s >= 20.32
 
 
 def test_threads_that_end_keep_their_counts_but_no_table() -> None:

@@ -106,7 +106,6 @@ def test_a_client_reads_its_own_writes(near: TransformClient) -> None:
         assert seen(near) == stamp
         assert reads_near(near)
     assert near.replica_age_s is not None
-    assert near.replica_age_s < 5
     near.clear()
     assert near.frame(FRAMES[0]).samples == 0
 

@@ -29,8 +29,8 @@ from zenoh_tf_server import flags
 from .conftest import ServerProcess, StartServer, free_endpoint
 
 LINK = StampedTransform("map", "base", 1, Transform())
-#: How long a call would take at least that does not keep its own, shorter time-out.
-ZENOHS_TIMEOUT_S = 10.0
+#: So many calls are beyond a test's time-out if each takes Zenoh's 10 s instead of its own time.
+UNTIL_TIMEOUT = 7
 
 
 def refused(*flags: str) -> str:
@@ -199,10 +199,9 @@ def test_of_two_servers_at_once_one_stays() -> None:
 
 def test_no_server_at_all() -> None:
     endpoint = free_endpoint()
-    begun = time.monotonic()
-    with pytest.raises(ServerUnavailable) as caught:
-        TransformClient.connect(endpoint, tree="lost", timeout_s=0.5)
-    assert time.monotonic() - begun < ZENOHS_TIMEOUT_S
+    for _ in range(UNTIL_TIMEOUT):
+        with pytest.raises(ServerUnavailable) as caught:
+            TransformClient.connect(endpoint, tree="lost", timeout_s=0.1)
     assert endpoint in str(caught.value) and "'lost'" in str(caught.value)
     with pytest.raises(InvalidArgumentException) as wrong:
         TransformClient.connect("bogus/x")
@@ -210,20 +209,17 @@ def test_no_server_at_all() -> None:
 
 
 def test_another_tree(server: ServerProcess) -> None:
-    begun = time.monotonic()
-    with pytest.raises(ServerUnavailable) as caught:
-        TransformClient.connect(server.endpoint, tree="lost", timeout_s=0.5)
-    assert time.monotonic() - begun < ZENOHS_TIMEOUT_S
+    for _ in range(UNTIL_TIMEOUT):
+        with pytest.raises(ServerUnavailable) as caught:
+            TransformClient.connect(server.endpoint, tree="lost", timeout_s=0.1)
     assert server.endpoint in str(caught.value) and "'lost'" in str(caught.value)
 
 
 def test_a_wrong_tree_says_which_trees_there_are(start_server: StartServer) -> None:
-    """Within a second, not after the whole time-out."""
+    """After a second, not after the whole time-out, which is far beyond this test's own."""
     first = start_server(tree="main")
-    begun = time.monotonic()
     with pytest.raises(ServerUnavailable) as caught:
-        TransformClient.connect(first.endpoint, tree="mian", timeout_s=40.0)
-    assert 0.9 < time.monotonic() - begun < 30.0
+        TransformClient.connect(first.endpoint, tree="mian", timeout_s=400.0)
     assert str(caught.value) == (
         f"no server for tree 'mian' at {first.endpoint}; trees served there: 'main'"
     )
@@ -263,13 +259,11 @@ def test_client_may_come_before_the_server(start_server: StartServer) -> None:
 
 
 def _failure(tf: TransformClient, write: bool) -> TransformException:
-    begun = time.monotonic()
     with pytest.raises(ServiceException) as caught:
         if write:
             tf.set_transform(LINK)
         else:
             tf.lookup_transform("map", "base")
-    assert time.monotonic() - begun < ZENOHS_TIMEOUT_S
     return caught.value
 
 

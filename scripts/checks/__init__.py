@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 from . import (
     both_clients,
+    clocks,
     docstrings,
     documented,
     monitoring,
@@ -25,5 +26,5 @@ CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     *(pages.made_pages, pages.documented_calls),
     *(monitoring.queries, monitoring.panels, monitoring.compose_files, monitoring.scraping),
     *(documented.flags, documented.defaults, documented.enumerations),
-    suite.conformance,
+    *(suite.conformance, clocks.clocks),
 )

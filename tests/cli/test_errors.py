@@ -21,8 +21,9 @@ from .conftest import Run, document, refusal, succeeds
 
 @pytest.mark.parametrize("stamp", [["--stamp", "-1s"], ["--stamp=-1s"], ["--stamp", "now-1s"]])
 def test_a_stamp_before_now(run: Run, stamp: list[str]) -> None:
+    before_ns = time.time_ns()
     done = document(run("set", "map", "base", "0", "0", "-1", *stamp, "--json"))
-    assert 10**9 <= time.time_ns() - done["stamp_ns"] < 60 * 10**9
+    assert before_ns <= done["stamp_ns"] + 10**9 <= time.time_ns()
     line = refusal(run("lookup", "map", "base", "--at", "-100s"))
     assert "NoDataForExtrapolationException" in line
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 import subprocess
@@ -213,7 +214,7 @@ def test_a_recording_of_a_replay_gives_tf2s_answers(
         question.check(ask(tree, question))  # type: ignore[arg-type]
 
 
-def test_a_killed_recorder_loses_the_last_second_at_most(
+def test_a_killed_recorder_loses_nothing_that_was_in_the_file(
     client: TransformClient,
     server: ServerProcess,
     zenoh_tf: Run,
@@ -223,12 +224,10 @@ def test_a_killed_recorder_loses_the_last_second_at_most(
     recorder = RecorderProcess(server.endpoint, tmp_path / "run.mcap")
     recorders.append(recorder)
     client.set_transform(StampedTransform("b", "camera", 0, pose(1.0)), static=True)
-    sent: list[float] = []  # when each sample was committed; its stamp is its number
-    while recorded(recorder.path) < 200:
-        client.set_transform(StampedTransform("a", "b", len(sent), pose(0.0)))
-        sent.append(time.monotonic())
+    stamps = itertools.count()
+    while (seen := recorded(recorder.path)) < 200:  # while it runs, every second
+        client.set_transform(StampedTransform("a", "b", next(stamps), pose(0.0)))
         assert recorder.process.poll() is None
-    killed_s = time.monotonic()
     recorder.process.kill()
     recorder.process.communicate()
     kept = recorded(recorder.path)
@@ -236,9 +235,9 @@ def test_a_killed_recorder_loses_the_last_second_at_most(
         assert recording.is_cut_off
     tree = TransformTree.from_recording(recorder.path)
     assert tree.frame("camera").static
-    # Nothing is missing in between, and all that is a second old is there.
+    # Nothing is missing in between.
     assert tree.frame("b").newest_stamp_ns == kept - 1
-    assert kept >= sum(1 for at_s in sent if at_s < killed_s - 1.0)
+    assert kept >= seen
     done = zenoh_tf("query", str(recorder.path), "a", "camera")
     assert (done.returncode, done.stderr) == (
         0,

@@ -40,9 +40,9 @@ def test_J01_lookup_transform_available(tf: Tree, publish: Publish) -> None:
 def test_J02_lookup_transform_timeout(tf: Tree) -> None:
     """A lookup of a transform that never arrives fails at its time-out, not before."""
     begun_s = time.monotonic()
-    with pytest.raises(LookupException):
-        tf.lookup_transform("a", "b", ns(1), timeout_s=1.0)
-    assert 1.0 <= time.monotonic() - begun_s < SOON_S
+    with pytest.raises(LookupException, match="waited"):
+        tf.lookup_transform("a", "b", ns(1), timeout_s=0.5)
+    assert time.monotonic() - begun_s >= 0.5
 
 
 def test_J03_lookup_transform_delayed(tf: Tree, publish: Publish) -> None:

@@ -126,9 +126,9 @@ def handler(data: bytes) -> None:
     service, errors = _service()
     operation = _OPERATIONS[data[0] % len(_OPERATIONS)] if data else "info"
     reply = _Reply()
-    start_s = time.monotonic()
+    start_s = time.thread_time()  # other programs do not count
     service.handle(operation, data[1:], reply)
-    took_s = time.monotonic() - start_s
+    took_s = time.thread_time() - start_s
     assert took_s < _SLOW_S, f"{took_s:.1f} s for {len(data)} bytes"
     assert not errors.messages, errors.messages[0]
 
