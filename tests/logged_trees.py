@@ -16,6 +16,9 @@ from zenoh_tf.errors import TransformException
 CACHE_S = 1e-7  # 100 ns: histories are pruned soon
 LOG_BYTES = 64 << 20
 FRAMES = [f"f{i}" for i in range(12)]
+#: A tree of so few frees ids all the time, if VISITORS come and go beside FRAMES.
+FEW_FRAMES = 14
+VISITORS = [f"v{i}" for i in range(16)]
 #: What a frame is: version, static, authority, and its samples (stamp, parent, pose).
 State = dict[str, tuple[int, bool, str, list[tuple[int, str | None, tuple[float, ...]]]]]
 
@@ -27,9 +30,11 @@ def make_tree(*, max_frames: int = 64, **options: Any) -> TransformTree:
     )
 
 
-def logged(concurrency: str = "optimistic") -> tuple[TransformTree, ChangeLog]:
+def logged(
+    concurrency: str = "optimistic", max_frames: int = 64
+) -> tuple[TransformTree, ChangeLog]:
     """A tree and its log, which is not started."""
-    tree = make_tree(concurrency=concurrency, max_log_bytes=LOG_BYTES)
+    tree = make_tree(concurrency=concurrency, max_frames=max_frames, max_log_bytes=LOG_BYTES)
     return tree, ChangeLog(tree)
 
 
@@ -78,21 +83,25 @@ class Mirror:
 
 
 class Writer:
-    """Random writes, each of them one of all kinds."""
+    """Random writes, each of them one of all kinds. `visits`: VISITORS come and go, so that a tree
+    of FEW_FRAMES frees ids, and takes past parents from samples."""
 
-    def __init__(self, tree: TransformTree, seed: int) -> None:
+    def __init__(self, tree: TransformTree, seed: int, *, visits: bool = False) -> None:
         self.tree = tree
         self.random = random.Random(seed)
+        self.visits = visits
         self.now = 1000
 
     def write(self) -> None:
         """Write something, or fail to."""
         chance = self.random.random()
         try:
-            if chance < 0.85:
+            if self.visits and self.random.random() < 0.2:
+                self._visit()
+            elif chance < 0.85:
                 self._commit()
             elif chance < 0.91:
-                self.tree.remove_frame(self.random.choice(FRAMES), subtree=chance < 0.88)
+                self.tree.remove_frame(self._name(), subtree=chance < 0.88)
             elif chance < 0.95:
                 self._transaction()
             elif chance < 0.98:
@@ -101,19 +110,45 @@ class Writer:
                 self.tree.clear(keep_static=self.random.random() < 0.5)
             else:
                 self.tree.reset()
-        except TransformException:  # a cycle, an unknown frame, or a conflict
+        except TransformException:  # a cycle, an unknown frame, no room, or a conflict
             pass
+
+    def _name(self) -> str:
+        return self.random.choice(
+            VISITORS if self.visits and self.random.random() < 0.3 else FRAMES
+        )
 
     def _stamped(self) -> StampedTransform:
         parent, child = self.random.sample(FRAMES, 2)
         if self.random.random() < 0.8:  # mostly the same tree
             child = FRAMES[1 + FRAMES.index(child) % (len(FRAMES) - 1)]
             parent = FRAMES[(FRAMES.index(child) - 1) // 2]
+        if self.visits and self.random.random() < 0.3:
+            visitor = self.random.choice(VISITORS)
+            parent, child = (visitor, child) if self.random.random() < 0.7 else (parent, visitor)
         self.now += self.random.randrange(10)
         stamp = self.now - (self.random.randrange(60) if self.random.random() < 0.2 else 0)
         x, y, z = (self.random.uniform(-1, 1) for _ in range(3))
         rotation = (0.0, 0.0, np.sin(z), np.cos(z))
         return StampedTransform(parent, child, stamp, Transform((x, y, z), rotation))
+
+    def _visit(self) -> None:
+        """A frame moves to a visitor and back. The visitor goes, others come and go, so that ids
+        are freed, and it is back."""
+        visitor, *others = self.random.sample(VISITORS, self.random.randrange(2, 8))
+        child = self.random.choice(FRAMES[1:])
+        for parent in (visitor, FRAMES[0]):
+            self._link(parent, child)
+        self.tree.remove_frame(visitor, subtree=True)
+        for other in others:
+            self._link(FRAMES[0], other)
+            self.tree.remove_frame(other, subtree=True)
+        self._link(FRAMES[0], visitor)
+
+    def _link(self, parent: str, child: str) -> None:
+        self.now += self.random.randrange(3)
+        x = self.random.uniform(-1, 1)
+        self.tree.set_transform(StampedTransform(parent, child, self.now, Transform((x, 0, 0))))
 
     def _commit(self) -> None:
         stampeds = [self._stamped() for _ in range(self.random.choice((1, 1, 1, 2, 5, 20)))]

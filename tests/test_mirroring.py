@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from tests.logged_trees import CACHE_S, Writer, logged, make_tree, state
+from tests.logged_trees import CACHE_S, FEW_FRAMES, Writer, logged, make_tree, state
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import ServerBusy, ServerRestarted
 from zenoh_tf.mirroring import Mirroring, Request
@@ -24,10 +24,10 @@ def mirror_tree(settings: wire.TreeSettings, instance: str) -> TransformTree:
 class Server:
     """A tree, its stream and its snapshots, without threads."""
 
-    def __init__(self, instance: str, seed: int, kept_bytes: int) -> None:
+    def __init__(self, instance: str, seed: int, kept_bytes: int, frees_ids: bool) -> None:
         self.instance = instance
-        self.tree, self.log = logged()
-        self.writer = Writer(self.tree, seed)
+        self.tree, self.log = logged(max_frames=FEW_FRAMES if frees_ids else 64)
+        self.writer = Writer(self.tree, seed, visits=frees_ids)
         self.recent = RecentMessages(kept_bytes)
         self.last = self.log.start()
         self.clock_ns = 0
@@ -78,6 +78,7 @@ class Network:
     seed: int
     loss: float = 0.0
     kept_bytes: int = 1 << 20
+    frees_ids: bool = False
     mirroring: Mirroring = field(default_factory=lambda: Mirroring(mirror_tree, 1 << 20))
 
     def __post_init__(self) -> None:
@@ -90,7 +91,8 @@ class Network:
 
     def start_server(self) -> None:
         self.number += 1
-        self.server = Server(f"server{self.number}", self.seed * 100 + self.number, self.kept_bytes)
+        seed = self.seed * 100 + self.number
+        self.server = Server(f"server{self.number}", seed, self.kept_bytes, self.frees_ids)
         self.states[self.server.instance] = self.server.states  # type: ignore[assignment]
 
     def step(self, *, loss: float | None = None) -> None:
@@ -151,9 +153,10 @@ def test_a_quiet_network_needs_one_snapshot() -> None:
     assert len(network.seen) > 50
 
 
+@pytest.mark.parametrize("frees_ids", [False, True])
 @pytest.mark.parametrize("seed", range(12))
-def test_losses_are_repaired(seed: int) -> None:
-    network = Network(seed, loss=0.3)
+def test_losses_are_repaired(seed: int, frees_ids: bool) -> None:
+    network = Network(seed, loss=0.3, frees_ids=frees_ids)
     for _ in range(300):
         network.step()
     network.settle()
@@ -161,9 +164,10 @@ def test_losses_are_repaired(seed: int) -> None:
     assert len(network.seen) > 20
 
 
+@pytest.mark.parametrize("frees_ids", [False, True])
 @pytest.mark.parametrize("seed", range(6))
-def test_what_the_server_has_forgotten_takes_a_snapshot(seed: int) -> None:
-    network = Network(seed, loss=0.5, kept_bytes=3000)
+def test_what_the_server_has_forgotten_takes_a_snapshot(seed: int, frees_ids: bool) -> None:
+    network = Network(seed, loss=0.5, kept_bytes=3000, frees_ids=frees_ids)
     for _ in range(300):
         network.step()
     network.settle()

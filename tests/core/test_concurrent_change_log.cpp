@@ -183,9 +183,10 @@ TEST(a_mirror_changes_at_one_instant) {
   }
 }
 
-// Snapshots are taken while frames come and go. Each, with the changes after it, is the tree.
+// Snapshots are taken while frames come and go, and at the limit of frames, so that names lose
+// their ids and samples their past parents. Each, with the changes after it, is the tree.
 TEST(a_snapshot_among_writers_becomes_the_tree) {
-  World w(Options{.max_log_bytes = kLogBytes});
+  World w(Options{.max_frames = 16, .max_log_bytes = kLogBytes});
   ChangeLog& log = *w.tree.change_log();
   const Seq start = log.start();
   std::vector<std::unique_ptr<World>> mirrors;
@@ -196,8 +197,14 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
       std::minstd_rand random(seed);
       for (Stamp stamp = 1; !stop; ++stamp) {
         const std::string child = kFrames[random() % 4];
-        const char* const parent = random() % 4 == 0 ? "odom" : "map";
+        const std::string visitor = "visitor" + std::to_string(random() % 32);
+        const std::string parent = random() % 4 == 0 ? "odom" : random() % 4 == 0 ? visitor : "map";
         (void)w.commit({{parent, child, stamp, at_x(1)}}, {.drop_old = true});
+        if (parent == visitor) try {
+            (void)w.commit({{"map", child, ++stamp, at_x(1)}}, {.drop_old = true});
+            w.tree.remove_frame(visitor, false);
+          } catch (Rejected&) {
+          }
         if (random() % 8 == 0) try {
             w.tree.remove_frame(child, true);
           } catch (Rejected&) {
@@ -220,9 +227,14 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
   threads.join();
   done = true;
   consumer.join();
+  std::size_t orphans = 0;
   for (const auto& mirror : mirrors) {
     ChangeReplay replay(mirror->tree);
-    for (const auto& [entries, last] : taken) replay.apply(ChangeBatch(entries).columns(last));
+    for (const auto& [entries, last] : taken) {
+      const ChangeBatch batch(entries);
+      orphans += batch.lost.size();
+      replay.apply(batch.columns(last));
+    }
     for (const char* frame : {"map", "odom", "a", "b", "c", "d"}) {
       const FrameId theirs = w.id(frame), ours = mirror->id(frame);
       CHECK_EQ(theirs == 0, ours == 0);
@@ -231,6 +243,12 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
       CHECK_EQ(mirror->tree.info(ours).samples, w.tree.info(theirs).samples);
       CHECK_EQ(mirror->tree.name(mirror->tree.parent(ours, kNoStamp)),
                w.tree.name(w.tree.parent(theirs, kNoStamp)));
+      const FrameInfo info = w.tree.info(theirs);
+      if (info.samples != 0)
+        for (Stamp stamp = std::max(info.oldest, info.newest - 2000); stamp <= info.newest; ++stamp)
+          CHECK_EQ(mirror->tree.name(mirror->tree.parent(ours, stamp)),
+                   w.tree.name(w.tree.parent(theirs, stamp)));
     }
   }
+  CHECK(orphans > 0);
 }

@@ -35,10 +35,11 @@ int commit_of(double x) {
 
 }  // namespace
 
-// The places never change: the one that the chain leaves comes back with the same version.
+// The places never change: the one that the chain leaves comes back with the same version. Names
+// lose their ids meanwhile.
 TEST(a_mirror_of_a_chain_that_moves) {
   for_each_concurrency([](Concurrency c) {
-    World w(Options{.concurrency = c, .max_log_bytes = kLogBytes}), mirror;
+    World w(Options{.concurrency = c, .max_frames = 16, .max_log_bytes = kLogBytes}), mirror;
     w.set("map", "left", 1, at_x(0), true);
     w.set("map", "right", 1, at_x(0.5), true);
     CHECK(!w.commit(chain(2)));
@@ -65,6 +66,9 @@ TEST(a_mirror_of_a_chain_that_moves) {
       for (int n = 2; n < 3000; ++n) {
         w.set("map", "other", n, at_x(n));
         if (n % 10 == 0) w.tree.remove_frame("other", true);
+        const std::string visitor = "visitor" + std::to_string(n);
+        w.set("a", visitor, n, at_x(n));
+        w.tree.remove_frame(visitor, false);
       }
     });
     std::atomic<int> seen{0};

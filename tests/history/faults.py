@@ -205,8 +205,8 @@ FAULTS = [
     Fault(
         "past links lead to the next owner of an id",
         EVERYWHERE,
-        "tree_names.cpp",
-        "if (names_.hidden(ring.parent(first + i))) ring.store_parent(first + i, 0);",
+        "history_insert.hpp",
+        "if (is_lost(ring.parent(first + i))) ring.store_parent(first + i, 0);",
         "",
     ),
     Fault(

@@ -1,27 +1,13 @@
-// How changes are applied and frames are loaded.
+// How changes are applied.
 #include "change_replay.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "commit_validation.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
-
-namespace {
-
-HistoryLimits limits_of(const Options& options) noexcept {
-  return {options.cache_ns, options.max_samples_per_frame};
-}
-
-[[noreturn]] void reject_memory_of(const Options& options) {
-  throw Rejected{.code = Code::limit,
-                 .message = "the mirror has no memory for more samples (max_memory_bytes)",
-                 .field = "max_memory_bytes",
-                 .limit = static_cast<std::int64_t>(options.max_memory_bytes)};
-}
-
-}  // namespace
 
 void ChangeReplay::apply(const ChangeColumns& changes) {
   {
@@ -29,16 +15,11 @@ void ChangeReplay::apply(const ChangeColumns& changes) {
     find_names(changes.names);
     find_authorities(changes.authorities);
     list_targets(changes);
-    rings_.clear();
-    try {
-      prepare_rings();
-    } catch (...) {
-      give_back_rings();
-      throw;
-    }
+    list_steps(changes);
+    prepare(changes);
     WriteLocks locks(tree_, frames_, true);
     locks.begin_write();
-    apply_locked(changes);
+    publish(changes);
     std::size_t at = 0;
     locks.release_each([&](FrameId, Version before) noexcept {
       const Target& target = targets_[at++];
@@ -47,7 +28,7 @@ void ChangeReplay::apply(const ChangeColumns& changes) {
       if (after < before) after += kServerVersion + 1;
       return after - SeqLock::kIncrement;
     });
-    give_back_rings();  // those that were replaced
+    give_back();
   }
   tree_.replayed_.store(changes.last, std::memory_order_release);
   tree_.commit_count_.add();
@@ -93,178 +74,278 @@ void ChangeReplay::find_authorities(std::span<const std::string_view> authoritie
   }
 }
 
+// Lists the frames that have changes, by id, in which order they are locked.
 void ChangeReplay::list_targets(const ChangeColumns& changes) {
   constexpr std::uint32_t kNone = ~std::uint32_t{0};
   target_of_.assign(changes.names.size(), kNone);
   targets_.clear();
-  frames_.clear();
-  for (std::size_t i = 0; i < changes.frame.size(); ++i) {
-    std::uint32_t& at = target_of_[changes.frame[i]];
+  for (const std::uint32_t name : changes.frame) {
+    std::uint32_t& at = target_of_[name];
     if (at == kNone) {
-      const FrameId id = ids_[changes.frame[i]];
-      const bool is_live = !tree_.removed(id);
       at = static_cast<std::uint32_t>(targets_.size());
-      targets_.push_back({id, is_live ? tree_.version(id) & kServerVersion : 0, 0, 0, 0, is_live});
+      const FrameId id = ids_[name];
+      const bool is_live = !tree_.removed(id);
+      targets_.push_back({.id = id,
+                          .name = name,
+                          .begin = 0,
+                          .end = 0,
+                          .samples = 0,
+                          .before = is_live ? tree_.version(id) & kServerVersion : 0,
+                          .after = 0,
+                          .is_live = is_live,
+                          .authority = tree_.frames_[id].authority.load(std::memory_order_relaxed),
+                          .ring = nullptr,
+                          .draft = nullptr});
     }
-    if (changes.kind[i] == ChangeKind::sample && changes.version[i] > targets_[at].before)
-      ++targets_[at].samples;
+    ++targets_[at].end;  // so far the number of its changes
   }
-  // By id, in which order they are locked.
-  std::vector<std::uint32_t> order(targets_.size()), place(targets_.size());
-  for (std::uint32_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::sort(order.begin(), order.end(),
-            [&](auto a, auto b) { return targets_[a].id < targets_[b].id; });
-  std::vector<Target> sorted;
-  sorted.reserve(order.size());
-  for (const std::uint32_t i : order) {
-    place[i] = static_cast<std::uint32_t>(sorted.size());
-    sorted.push_back(targets_[i]);
-    frames_.push_back(targets_[i].id);
-  }
-  targets_.swap(sorted);
-  for (std::uint32_t& at : target_of_)
-    if (at != kNone) at = place[at];
-}
-
-// Makes the rings that the changes need, so that applying them cannot fail.
-void ChangeReplay::prepare_rings() {
-  const auto relaxed = std::memory_order_relaxed;
-  const HistoryLimits limits = limits_of(tree_.options_);
-  rings_.reserve(2 * targets_.size());  // each may also give its ring back
-  for (Target& target : targets_) {
-    const Frame& frame = tree_.frames_[target.id];
-    if (target.samples == 0 ||
-        !needs_larger_ring(frame, frame.count.load(relaxed), target.samples, limits))
-      continue;
-    try {
-      rings_.push_back(grown_ring(frame, target.samples, limits, tree_.ring_arena_));
-    } catch (const RingArena::Full&) {
-      reject_memory_of(tree_.options_);
-    }
-    target.ring = static_cast<std::uint32_t>(rings_.size());
+  std::sort(targets_.begin(), targets_.end(),
+            [](const Target& a, const Target& b) { return a.id < b.id; });
+  frames_.clear();
+  std::uint32_t begin = 0;
+  for (std::uint32_t i = 0; i < targets_.size(); ++i) {
+    Target& target = targets_[i];
+    target_of_[target.name] = i;
+    target.begin = std::exchange(begin, begin + target.end);
+    target.end = target.begin;
+    frames_.push_back(target.id);
   }
 }
 
-void ChangeReplay::apply_locked(const ChangeColumns& changes) noexcept {
-  const auto release = std::memory_order_release;
-  std::size_t row = 0, orphaned = 0;
-  for (std::size_t i = 0; i < changes.kind.size(); ++i) {
+// Lists each frame's changes that are new to it. The others are older than the snapshot's frame.
+void ChangeReplay::list_steps(const ChangeColumns& changes) {
+  steps_.resize(changes.kind.size());
+  std::uint32_t samples = 0, orphans = 0;
+  for (std::uint32_t i = 0; i < changes.kind.size(); ++i) {
     const ChangeKind kind = changes.kind[i];
-    const std::size_t this_row = row;
-    row += has_sample(kind);
-    const std::size_t this_orphaned = orphaned;
-    orphaned += kind == ChangeKind::orphaned;
+    const std::uint32_t row = has_sample(kind)               ? samples++
+                              : kind == ChangeKind::orphaned ? orphans++
+                                                             : 0;
     Target& target = targets_[target_of_[changes.frame[i]]];
-    // Also if the frame is newer, as in a snapshot that was read after this commit.
-    if (kind == ChangeKind::new_version) tree_.ever_reparented_.store(true);
-    if (changes.version[i] <= target.before) continue;
-    target.after = changes.version[i];
-    Frame& frame = tree_.frames_[target.id];
+    if (changes.version[i] > target.before) add_step(changes, target, {i, row});
+  }
+}
+
+void ChangeReplay::add_step(const ChangeColumns& changes, Target& target, Step step) noexcept {
+  steps_[target.end++] = step;
+  target.after = changes.version[step.change];
+  switch (changes.kind[step.change]) {
+    case ChangeKind::sample:
+      ++target.samples;
+      [[fallthrough]];
+    case ChangeKind::static_link:
+      target.authority = authority_ids_[changes.authority[step.row]];
+      [[fallthrough]];
+    case ChangeKind::created:
+      target.is_live = true;
+      break;
+    case ChangeKind::removed:
+      target.is_live = false;
+      target.authority = 0;
+      break;
+    case ChangeKind::cleared:
+    case ChangeKind::new_version:
+    case ChangeKind::orphaned:
+      break;
+  }
+}
+
+FrameId ChangeReplay::parent_of(const ChangeColumns& changes, std::uint32_t row) const noexcept {
+  const std::uint32_t name = changes.parent[row];
+  return name != kNoParent ? ids_[name] : FrameId{0};
+}
+
+// A history that is written while its readers wait.
+class ChangeReplay::InPlace {
+ public:
+  InPlace(Frame& frame, PreparedRing* ring, const HistoryLimits& limits) noexcept
+      : frame_(frame), history_(frame, ring, limits) {}
+
+  void store(Version, const NewSample& sample) noexcept {
+    history_.store(sample.stamp, sample.parent, *sample.pose);
+  }
+  void set_static(const NewSample& link) noexcept {
+    ztf::set_static(frame_, link.stamp, link.parent, *link.pose);
+  }
+  void clear() noexcept { clear_history(frame_); }
+  void forget_parent(FrameId parent) noexcept {
+    (void)forget_parents(frame_, [&](FrameId id) { return id == parent; });
+  }
+  void finish() noexcept {}
+
+ private:
+  Frame& frame_;
+  HistoryWriter history_;
+};
+
+// A draft, into which the samples of each commit are stored together, so that they can be merged.
+class ChangeReplay::InDraft {
+ public:
+  explicit InDraft(HistoryDraft& draft) noexcept : draft_(draft) {}
+
+  void store(Version version, const NewSample& sample) {
+    if (version != version_) finish();
+    version_ = version;
+    samples_.push_back(sample);
+  }
+  void set_static(const NewSample& link) {
+    finish();
+    draft_.set_static(link.stamp, link.parent, *link.pose);
+  }
+  void clear() {
+    finish();
+    draft_.clear();
+  }
+  void forget_parent(FrameId parent) {
+    finish();
+    draft_.forget_parent(parent);
+  }
+  void finish() {
+    draft_.store(samples_);
+    samples_.clear();
+  }
+
+ private:
+  HistoryDraft& draft_;
+  Version version_ = 0;
+  std::vector<NewSample> samples_;  // of the commit that gave the frame this version
+};
+
+template <class History>
+void ChangeReplay::write(const ChangeColumns& changes, const Target& target,
+                         History& history) const {
+  for (std::uint32_t i = target.begin; i < target.end; ++i) {
+    const auto [change, row] = steps_[i];
+    const ChangeKind kind = changes.kind[change];
     switch (kind) {
       case ChangeKind::sample:
-      case ChangeKind::static_link:
-        store_sample(target, changes, this_row, kind == ChangeKind::static_link);
-        [[fallthrough]];
-      case ChangeKind::created:
-        target.is_live = true;
-        tree_.names_.show(target.id);
+      case ChangeKind::static_link: {
+        const NewSample sample{changes.stamp[row], parent_of(changes, row), &changes.pose[row]};
+        if (kind == ChangeKind::sample)
+          history.store(changes.version[change], sample);
+        else
+          history.set_static(sample);
         break;
+      }
       case ChangeKind::cleared:
-        clear_history(frame);
-        break;
       case ChangeKind::removed:
-        clear_history(frame);
-        frame.authority.store(0, release);
-        target.is_live = false;
-        tree_.names_.hide(target.id);
-        break;
-      case ChangeKind::new_version:
+        history.clear();
         break;
       case ChangeKind::orphaned:
-        if (const std::uint32_t lost = changes.lost[this_orphaned]; lost != kNoParent)
-          (void)forget_parents(frame, [&](FrameId id) { return id == ids_[lost]; });
+        if (changes.lost[row] != kNoParent) history.forget_parent(ids_[changes.lost[row]]);
+        break;
+      case ChangeKind::created:
+      case ChangeKind::new_version:
         break;
     }
   }
-  for (const Target& target : targets_) {
-    Frame& frame = tree_.frames_[target.id];
-    if (target.is_live) continue;
-    const Ring ring = frame.ring.load(std::memory_order_relaxed);
-    if (!ring) continue;
+  history.finish();
+}
+
+// Returns whether the changes of a frame take so long that its readers should go on meanwhile: they
+// store many samples from nothing, or move many more than they store (should_merge()).
+bool ChangeReplay::needs_draft(const ChangeColumns& changes, const Target& target) const {
+  constexpr std::uint32_t kFew = 16, kMoves = 4;
+  if (target.samples <= kFew) return false;
+  const Frame& frame = tree_.frames_[target.id];
+  const std::uint32_t count = frame.count.load(std::memory_order_relaxed);
+  const ChangeKind first = changes.kind[steps_[target.begin].change];
+  if (count == 0 || first == ChangeKind::cleared || first == ChangeKind::removed) return true;
+  const Stamp newest = frame.latest.stamp.load(std::memory_order_relaxed);
+  Stamp oldest = newest;
+  std::uint32_t late = 0;
+  std::uint64_t moves_left = std::uint64_t{kMoves} * (std::uint64_t{count} + target.samples);
+  std::vector<Stamp> newer;  // the stamps after `newest`, ascending
+  for (std::uint32_t i = target.begin; i < target.end; ++i) {
+    if (changes.kind[steps_[i].change] != ChangeKind::sample) continue;
+    const Stamp stamp = changes.stamp[steps_[i].row];
+    if (stamp <= newest) {
+      oldest = std::min(oldest, stamp);
+      ++late;
+      continue;
+    }
+    auto place = newer.end();
+    for (; place != newer.begin() && place[-1] > stamp; --place)
+      if (moves_left-- == 0) return true;
+    newer.insert(place, stamp);
+  }
+  return should_merge(frame, oldest, late);
+}
+
+// Makes the drafts, and the rings that changes in place need: so that publish() is short, and
+// cannot fail.
+void ChangeReplay::prepare(const ChangeColumns& changes) {
+  const auto relaxed = std::memory_order_relaxed;
+  const HistoryLimits limits = this->limits();
+  rings_.reserve(2 * targets_.size());  // each may also give its ring back; so none of them moves
+  try {
+    for (Target& target : targets_) {
+      if (target.samples == 0) continue;
+      const Frame& frame = tree_.frames_[target.id];
+      if (needs_draft(changes, target)) {
+        target.draft = &drafts_.emplace_back(frame, limits, tree_.ring_arena_);
+        InDraft history(*target.draft);
+        write(changes, target, history);
+      } else if (needs_larger_ring(frame, frame.count.load(relaxed), target.samples, limits)) {
+        rings_.push_back(grown_ring(frame, target.samples, limits, tree_.ring_arena_));
+        target.ring = &rings_.back();
+      }
+    }
+  } catch (const RingArena::Full&) {
+    give_back();
+    reject_memory();
+  } catch (...) {
+    give_back();
+    throw;
+  }
+}
+
+// Applies all changes. Requires prepare(), the frames' write locks, and that readers wait.
+void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
+  const auto release = std::memory_order_release;
+  // Also for a frame that is newer, as in a snapshot that was read after this commit.
+  for (const ChangeKind kind : changes.kind)
+    if (kind == ChangeKind::new_version) tree_.ever_reparented_.store(true);
+  const auto replaced = [&](Ring ring) {
+    if (!ring) return;
     PreparedRing old{};
     old.ring = ring;
-    rings_.push_back(old);  // prepare_rings() has made room
+    rings_.push_back(old);  // prepare() has made room
+  };
+  for (const Target& target : targets_) {
+    if (target.after == 0) continue;
+    Frame& frame = tree_.frames_[target.id];
+    if (target.draft) {
+      replaced(target.draft->publish(frame));
+    } else {
+      InPlace history(frame, target.ring, limits());
+      write(changes, target, history);
+    }
+    frame.authority.store(target.authority, release);
+    if (target.is_live) {
+      tree_.names_.show(target.id);
+      continue;
+    }
+    tree_.names_.hide(target.id);
+    replaced(frame.ring.load(std::memory_order_relaxed));
     frame.ring.store(Ring(), release);
   }
 }
 
-void ChangeReplay::store_sample(Target& target, const ChangeColumns& changes, std::size_t row,
-                                bool is_static) noexcept {
-  Frame& frame = tree_.frames_[target.id];
-  const std::uint32_t name = changes.parent[row];
-  const FrameId parent = name < ids_.size() ? ids_[name] : FrameId{0};
-  if (is_static) {
-    set_static(frame, changes.stamp[row], parent, changes.pose[row]);
-  } else {
-    if (target.ring != 0) {
-      publish_ring(frame, rings_[target.ring - 1]);
-      target.ring = 0;
-    }
-    (void)insert(frame, changes.stamp[row], parent, changes.pose[row], limits_of(tree_.options_));
-  }
-  frame.authority.store(authority_ids_[changes.authority[row]], std::memory_order_release);
-}
-
-void ChangeReplay::give_back_rings() noexcept {
+// Gives back what no frame has: all of prepare(), or after publish() the rings that were replaced.
+void ChangeReplay::give_back() noexcept {
+  drafts_.clear();
   for (const PreparedRing& prepared : rings_)
     if (prepared.ring) prepared.ring.give_back(tree_.ring_arena_);
   rings_.clear();
 }
 
-void ChangeReplay::load(const FrameColumns& frames) {
-  const auto topology = lock_announced(tree_.topology_);
-  find_names(frames.names);
-  find_authorities(frames.authorities);
-  std::size_t first = 0;
-  for (std::size_t i = 0; i < frames.frame.size(); first += frames.count[i++])
-    load_frame(frames, i, first);
-}
-
-void ChangeReplay::load_frame(const FrameColumns& frames, std::size_t i, std::size_t first) {
-  const FrameId id = ids_[frames.frame[i]];
-  Frame& frame = tree_.frames_[id];
-  const bool is_live = !tree_.removed(id);
-  if (is_live && tree_.version(id) >= frames.version[i]) return;
-
-  const std::uint32_t count = frames.count[i];
-  const auto parent_of = [&](std::size_t sample) {
-    const std::uint32_t parent = frames.parent[sample];
-    return parent < ids_.size() ? ids_[parent] : FrameId{0};
-  };
-  PreparedRing prepared{};
-  if (count != 0 && !frames.is_static[i]) {
-    std::vector<NewSample> samples;
-    samples.reserve(count);
-    for (std::size_t s = first; s < first + count; ++s)
-      samples.push_back({frames.stamp[s], parent_of(s), &frames.pose[s]});
-    try {
-      prepared = merged_ring(frame, true, samples, limits_of(tree_.options_), tree_.ring_arena_);
-    } catch (const RingArena::Full&) {
-      reject_memory_of(tree_.options_);
-    }
-  }
-  (void)frame.version.lock_and_begin_write();
-  clear_history(frame);
-  if (prepared.ring)
-    publish_ring(frame, prepared);
-  else if (count != 0)
-    set_static(frame, frames.stamp[first], parent_of(first), frames.pose[first]);
-  frame.authority.store(authority_ids_[frames.authority[i]], std::memory_order_release);
-  if (frame.parent_changes.load(std::memory_order_relaxed) != 0 && count > 1)
-    tree_.ever_reparented_.store(true);
-  tree_.names_.show(id);
-  frame.version.unlock_changed(frames.version[i] - SeqLock::kIncrement);
-  if (prepared.ring) prepared.ring.give_back(tree_.ring_arena_);
+void ChangeReplay::reject_memory() const {
+  const std::uint64_t limit = tree_.options_.max_memory_bytes;
+  throw Rejected{.code = Code::limit,
+                 .message = "the mirror has no memory for more samples (max_memory_bytes)",
+                 .field = "max_memory_bytes",
+                 .limit = static_cast<std::int64_t>(limit)};
 }
 
 }  // namespace ztf

@@ -14,16 +14,20 @@
 // versions. A change is applied only if its version is later than the frame's. The frame is then as
 // it was before the change, since the version counts all changes of the frame.
 //
+// How long readers wait: all frames of a message are locked at once. Histories that take long to
+// write are therefore written before, as drafts; short changes are made in place.
+//
 // Thread safety: one thread at a time replays. Lookups go on meanwhile, as in any tree.
 // Invariant: nobody else writes the tree. Links are not checked for cycles, since the original has
 // done that, and the index of children is not kept.
 #pragma once
 
+#include <deque>
 #include <span>
 #include <string_view>
 #include <vector>
 
-#include "history_insert.hpp"
+#include "history_draft.hpp"
 #include "tree.hpp"
 
 namespace ztf {
@@ -72,33 +76,55 @@ class ChangeReplay {
   void set_ever_reparented() noexcept { tree_.ever_reparented_.store(true); }
 
  private:
+  // One change that is new to its frame, and the row of its sample, or of the parent that samples
+  // lose, if any.
+  struct Step {
+    std::uint32_t change, row;
+  };
   // One frame during apply().
   struct Target {
     FrameId id;
-    Version before;  // the original's; 0: the frame does not exist
-    Version after;
-    std::uint32_t samples;  // that the changes may add
-    std::uint32_t ring;     // index of its prepared ring, plus 1; 0: none
+    std::uint32_t name;        // its index
+    std::uint32_t begin, end;  // its changes: steps_[begin, end)
+    std::uint32_t samples;     // that they add
+    Version before;            // the original's; 0: the frame does not exist
+    Version after;             // once they are applied, as the next two; 0: there are none
     bool is_live;
+    AuthorityId authority;
+    PreparedRing* ring;   // for samples that are inserted in place; null: there is room
+    HistoryDraft* draft;  // null: the changes are applied in place
   };
+  class InPlace;
+  class InDraft;
 
   void find_names(std::span<const std::string_view> names);
   void find_authorities(std::span<const std::string_view> authorities);
   void list_targets(const ChangeColumns& changes);
-  void prepare_rings();
-  void apply_locked(const ChangeColumns& changes) noexcept;
-  void store_sample(Target& target, const ChangeColumns& changes, std::size_t row,
-                    bool is_static) noexcept;
+  void list_steps(const ChangeColumns& changes);
+  void add_step(const ChangeColumns& changes, Target& target, Step step) noexcept;
+  void prepare(const ChangeColumns& changes);
+  [[nodiscard]] bool needs_draft(const ChangeColumns& changes, const Target& target) const;
+  void publish(const ChangeColumns& changes) noexcept;
+  // Replays a frame's changes into a history, which is InPlace or InDraft.
+  template <class History>
+  void write(const ChangeColumns& changes, const Target& target, History& history) const;
+  [[nodiscard]] FrameId parent_of(const ChangeColumns& changes, std::uint32_t row) const noexcept;
   void load_frame(const FrameColumns& frames, std::size_t i, std::size_t first);
-  void give_back_rings() noexcept;
+  void give_back() noexcept;
+  [[nodiscard]] HistoryLimits limits() const noexcept {
+    return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
+  }
+  [[noreturn]] void reject_memory() const;
 
   Tree& tree_;
   std::vector<FrameId> ids_;                // of the names
   std::vector<AuthorityId> authority_ids_;  // of the authorities
-  std::vector<Target> targets_;             // ascending
   std::vector<std::uint32_t> target_of_;    // by name: index in targets_
+  std::vector<Target> targets_;             // ascending
+  std::vector<Step> steps_;                 // by target, in the order of the changes
   FrameList frames_;                        // of targets_
-  std::vector<PreparedRing> rings_;
+  std::deque<HistoryDraft> drafts_;
+  std::vector<PreparedRing> rings_;  // that no frame has: prepared ones, then those replaced
 };
 
 }  // namespace ztf

@@ -5,7 +5,6 @@
 #include "commit_apply.hpp"
 
 #include <algorithm>
-#include <cassert>
 
 namespace ztf {
 
@@ -66,17 +65,8 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
 
 void CommitExecution::store_rows(const FrameWrites& group) noexcept {
   FrameEvents& events = tree_.events_[group.child];
-  bool is_merged = false;
-  if (group.ring != 0) {
-    PreparedRing& prepared = plan_.prepared_ring(group);
-    publish_ring(*group.frame, prepared);
-    is_merged = prepared.is_merged;
-    if (is_merged) {
-      events.rewritten.store(events.rewritten.load(std::memory_order_relaxed) + prepared.rewritten,
-                             std::memory_order_release);
-      tally_.rewritten += prepared.rewritten;
-    }
-  }
+  HistoryWriter history(*group.frame, group.ring != 0 ? &plan_.prepared_ring(group) : nullptr,
+                        plan_.limits());
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     const RowWrite& write = plan_.write(i);
     const Pose& pose = plan_.pose(write.row);
@@ -86,18 +76,15 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
       continue;
     }
     ++tally_.stored;
-    if (is_merged) continue;
-    if (plan_.request().is_static) {
+    if (plan_.request().is_static)
       set_static(*group.frame, write.stamp, write.parent, pose);
-      continue;
-    }
-    const InsertResult result =
-        insert(*group.frame, write.stamp, write.parent, pose, plan_.limits());
-    assert(result != InsertResult::rejected);  // CommitPlan::decide() has excluded this
-    if (result == InsertResult::replaced) {
-      increment(events.rewritten);
-      ++tally_.rewritten;
-    }
+    else
+      history.store(write.stamp, write.parent, pose);
+  }
+  if (const std::uint32_t rewritten = history.rewritten(); rewritten != 0) {
+    events.rewritten.store(events.rewritten.load(std::memory_order_relaxed) + rewritten,
+                           std::memory_order_release);
+    tally_.rewritten += rewritten;
   }
 }
 

@@ -294,11 +294,12 @@ void CommitPlan::reserve_memory() {
 // Prepares a new ring for a group that needs one.
 void CommitPlan::prepare_ring(FrameWrites& group) {
   const Frame& frame = *group.frame;
-  std::vector<NewSample> samples;
   const auto list_samples = [&] {
+    std::vector<NewSample> samples;
     for (std::uint32_t i = group.begin; i < group.end; ++i)
       if (const RowWrite& write = writes_[i]; is_stored(write.row))
         samples.push_back({write.stamp, write.parent, &poses_[write.row]});
+    return samples;
   };
   try {
     (void)prepared_rings_.reserve(1);
@@ -307,16 +308,10 @@ void CommitPlan::prepare_ring(FrameWrites& group) {
     for (std::uint32_t i = group.end; i-- > group.begin;)
       if (is_stored(writes_[i].row)) ++stored, oldest_new = writes_[i].stamp;
     if (stored == 0) return;
-    if (!group.restarts && should_merge(frame, oldest_new, stored)) {
-      list_samples();
-      prepared_rings_.push_back(merged_ring(frame, false, samples, limits_, tree_.ring_arena_));
-    } else if (const std::uint64_t kept =
-                   group.restarts ? 0 : frame.count.load(std::memory_order_relaxed);
-               needs_larger_ring(frame, kept, stored, limits_)) {
-      prepared_rings_.push_back(grown_ring(frame, stored, limits_, tree_.ring_arena_));
-    } else {
-      return;
-    }
+    const PreparedRing prepared = ztf::prepare_ring(frame, group.restarts, stored, oldest_new,
+                                                    list_samples, limits_, tree_.ring_arena_);
+    if (!prepared.ring) return;
+    prepared_rings_.push_back(prepared);
   } catch (const RingArena::Full&) {
     reject_memory(request_, request_.rows[writes_[group.begin].row],
                   tree_.options_.max_memory_bytes);

@@ -14,7 +14,7 @@
 #include <span>
 
 #include "commit_names.hpp"
-#include "history_insert.hpp"
+#include "history_write.hpp"
 #include "write_locks.hpp"
 
 namespace ztf {
