@@ -11,10 +11,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.logged_trees import FRAMES, LOG_BYTES, Mirror, State, Writer, logged, make_tree, state
+from tests.logged_trees import (
+    FEW_FRAMES,
+    FRAMES,
+    LOG_BYTES,
+    VISITORS,
+    Mirror,
+    State,
+    Writer,
+    logged,
+    make_tree,
+    state,
+)
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader, wait_for_changes
-from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
+from zenoh_tf.errors import (
+    ExtrapolationException,
+    InvalidArgumentException,
+    LimitExceeded,
+    TransformException,
+)
 
 MANY = 1 << 20
 #: The bits of a mirror's version that are the server's.
@@ -87,12 +103,14 @@ def follow(mirror: Mirror, reader: InterestReader, *, begin: bool = False) -> in
     return seq
 
 
+@pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_frames_on_the_ways_are_the_servers(seed: int) -> None:
-    tree, log = logged(("optimistic", "2pl", "giant")[seed % 3])
-    writer = Writer(tree, seed)
+def test_the_frames_on_the_ways_are_the_servers(seed: int, max_frames: int) -> None:
+    tree, log = logged(("optimistic", "2pl", "giant")[seed % 3], max_frames)
+    writer = Writer(tree, seed, visits=max_frames == FEW_FRAMES)
     chance = random.Random(seed)
-    pairs = [(chance.choice(FRAMES), chance.choice(FRAMES)) for _ in range(chance.randrange(1, 4))]
+    names = FRAMES + VISITORS if max_frames == FEW_FRAMES else FRAMES
+    pairs = [(chance.choice(FRAMES), chance.choice(names)) for _ in range(chance.randrange(1, 4))]
     reader = InterestReader(tree, pairs, False)
     mirrors = [Mirror(max_frames=4096)]
     follow(mirrors[0], reader, begin=True)
@@ -146,6 +164,64 @@ def answer(tree: TransformTree, lookup: str, a: str, b: str) -> object:
     except TransformException:
         return None
     return found.stamp_ns, np.round(found.transform.translation, 9).tolist()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_failures_are_of_the_servers_class(seed: int) -> None:
+    """There is one exception: if several links have no sample at the time, the server may name one
+    above the common ancestor, which the mirror does not have."""
+    tree, _ = logged(max_frames=FEW_FRAMES)
+    writer = Writer(tree, seed, visits=True)
+    chance = random.Random(seed)
+    pairs = [(chance.choice(FRAMES), chance.choice(FRAMES + VISITORS)) for _ in range(3)]
+    reader = InterestReader(tree, pairs, False)
+    mirror = Mirror(max_frames=4096)
+    follow(mirror, reader, begin=True)
+    failures = 0
+    for _ in range(300):
+        writer.write()
+        follow(mirror, reader)
+        for pair in pairs:
+            for stamp_ns in (None, writer.now, writer.now - chance.randrange(110)):
+                here = failure(mirror.tree, *pair, stamp_ns)
+                there = failure(tree, *pair, stamp_ns)
+                if type(here) is type(there):
+                    failures += here is not None
+                    continue
+                assert isinstance(here, ExtrapolationException)
+                assert isinstance(there, ExtrapolationException)
+                assert there.frame not in ways(state(tree), [pair])
+    assert failures > 100
+
+
+def test_a_failure_that_rests_on_a_link_above_the_common_ancestor() -> None:
+    """The one case in which the classes differ."""
+    tree, _ = logged()
+    for parent, child, stamps in (
+        ("map", "odom", (49, 50)),
+        ("odom", "top", (1, 50)),
+        ("top", "a", (1, 50)),
+        ("top", "b", (50,)),
+    ):
+        for stamp_ns in stamps:
+            tree.set_transform(StampedTransform(parent, child, stamp_ns, Transform()))
+    reader = InterestReader(tree, [("a", "b")], False)
+    mirror = Mirror()
+    follow(mirror, reader, begin=True)
+    assert sorted(mirror.tree.frames()) == ["a", "b", "top"]
+    there, here = failure(tree, "a", "b", 20), failure(mirror.tree, "a", "b", 20)
+    assert (type(there).__name__, there.frame) == ("BackwardExtrapolationException", "odom")  # type: ignore[union-attr]
+    assert (type(here).__name__, here.frame) == ("NoDataForExtrapolationException", "b")  # type: ignore[union-attr]
+
+
+def failure(
+    tree: TransformTree, target: str, source: str, stamp_ns: int | None
+) -> TransformException | None:
+    try:
+        tree.lookup_transform(target, source, stamp_ns)
+    except TransformException as error:
+        return error
+    return None
 
 
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])

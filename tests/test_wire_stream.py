@@ -143,6 +143,8 @@ def test_replies_survive_the_wire() -> None:
     assert plan.bounds.tolist() == [0, 2, 3]
     assert plan.settings == wire.TreeSettings(10, 64, 16, 255, 1000)
     assert reply(wire.snapshot_plan_reply(plan)) == wire.pack(PLAN)
+    no_limit = {**PLAN, "settings": {**PLAN["settings"], "max_depth": 0}}
+    assert wire.parse_snapshot_plan(no_limit).settings.max_depth == 0
     piece = wire.parse_snapshot_piece(wire.unpack(wire.pack(PIECE)))
     assert reply(wire.snapshot_piece_reply(piece)) == wire.pack(PIECE)
     data = reply(wire.missed_reply([b"one", b"two"], 9))

@@ -10,6 +10,12 @@
 // ancestors of both if they have none. If a frame of them has samples of several parents, so that
 // past ways may differ, all of its ancestors in all of its samples.
 //
+// Failures: a lookup of a pair fails in the mirror if it fails in the tree, and with the same code.
+// There is one exception. If several links have no sample at the time, the tree reports the first
+// one on the target's path to its root (Reader::report_failure), which may be above the common
+// ancestor. The mirror does not have that link and reports the next. The codes are then `no_data`,
+// `backward` or `forward` both, but perhaps not the same one.
+//
 // Thread safety: all functions, from any thread.
 // Invariants
 // 1. A mirror that was given `all` of one read, and applies the `changes` of all later ones in

@@ -215,7 +215,12 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
         integer(reply, "seq", low=0),
         flag(reply, "reparented"),
         bounds,
-        TreeSettings(*(integer(settings, name, low=1) for name in TreeSettings.__slots__)),
+        TreeSettings(
+            *(
+                integer(settings, name, low=0 if name == "max_depth" else 1)  # 0: no limit
+                for name in TreeSettings.__slots__
+            )
+        ),
         integer(reply, "clock_ns"),
         changes,
     )
