@@ -95,13 +95,11 @@ docs: .venv/requirements.stamp ## the documentation and the API reference, in bu
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation: build/site/index.html"
 
-bench: native ## the benchmarks, beside tf2 where it is installed; RESULTS=FILE keeps the medians as JSON
+bench: native ## the benchmarks, beside tf2 where it is installed, in 20 minutes; RESULTS=bench/results keeps the medians
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
 
-# What `make bench ARGS=core RESULTS=FILE` and `make bench ARGS=reads RESULTS=FILE` have written.
-FIGURES_FROM ?= bench/results/core-2-cores-amd-epyc.json bench/results/reads-2-cores-amd-epyc.json
-figures: native ## draw docs/figures from bench/results, without measuring
-	@for results in $(FIGURES_FROM); do $(BIN)/python -m bench.plots $$results docs/figures || exit 1; done
+figures: native ## the documentation's measured numbers and figures from bench/results, without measuring
+	@$(BIN)/python -m bench.figures $(ARGS)
 
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from typing import Any
 
-from bench.machine import ROOT
+from bench.process import Process
 from bench.python_system import ROWS
 from bench.report import Cell, Report, Target, Trial, equal_poses
 
@@ -25,42 +26,52 @@ CASES = (
     ("tree.set_transform(build(), 'bench')", "store(build(), 'bench')", 1, 1.2),
     ("tree.lookup_latest_transform_xact(TARGET, SOURCE)", COMMON, 1, None),
 )
+#: Lookups or sets of one trial.
+CALLS = 20_000
 
 
 def measure(report: Report) -> None:
-    """Microseconds a lookup or a set."""
-    systems = ["zenoh-tf"]
-    if has_tf2():
-        systems.append("tf2")
-        if not all(map(equal_poses, run("zenoh-tf"), run("tf2"))):
-            raise SystemExit("the systems' answers differ")
-    else:
-        print("no tf2 for Python (Debian: python3-tf2): no comparison")
-    for ours, theirs, rows, limit in CASES:
-        labels = {"case": ours.removeprefix("tree."), "rows": rows}
-        statements = {"zenoh-tf": (ours, rows), "tf2": (theirs, 1)}
-        trials = {name: functools.partial(_trial, name, *statements[name]) for name in systems}
-        cells = [Cell(labels, name, run=trial) for name, trial in trials.items()]
-        report.measure("embedded", cells, report.repetitions())
-        if limit is not None:
-            values = cells[0].values("us_per_call")
-            report.check("embedded", [Target(f"{ours}, us", limit, values, at_least=False)])
+    """Microseconds a lookup or a set; a set includes making its transform."""
+    with contextlib.ExitStack() as stack:
+        systems = {"zenoh-tf": stack.enter_context(_system("zenoh-tf"))}
+        if (theirs := stack.enter_context(tf2())) is not None:
+            systems["tf2"] = theirs
+            if not all(map(equal_poses, *(system.ask("0") for system in systems.values()))):
+                raise SystemExit("the systems' answers differ")
+        for ours, their_statement, rows, limit in CASES:
+            statements = {"zenoh-tf": (ours, rows), "tf2": (their_statement, 1)}
+            cells = [
+                Cell(
+                    {"case": ours.removeprefix("tree."), "rows": rows if name != "tf2" else 1},
+                    name,
+                    run=functools.partial(trial, report, system, *statements[name]),
+                )
+                for name, system in systems.items()
+            ]
+            report.measure(cells, report.repetitions(15))
+            if limit is not None:
+                values = cells[0].values("us_per_call")
+                report.check([Target(f"{ours}, us", limit, values, at_least=False)])
 
 
-def has_tf2() -> bool:
-    """True if tf2's Python binding is installed."""
+@contextlib.contextmanager
+def tf2() -> Iterator[Process | None]:
+    """tf2's Python binding as a process; none, with a note, where it is not installed."""
+    probe = [INTERPRETERS["tf2"], "-c", "import tf2_py, geometry_msgs.msg, genpy"]
     try:
-        run("tf2", "0")
+        subprocess.run(probe, check=True, capture_output=True)
     except (FileNotFoundError, subprocess.CalledProcessError):
-        return False
-    return True
+        print("no tf2 for Python (Debian: python3-tf2): no comparison")
+        yield None
+    else:
+        with _system("tf2") as process:
+            yield process
 
 
-def _trial(system: str, statement: str, rows: int) -> Trial:
-    return {"us_per_call": run(system, statement) / rows}
+def _system(name: str) -> Process:
+    return Process(INTERPRETERS[name], "-m", "bench.python_system", name)
 
 
-def run(system: str, *statement: str) -> Any:
-    """Microseconds of a statement in a process of its own, or the answers to some lookups."""
-    command = [INTERPRETERS[system], "-m", "bench.python_system", system, *statement]
-    return json.loads(subprocess.check_output(command, cwd=ROOT))
+def trial(report: Report, system: Process, statement: str, rows: int = 1) -> Trial:
+    calls: Any = (200 if report.quick else CALLS) // rows
+    return {"us_per_call": system.ask(f"{max(1, calls)} {statement}") / rows}

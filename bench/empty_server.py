@@ -1,6 +1,6 @@
 """A Zenoh session whose queryable answers at once: the least that a query can cost.
 
-bench/remote.py runs it as a process: ``REPLY_BYTES ENDPOINT``. Built as the service is: its
+bench/reads.py runs it as a process: ``REPLY_BYTES ENDPOINT``. Built as the service is: its
 session, a channel, and a worker that receives, reads the payload and replies.
 """
 

@@ -1,19 +1,20 @@
-"""A mirror: ``python -m bench.mirror_process ENDPOINT KIND``. Looks now and then how old it is, and
-how old the poses are that it reads. Each line on stdin is answered with what it has seen since."""
+"""A mirror: ``python -m bench.mirror_process ENDPOINT KIND``. Samples its age, and the age of a
+pose that it reads. Each line on stdin is answered with their medians and tails since the last."""
 
 from __future__ import annotations
 
 import json
-import statistics
 import sys
 import threading
 import time
+
+import numpy as np
 
 from zenoh_tf_client import Mirror, TransformClient
 
 #: The frames of the interest are three: the parent of the pair's frames, and these.
 TARGET, SOURCE = "robot3/frame10", "robot3/frame11"
-_LOOK_S = 0.25
+_PERIOD_S = 0.1
 
 
 def mirror(tf: TransformClient, kind: str) -> Mirror:
@@ -27,20 +28,21 @@ def main() -> None:
         ages: list[float] = []
         poses: list[float] = []
 
-        def look() -> None:
+        def sample() -> None:
             while True:
-                time.sleep(_LOOK_S)
                 ages.append(m.age_s)
                 stamp_ns = m.lookup_latest_transform(TARGET, SOURCE).stamp_ns
                 poses.append((time.monotonic_ns() - stamp_ns) / 1e9)
+                time.sleep(_PERIOD_S)
 
+        m.lookup_latest_transform(TARGET, SOURCE)
         print("ready", flush=True)
-        threading.Thread(target=look, daemon=True).start()
+        threading.Thread(target=sample, daemon=True).start()
         while sys.stdin.readline():
-            found: dict[str, float] = {"snapshots": m._feed.snapshots, "frames": len(m.frames())}
+            found: dict[str, float] = {"frames": len(m.frames())}
             for name, values in (("age", ages), ("pose_age", poses)):
-                cuts = statistics.quantiles([*values, 0.0, 0.0], n=100)
-                found |= {f"{name}_ms": 1e3 * cuts[49], f"{name}_p99_ms": 1e3 * cuts[98]}
+                median, tail = 1e3 * np.percentile(values, (50, 99))
+                found |= {f"{name}_ms": float(median), f"{name}_p99_ms": float(tail)}
                 values.clear()
             print(json.dumps(found), flush=True)
 

@@ -8,15 +8,17 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.machine import ROOT, others_s
-from bench.report import Cell, Report, Target, Trial, equal_poses, ratios
+from bench.machine import ROOT
+from bench.process import Process
+from bench.report import Cell, Report, Target, equal_poses, ratios
 
 BUILD = ROOT / "build/bench"
+#: Deeper than a tree allows without an option.
+QUICK_LINKS = 10_000
 COMMON, XACT = "latest-common", "latest-xact"
 
 
@@ -36,13 +38,12 @@ class Program:
         build()
         defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
         settings = {"links": links, "child_to_parent": 0} | defaults | settings
-        pipe = subprocess.PIPE
-        self._processes = {}
-        for system in systems or ("optimistic", "2pl", "giant", "tf2"):
-            command = [str(BUILD / "bench_core"), f"system={system}", *_words(settings)]
-            process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
-            self._processes[system] = process
-        answers = {system: self._answer(system) for system in self._processes}
+        program = str(BUILD / "bench_core")
+        self._processes = {
+            system: Process(program, f"system={system}", *_words(settings), wait=False)
+            for system in systems or ("optimistic", "2pl", "giant", "tf2")
+        }  # they build their trees side by side
+        answers = {name: json.loads(own.read_line()) for name, own in self._processes.items()}
         #: Of the systems that are installed; without tf2 its answer is empty.
         self.bytes_per_frame = {
             s: found["bytes_per_frame"] for s, found in answers.items() if found
@@ -57,23 +58,7 @@ class Program:
 
     def ask(self, command: str, system: str, **settings: Any) -> Any:
         """Sends a command; returns its answer."""
-        print(command, *_words(settings), file=self._processes[system].stdin, flush=True)
-        return self._answer(system)
-
-    def _answer(self, system: str) -> Any:
-        stdout = self._processes[system].stdout
-        assert stdout is not None
-        if line := stdout.readline():
-            return json.loads(line)
-        raise SystemExit(f"bench_core with {system} ended early")
-
-    def trial(self, system: str, **settings: Any) -> Trial:
-        """Runs one trial, and measures how many cores other programs used meanwhile."""
-        pid = self._processes[system].pid
-        start, before_s = time.monotonic(), others_s(pid)
-        trial: Trial = self.ask("trial", system, **settings)
-        background_s = max(0.0, others_s(pid) - before_s)
-        return trial | {"background_cores": background_s / (time.monotonic() - start)}
+        return self._processes[system].ask(" ".join([command, *_words(settings)]))
 
     def ways(self, *reads: str) -> list[tuple[str, str]]:
         """Each way to read, with each system that supports it."""
@@ -91,7 +76,9 @@ class Program:
     def cells(self, labels: dict[str, Any], *reads: str, **run: Any) -> list[Cell]:
         """A cell for each system and each way to read that it supports."""
         return [
-            Cell(labels, system, read, functools.partial(self.trial, system, read=read, **run))
+            Cell(
+                labels, system, read, functools.partial(self.ask, "trial", system, read=read, **run)
+            )
             for read, system in self.ways(*reads)
         ]
 
@@ -120,24 +107,37 @@ def lookups(report: Report) -> None:
                 roles = {"readers": readers, "writers": threads - readers, "own_links": 1}
                 run = {"length": 4, "seconds": report.seconds(0.05)} | roles
                 cells = program.cells({"case": name, "threads": threads}, read, **run)
-                report.measure("native", cells, report.repetitions(15))
+                report.measure(cells, report.repetitions(15))
                 rates = {cell.system: cell.values("operations_per_s") for cell in cells}
                 if "tf2" in rates and threads <= len(limits):
                     title = f"{name}, {threads} threads: to tf2's"
                     values = ratios(rates["optimistic"], rates["tf2"])
-                    report.check("native", [Target(title, limits[threads - 1], values)])
+                    report.check([Target(title, limits[threads - 1], values)])
+
+
+#: The report's lookup with each concurrency control over the same records; tf2's lookup with both.
+PAPER_WAYS = {(system, XACT) for system in ("optimistic", "2pl", "giant")}
+PAPER_WAYS |= {(system, COMMON) for system in ("optimistic", "tf2")}
 
 
 def paper(report: Report) -> None:
-    """Readers and writers on a snake of links, after Kawashima 2022."""
+    """Readers and writers on a snake of a million links, after Kawashima 2022."""
+    _paper(report, QUICK_LINKS if report.quick else 1_000_000)
+
+
+def paper_cached(report: Report) -> None:
+    """The same with as many links as the processor's caches hold."""
+    _paper(report, 1000)
+
+
+def _paper(report: Report, links: int) -> None:
     cores = max(2, os.cpu_count() or 2)
     counts = [n for n in (1, 2, 4, 8, 16) if n <= cores or n == 8]
     half = min(cores, 16) // 2
     cells: list[Cell] = []
     for direction, roles in (("opposite", mixes(counts)), ("same", [(half, half)])):
-        for links in (1000, 10_000 if report.quick else 1_000_000):
-            cells += _snake(report, links, direction, roles)
-    report.check("paper", paper_targets(cells, cores))
+        cells += _snake(report, links, direction, roles)
+    report.check(paper_targets(cells, cores))
 
 
 def mixes(counts: list[int]) -> list[tuple[int, int]]:
@@ -162,8 +162,9 @@ def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, in
                     threads = {"readers": readers, "writers": writers}
                     run = {"length": 16, "own_links": 0, "seconds": report.seconds(0.15)} | threads
                     labels = {"links": links, "direction": direction} | threads
-                    plan += program.cells(labels, XACT, COMMON, **run)
-            report.measure("paper", plan, report.repetitions())
+                    ways = program.cells(labels, XACT, COMMON, **run)
+                    plan += [way for way in ways if (way.system, way.read) in PAPER_WAYS]
+            report.measure(plan, report.repetitions())
             cells += plan
     return cells
 
@@ -208,7 +209,7 @@ def _goals(
 
 def delay(report: Report) -> None:
     """The age of the data used, on a million links: tf2 takes a minute to set each of them once."""
-    links = 10_000 if report.quick else 1_000_000
+    links = QUICK_LINKS if report.quick else 1_000_000
     many, seconds = (8, 30) if (os.cpu_count() or 1) >= 16 else (4, 60)
     ways = {("optimistic", XACT), ("tf2", COMMON)}
     for half in (1, many):  # a process each: in a second run the data would begin old
@@ -217,7 +218,7 @@ def delay(report: Report) -> None:
             run = {"length": 16, "own_links": 0, "seconds": report.seconds(seconds)} | threads
             labels = {"links": links, "seconds": seconds} | threads
             cells = program.cells(labels, XACT, COMMON, **run)
-            report.measure("delay", [cell for cell in cells if (cell.system, cell.read) in ways], 1)
+            report.measure([cell for cell in cells if (cell.system, cell.read) in ways], 1)
 
 
 #: Links from the map down to the gripper, and how often they are published, in Hz.
@@ -238,16 +239,16 @@ def staleness(report: Report) -> None:
             means, tails = way.values(f"link{i}_ms_mean"), way.values(f"link{i}_ms_p99")
             trials = [{"ms_mean": a, "ms_p99": b} for a, b in zip(means, tails, strict=True)]
             cells.append(Cell({"link": link, "rate_hz": rate}, way.system, way.read, trials=trials))
-        report.measure("staleness", cells, 0)
+        report.measure(cells, 0)
 
 
 def memory(report: Report) -> None:
     """Bytes for a frame, by the samples that it holds."""
-    frames = 10_000 if report.quick else 100_000
+    frames = QUICK_LINKS if report.quick else 100_000
     for samples in (1, 2, 4, 8, 16, 64):
         with Program(frames, "optimistic", "tf2", samples=samples) as program:
             cells = [
                 Cell({"samples": samples}, system, trials=[{"bytes_per_frame": used}])
                 for system, used in program.bytes_per_frame.items()
             ]
-        report.measure("memory", cells, 0)
+        report.measure(cells, 0)

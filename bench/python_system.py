@@ -1,7 +1,7 @@
 """A transform tree with a Python API: zenoh-tf, or the real tf2; under the interpreter that has it.
 
-``SYSTEM STATEMENT`` prints the microseconds of a call; ``SYSTEM`` alone prints the poses that
-answer some lookups, as JSON.
+``SYSTEM`` reads lines: ``CALLS STATEMENT`` is answered with the microseconds of a call, and ``0``
+with the poses that answer some lookups, as JSON.
 """
 
 from __future__ import annotations
@@ -106,13 +106,20 @@ def tf2() -> dict[str, Any]:
     return names | {"make": make, "ask": ask}
 
 
-if __name__ == "__main__":
-    system, *statements = sys.argv[1:]
+def main() -> None:
+    system = sys.argv[1]
     names = {"zenoh-tf": zenoh_tf, "tf2": tf2}[system]() | {"TARGET": TARGET, "SOURCE": SOURCE}
     make, set_pose = names["make"], pose(0, 0)
     names["build"] = lambda: make((TARGET, SET_FRAME, next(LATER_NS), *set_pose))
-    for statement in statements:
-        calls, seconds = timeit.Timer(statement, globals=names).autorange()
-        print(1e6 * seconds / calls)
-    if not statements:
-        print(json.dumps([names["ask"](at_ns) for at_ns in (0, *TIMES_NS[:100])]))
+    print("ready", flush=True)
+    for line in sys.stdin:
+        calls, _, statement = line.partition(" ")
+        if int(calls):
+            seconds = timeit.timeit(statement, number=int(calls), globals=names)
+            print(1e6 * seconds / int(calls), flush=True)
+        else:
+            print(json.dumps([names["ask"](at_ns) for at_ns in (0, *TIMES_NS[:100])]), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,4 @@
-"""Trials by turns, their medians and quartiles, the targets, and the results file."""
+"""Trials by turns, their medians and quartiles, the targets, and the results file of a part."""
 
 from __future__ import annotations
 
@@ -15,10 +15,6 @@ from typing import Any
 Trial = dict[str, float]
 
 
-def _rounded(values: list[float]) -> list[float]:
-    return [float(f"{value:.4g}") for value in values]
-
-
 @dataclass
 class Cell:
     """One system in one case; cells with equal labels are compared with each other."""
@@ -33,18 +29,15 @@ class Cell:
         """A value for each trial; NaN if that trial did not measure it."""
         return [trial.get(metric, math.nan) for trial in self.trials]
 
-    def record(self, part: str, base: Cell | None) -> dict[str, Any]:
-        """Medians and quartiles; of rates and durations also their ratios to another cell's."""
-        record = {"part": part, **self.labels, "system": self.system}
+    def record(self) -> dict[str, Any]:
+        """The labels, and the quartiles of each metric."""
+        record = {**self.labels, "system": self.system}
         record |= {"read": self.read} if self.read else {}
         record["trials"] = len(self.trials)
         for metric in dict.fromkeys(name for trial in self.trials for name in trial):
-            values = self.values(metric)
-            record[metric] = _rounded(quartiles(values))
-            if base and base is not self and metric.endswith(("_per_s", "us_per_call")):
-                to_base = ratios(values, base.values(metric))
-                record[f"{metric}_to_{base.system}"] = _rounded(quartiles(to_base))
-        return {name: value for name, value in record.items() if value != []}
+            if found := quartiles(self.values(metric)):
+                record[metric] = found
+        return record
 
 
 def ratios(ours: Iterable[float], theirs: Iterable[float]) -> list[float]:
@@ -82,12 +75,11 @@ class Target:
 
 
 class Report:
-    """All that is measured in this run. ``quick``: one short trial each, to see that it works."""
+    """What one part measures. ``quick``: one short trial each, to see that it works."""
 
-    def __init__(self, machine: dict[str, str], quick: bool = False) -> None:
-        self.machine = machine
+    def __init__(self, quick: bool = False) -> None:
         self.quick = quick
-        self.cells: list[dict[str, Any]] = []
+        self.rows: list[dict[str, Any]] = []
         self.targets: list[dict[str, Any]] = []
 
     def repetitions(self, count: int = 9) -> int:
@@ -96,37 +88,55 @@ class Report:
     def seconds(self, slice_s: float) -> float:
         return min(slice_s, 0.02) if self.quick else slice_s
 
-    def measure(
-        self, part: str, cells: Sequence[Cell], repetitions: int, baseline: str = "tf2"
-    ) -> None:
+    def measure(self, cells: Sequence[Cell], repetitions: int) -> None:
         """Runs all cells by turns, in the given order; prints and keeps them."""
         for _ in range(repetitions):
             for cell in cells:
                 cell.trials.append(cell.run())
         for labels, cells_of_case in itertools.groupby(cells, lambda cell: cell.labels):
-            group = list(cells_of_case)
-            base = next((cell for cell in group if cell.system == baseline), None)
-            records = [cell.record(part, base) for cell in group]
-            self.cells += records
+            records = [cell.record() for cell in cells_of_case]
+            self.rows += records
             _print(labels, records)
 
-    def check(self, part: str, targets: Iterable[Target]) -> None:
+    def check(self, targets: Iterable[Target]) -> None:
         """Prints and keeps those targets that have values."""
         for target in targets:
             if found := quartiles(target.values):
-                name = f"{target.name} {'>=' if target.at_least else '<='} {target.limit:,g}"
-                verdict = "reached" if target.reached else "MISSED"
-                print(f"{verdict:<8}{name}: {found[1]:.4g}", flush=True)
-                row = {"part": part, "target": name, "median": float(f"{found[1]:.4g}")}
-                self.targets.append(row | {"reached": target.reached})
+                sign, verdict = ">=" if target.at_least else "<=", "MISSED"
+                if target.reached:
+                    verdict = "reached"
+                print(f"{verdict:<8}{target.name} {sign} {target.limit:,g}: {_text(found)}")
+                row = {"name": target.name, "wanted": f"{sign} {target.limit:,.3g}"}
+                self.targets.append(row | {"found": found, "reached": target.reached})
 
-    def write(self, path: Path) -> None:
-        """One cell a line."""
+    def write(self, path: Path, header: dict[str, Any]) -> None:
+        """The header, then one case of a system a line: its labels, then its metrics, each as
+        quartiles, or as one number if these are equal."""
+        names = dict.fromkeys(name for row in self.rows for name in row)
+        metrics = [n for n in names if any(isinstance(row.get(n), list) for row in self.rows)]
+        labels = [name for name in names if name not in metrics]
+        rows = [[row.get(name) for name in labels + metrics] for row in self.rows]
+        header = header | {"labels": labels, "metrics": metrics}
+        lines = [f" {json.dumps(name)}: {json.dumps(value)}" for name, value in header.items()]
+        for name, items in (("rows", rows), ("targets", self.targets)):
+            texts = [json.dumps(_rounded(item), separators=(",", ":")) for item in items]
+            lines.append(f' "{name}": [\n' + ",\n".join(f"  {text}" for text in texts) + "\n ]")
         path.parent.mkdir(parents=True, exist_ok=True)
-        text = f'{{\n "machine": {json.dumps(self.machine)}'
-        for name, rows in (("cells", self.cells), ("targets", self.targets)):
-            text += f',\n "{name}": [\n  ' + ",\n  ".join(map(json.dumps, rows)) + "\n ]"
-        path.write_text(text + "\n}\n")
+        path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+
+
+def _rounded(value: Any) -> Any:
+    """Floats with three significant digits, without a point where that is exact; equal quartiles
+    as one number."""
+    if isinstance(value, dict):
+        return {name: _rounded(item) for name, item in value.items()}
+    if isinstance(value, list):
+        items = [_rounded(item) for item in value]
+        return items[0] if len(items) == 3 and len({*map(repr, items)}) == 1 else items
+    if isinstance(value, float):
+        value = float(f"{value:.3g}")
+        return int(value) if value.is_integer() else value
+    return value
 
 
 def _print(labels: dict[str, Any], records: list[dict[str, Any]]) -> None:

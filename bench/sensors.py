@@ -81,14 +81,12 @@ def _deskew(report: Report, tree: TransformTree, fixed: str, labels: dict[str, A
         Cell(labels, "NumPy on sampled poses", run=_timed(with_numpy, POINTS)),
         Cell(labels, "loop of lookups", run=_timed(loop, LOOPED)),
     ]
-    report.measure("sensors", cells, report.repetitions(), baseline="loop of lookups")
+    report.measure(cells, report.repetitions())
     times = [cell.values("points_per_s") for cell in cells]
+    where = f"over {labels['moving links']} links at {labels['stamps']:,} stamps"
     report.check(
-        "sensors",
-        [
-            Target("deskew to a loop of lookups", 20, ratios(times[0], times[2])),
-            Target("deskew to NumPy", 1, ratios(times[0], times[1])),
-        ],
+        Target(f"deskew {where} to {name}", limit, ratios(times[0], base))
+        for name, limit, base in (("a loop of lookups", 20, times[2]), ("NumPy", 1, times[1]))
     )
 
 
@@ -101,7 +99,7 @@ def _apply(report: Report) -> None:
             Cell(labels, name, run=_timed(run, MANY))
             for name, run in _ways_to_apply(transform, points, np.zeros_like(points)).items()
         ]
-        report.measure("sensors", cells, report.repetitions(), baseline="np.copyto")
+        report.measure(cells, report.repetitions())
 
 
 def _ways_to_apply(

@@ -36,6 +36,13 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("shown_examples", "examples/sensor.py", "0.02", "0.03", "README.md"),
     ("api_reference", "docs/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
     ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:14"),
+    (
+        "measured_numbers",
+        "README.md",
+        "(bench:latest-bare-query -->)",
+        r"\g<1>9",
+        "differs from bench",
+    ),
     ("documented_calls", "docs/from-tf2.md", r"tf\.can_transform\(", "tf.can(", "no method can"),
     ("documented_calls", "docs/from-tf2.md", r"tf2 import do_\w+", "tf2 import it", "has no it"),
     ("queries", DASHBOARD, "zenoh_tf_frames", "zenoh_tf_fames", "no metric zenoh_tf_fames"),

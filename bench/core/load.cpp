@@ -144,9 +144,12 @@ void summarize(Metrics& metrics, const std::string& role, Counts& counts, double
   // The report counts each of tf2's sets as an operation, and a transaction of many as one.
   metrics["operations_per_s"] += sums[reads || !transactions ? kDone : kCalls] / seconds;
   metrics["retries_per_" + role] = sums[kRetries] / sums[kCalls];
-  for (const auto& [name, share] : {std::pair("p50", 0.5), {"p99", 0.99}, {"p999", 0.999}})
-    metrics[role + "_us_" + name] = percentile(counts.ns, share) / 1000;
-  if (reads) metrics["unanswered_share"] = 1 - sums[kDone] / sums[kCalls];
+  metrics[role + "_us_p50"] = percentile(counts.ns, 0.5) / 1000;
+  if (reads) {
+    metrics["read_us_p99"] = percentile(counts.ns, 0.99) / 1000;
+    metrics["read_us_p999"] = percentile(counts.ns, 0.999) / 1000;
+    metrics["unanswered_share"] = 1 - sums[kDone] / sums[kCalls];
+  }
   if (sums[kDelays] == 0) return;
   metrics["delay_oldest_s"] = sums[kOldest_s] / sums[kDelays];
   metrics["delay_mean_s"] = sums[kMean_s] / sums[kDelays];

@@ -67,6 +67,7 @@ std::unique_ptr<System> make_tree_system(const std::string& concurrency, const N
   tree.cache_ns = static_cast<std::uint64_t>(options.cache);
   tree.max_frames = static_cast<unsigned>(names.size());
   tree.max_samples_per_frame = options.max_samples;
+  tree.max_depth = 0;  // no limit
   tree.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
                      : concurrency == "2pl" ? ztf::Concurrency::two_phase
                                             : ztf::Concurrency::optimistic;

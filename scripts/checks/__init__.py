@@ -23,7 +23,7 @@ CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     *(source_rules.imports, source_rules.sizes, source_rules.actors, source_rules.configurations),
     *(packaging.make_targets, packaging.readme, packaging.metadata, packaging.extras),
     *(pages.links, pages.named_files, pages.shown_examples, pages.api_reference),
-    *(pages.made_pages, pages.documented_calls),
+    *(pages.made_pages, pages.measured_numbers, pages.documented_calls),
     *(monitoring.queries, monitoring.panels, monitoring.compose_files, monitoring.scraping),
     *(documented.flags, documented.defaults, documented.enumerations),
     *(suite.conformance, clocks.clocks),

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 
 import zenoh_tf
 import zenoh_tf_client
+from bench import numbers
+from bench.results import Results
 from zenoh_tf.doctor import __main__ as doctor
 from zenoh_tf_server import limits, metric_table
 
@@ -102,6 +104,19 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
             number = next((n for n, (a, b) in enumerate(pairs, 1) if a != b), 1)
             problem = f"differs from its table: .venv/bin/python -m {command} > {page}"
             yield Violation(page, number, problem)
+
+
+def measured_numbers(repository: Repository) -> Iterator[Violation]:
+    """Measured numbers in pages are those of bench/results."""
+    found = numbers.numbers(Results())
+    for page in repository.pages():
+        text = repository.text(page)
+        for match in numbers.MARKER.finditer(text):
+            key, number = match["key"], text.count("\n", 0, match.start()) + 1
+            if key not in found:
+                yield Violation(page, number, f"no result has the key {key}")
+            elif match["text"] != found[key]:
+                yield Violation(page, number, f"{key} differs from bench/results: make figures")
 
 
 def documented_calls(repository: Repository) -> Iterator[Violation]:
