@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 from zenoh.handlers import Callback
@@ -20,6 +20,7 @@ from .errors import ServerUnavailable
 
 #: The error reply that Zenoh makes up when no server replies in time.
 ZENOH_TIMEOUT: Final = b"Timeout"
+_EACH_REPLY: Final = zenoh.ConsolidationMode.NONE
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +57,15 @@ class Queries:
         """
         try:
             with self._calls:
-                replies = self._session.get(key, **self._options(payload, timeout_s))
-                data = _first(replies)
+                data = _first(
+                    self._session.get(
+                        key,
+                        payload=payload,
+                        attachment=self._attachment,
+                        timeout=timeout_s,
+                        consolidation=_EACH_REPLY,
+                    )
+                )
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._server}: {error}") from error
         return self.message(data, timeout_s)
@@ -84,7 +92,13 @@ class Queries:
         try:
             with self._calls:
                 self._session.get(
-                    key, callback, cancellation_token=token, **self._options(payload, timeout_s)
+                    key,
+                    callback,
+                    payload=payload,
+                    attachment=self._attachment,
+                    timeout=timeout_s,
+                    consolidation=_EACH_REPLY,
+                    cancellation_token=token,
                 )
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._server}: {error}") from error
@@ -111,14 +125,6 @@ class Queries:
     def timed_out(self, timeout_s: float) -> NoReply:
         """Return what a request ends with if the server does not answer in time."""
         return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
-
-    def _options(self, payload: bytes, timeout_s: float) -> dict[str, Any]:
-        return {
-            "payload": payload,
-            "attachment": self._attachment,
-            "timeout": timeout_s,
-            "consolidation": zenoh.ConsolidationMode.NONE,
-        }
 
 
 class ReplyParts:
@@ -147,8 +153,13 @@ class ReplyParts:
 
 def _first(replies: Iterable[zenoh.Reply]) -> bytes | None:
     """Return the first reply's payload; None if the query ended without one, or within one."""
-    parts = ReplyParts()
+    parts: ReplyParts | None = None
     for reply in replies:
+        if parts is None:
+            sample = reply.ok
+            if sample is not None and sample.attachment is None:  # the common case
+                return sample.payload.to_bytes()
+            parts = ReplyParts()
         data = parts.add(reply)
         if data is not None:
             return data

@@ -13,7 +13,7 @@ from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf.queries import NoReply, Queries
 
-from .exchange import Ask, Exchange, Pause, Steps
+from .exchange import Exchange
 from .local_requests import LocalRequests
 from .opening import open_session
 from .receipt import Receipt
@@ -21,6 +21,7 @@ from .request import Request
 from .served_trees import no_server_message, served_trees
 from .server_info import ServerInfo
 from .session_calls import SessionCalls
+from .steps import Ask, Pause, Steps
 
 T = TypeVar("T")
 
@@ -76,6 +77,7 @@ class Connection:
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
         self.local = LocalRequests(self.queries, tree, client_id, on=local)
+        self._is_local = local
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -175,7 +177,7 @@ class Connection:
 
     def _ask(self, step: Ask) -> wire.Message | NoReply:
         """Send a query, through the server's socket if that takes it."""
-        if step.timeout_s > self.timeout_s:  # the server may wait before it replies
+        if not self._is_local or step.timeout_s > self.timeout_s:  # the server may wait that long
             return self.queries.ask(step.key, step.payload, step.timeout_s)
         return self.local.ask(self.exchange.server, step.key, step.payload, step.timeout_s)
 

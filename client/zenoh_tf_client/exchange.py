@@ -14,9 +14,9 @@ import os
 import random
 import threading
 import time
-from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
-from typing import Any, Final, TypeVar
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final, TypeGuard, TypeVar
 
 import zenoh
 
@@ -37,6 +37,7 @@ from .access import Access
 from .receipt import Receipt, later
 from .request import Request
 from .server_info import Replica, ServerInfo, parse_server_info
+from .steps import Ask, Pause, Steps
 
 T = TypeVar("T")
 
@@ -54,26 +55,6 @@ _FIND_SHARE: Final = 0.25
 _CATCH_UP_S: Final = (0.002, 0.008, 0.03)
 
 
-@dataclass(frozen=True, slots=True)
-class Ask:
-    """A step: send a query. Its outcome is the reply, or a `NoReply`."""
-
-    key: zenoh.KeyExpr
-    payload: bytes
-    timeout_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Pause:
-    """A step: wait. It has no outcome."""
-
-    seconds: float
-
-
-#: The steps to a result. An error of a step is raised where the generator yielded it.
-Steps = Generator[Ask | Pause, Any, T]
-
-
 class Exchange:
     """The exchange of one client with the server of one tree."""
 
@@ -87,6 +68,7 @@ class Exchange:
         self._address = address
         self._user = user
         self._timeout_s = timeout_s
+        self._timeout_ns = int(timeout_s * 1e9)
         self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
         #: What the server tells clients apart by; known once the session is open.
         self.client_id: str | None = None
@@ -129,10 +111,12 @@ class Exchange:
         payload = wire.pack(request.body())
         if timeout_s is None:
             timeout_s = self._timeout_s
-        reply = yield from self._query(self._keys["hello"], payload, timeout_s)
+        reply = yield Ask(self._keys["hello"], payload, timeout_s)
+        self._note(reply)
         if isinstance(reply, NoReply) and reply.at_once:
             # Servers before access rules answer `hello` among the infos only.
-            reply = yield from self._query(self._keys["info"], payload, timeout_s)
+            reply = yield Ask(self._keys["info"], payload, timeout_s)
+            self._note(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
             if self.replica is None:
@@ -190,50 +174,38 @@ class Exchange:
     def _clock_period_s(self) -> float:
         return _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
 
-    def known_server(self) -> Steps[ServerInfo]:
-        """Return the server that answered last; asks for it if none is known."""
-        return self.server or (yield from self.hello())
-
     def call(self, request: Request[T]) -> Steps[T]:
         """Send a request; return its result, or raise its error.
 
         Raises ServerUnavailable if no reply comes to a request that changes nothing, and
         OutcomeUnknown for a write, which the server applies at most once.
         """
-        if request.writes:
-            reply = yield from self._write(request.kind, request.body(), request.instance)
-        else:
-            reply = yield from self._read(request.kind, request.body(), request.wait_s)
-        return request.parse(reply)
+        return self._write(request) if request.writes else self._read(request)
 
-    def _read(self, operation: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
-        timeout_s = self._timeout_s + wait_s
-        begin_s = time.monotonic()
+    def _read(self, request: Request[T]) -> Steps[T]:
+        timeout_s = self._timeout_s + request.wait_s
+        deadline_s = time.monotonic() + timeout_s
         least = self._least
-        if self.server is None and self.replica is None:  # it has gone, or changed
-            with contextlib.suppress(TransformException):
-                yield from self.greet(self._timeout_s * _FIND_SHARE)
+        body = request.body()
         behind: wire.Message | None = None  # the replica's refusal
-        if self.replica is not None and operation in self.replica.keys:
-            found = yield from self._read_near(self.replica, operation, body, begin_s + timeout_s)
-            if isinstance(found, NoReply):
-                if not found.at_once:
-                    raise ServerUnavailable(found.reason)
-            elif not _is_behind(found):
+        if self.server is None or self.replica is not None:  # not the common case
+            found = yield from self._read_replica(request.kind, body, deadline_s)
+            if found is not None and not _is_behind(found):
                 wire.raise_error(found)
-                return found
-            else:
-                behind = found
-            timeout_s = max(begin_s + timeout_s - time.monotonic(), 0.001)
-        key = self._key(operation, body)
+                return request.parse(found)
+            behind = found
+            timeout_s = max(deadline_s - time.monotonic(), 0.001)
+        key = self._key(request.kind, body)
         payload = self._pack(body)
-        reply = yield from self._query_until_served(key, payload, timeout_s)
-        if isinstance(reply, NoReply):
-            if behind is not None:
-                wire.raise_error(behind)
-            if reply.at_once:
-                yield from self._check_new_rules(operation, body)
-            raise ServerUnavailable(reply.reason)
+        reply: wire.Message | NoReply = yield Ask(key, payload, timeout_s)
+        if not self._is_final(reply):
+            reply = yield from self._until_served(reply, key, payload, deadline_s)
+            if isinstance(reply, NoReply):
+                if behind is not None:
+                    wire.raise_error(behind)
+                if reply.at_once:
+                    yield from self._check_new_rules(request.kind, body)
+                raise ServerUnavailable(reply.reason)
         self.replica_age_s = None
         if least is not None and reply.get("instance") != least.instance:
             self._caught_up(least, is_gone=True)
@@ -242,8 +214,26 @@ class Exchange:
                 yield from self.hello(_CLOCK_TIMEOUT_S)
                 if self.replica is None:  # one may have come
                     yield from self._find_replica(_CLOCK_TIMEOUT_S)
-        wire.raise_error(reply)
-        return reply
+        if "error" in reply:
+            wire.raise_error(reply)
+        return request.parse(reply)
+
+    def _read_replica(
+        self, operation: str, body: wire.Message, deadline_s: float
+    ) -> Steps[wire.Message | None]:
+        """Look for who answers if that is not known, and ask the replica if there is one. None:
+        the server is to be asked."""
+        if self.server is None and self.replica is None:  # it has gone, or changed
+            with contextlib.suppress(TransformException):
+                yield from self.greet(self._timeout_s * _FIND_SHARE)
+        if self.replica is None or operation not in self.replica.keys:
+            return None
+        found = yield from self._read_near(self.replica, operation, body, deadline_s)
+        if not isinstance(found, NoReply):
+            return found
+        if not found.at_once:
+            raise ServerUnavailable(found.reason)
+        return None
 
     def _read_near(
         self, replica: Replica, operation: str, body: wire.Message, deadline_s: float
@@ -257,7 +247,9 @@ class Exchange:
         pauses = iter(_CATCH_UP_S)
         while True:
             left_s = max(deadline_s - time.monotonic(), 0.001)
-            reply = yield from self._query_until_served(replica.keys[operation], payload, left_s)
+            key = replica.keys[operation]
+            reply = yield Ask(key, payload, left_s)
+            reply = yield from self._until_served(reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
                 self.replica = None
                 return reply
@@ -287,44 +279,46 @@ class Exchange:
                     self._least = None
                 self.on_behind()
 
-    def _write(
-        self, operation: str, body: wire.Message, instance: str | None
-    ) -> Steps[wire.Message]:
-        """With an `instance`, only that server instance may apply the write; another one answers
-        ServerRestarted."""
-        wanted = instance or (yield from self.known_server()).instance
+    def _write(self, request: Request[T]) -> Steps[T]:
+        """If the request names an instance, only that server instance may apply the write; another
+        one answers ServerRestarted."""
         try:
-            return (yield from self._write_once(operation, body, wanted))
+            reply = yield from self._write_once(request)
         except ServerRestarted:
             # The new server rejected it, so it was not applied and may be sent again.
             self.server = None
-            if instance is not None:
+            if request.instance is not None:
                 raise
-        wanted = (yield from self.known_server()).instance
-        return (yield from self._write_once(operation, body, wanted))
+            reply = yield from self._write_once(request)
+        return request.parse(reply)
 
-    def _write_once(self, operation: str, body: wire.Message, instance: str) -> Steps[wire.Message]:
-        server = yield from self.known_server()
-        if time.monotonic() >= self._next_hello_s:
+    def _write_once(self, request: Request[Any]) -> Steps[wire.Message]:
+        server = self.server
+        if server is None or time.monotonic() >= self._next_hello_s:
             server = yield from self.hello()  # for an expiry by the clocks as they are now
-        key = self._key(operation, body)
-        timeout_ns = int(self._timeout_s * 1e9)
-        write = wire.Write(
+        body = request.body()
+        key = self._key(request.kind, body)
+        now_ns = time.monotonic_ns()
+        write = wire.write_fields(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
-            time.monotonic_ns() + server.clock_offset_ns + timeout_ns,
-            instance,
+            now_ns + server.clock_offset_ns + self._timeout_ns,
+            request.instance or server.instance,
         )
-        payload = self._pack(body | write.fields())
-        # A refused write did not run, so it may be sent again; its expiry stays the same.
-        reply = yield from self._query_until_served(key, payload, self._timeout_s)
-        if isinstance(reply, NoReply):
-            raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
+        payload = self._pack(body | write)
+        reply: wire.Message | NoReply = yield Ask(key, payload, self._timeout_s)
+        if not self._is_final(reply):
+            # A refused write did not run, so it may be sent again; its expiry stays the same.
+            deadline_s = now_ns * 1e-9 + self._timeout_s
+            reply = yield from self._until_served(reply, key, payload, deadline_s)
+            if isinstance(reply, NoReply):
+                raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
         with self._receipt_lock:
             self.last_receipt = self._least = later(self.last_receipt, reply)
             if self.replica is not None:
                 self.is_behind = True
                 self.on_behind()
-        wire.raise_error(reply)
+        if "error" in reply:
+            wire.raise_error(reply)
         return reply
 
     def _key(self, operation: str, body: wire.Message) -> zenoh.KeyExpr:
@@ -344,13 +338,13 @@ class Exchange:
                 yield from self.hello()
                 self._key(operation, body)
 
-    def _query_until_served(
-        self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
+    def _until_served(
+        self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float
     ) -> Steps[wire.Message | NoReply]:
-        """As `_query`, and again as long as the server is busy and the time is not over."""
-        deadline_s = time.monotonic() + timeout_s
+        """Take the reply to a query; send the query again as long as the server is busy and the
+        time is not over."""
         while True:
-            reply = yield from self._query(key, payload, timeout_s)
+            self._note(reply)
             if isinstance(reply, NoReply) or "error" not in reply:
                 return reply
             error = wire.decode_error(reply["error"])
@@ -363,18 +357,25 @@ class Exchange:
             if timeout_s <= 0:
                 return reply
             yield Pause(pause_s)
+            reply = yield Ask(key, payload, timeout_s)
 
-    def _query(
-        self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
-    ) -> Steps[wire.Message | NoReply]:
-        """Send a query once; forgets the server if another one replied, or none."""
-        reply: wire.Message | NoReply = yield Ask(key, payload, timeout_s)
+    def _is_final(self, reply: wire.Message | NoReply) -> TypeGuard[wire.Message]:
+        """The common case: the known server has served the request."""
+        server = self.server
+        return (
+            type(reply) is dict
+            and "error" not in reply
+            and server is not None
+            and reply.get("instance") == server.instance
+        )
+
+    def _note(self, reply: wire.Message | NoReply) -> None:
+        """Forget the server if another one replied, or none."""
         server = self.server
         if server is not None and (
             isinstance(reply, NoReply) or reply.get("instance") != server.instance
         ):
             self.server = None  # the clock and limits of a new one are not known yet
-        return reply
 
     def _pack(self, body: wire.Message) -> bytes:
         payload = wire.pack(body)

@@ -47,7 +47,7 @@ _FORKED_MESSAGE = (
     "this process was forked from one that had connected: Zenoh does not work in it; start "
     "processes with multiprocessing's 'spawn' method, or fork before the first connection"
 )
-_exiting = threading.Event()
+_exiting = False  # the exit handler has begun
 _all_closed = threading.Event()
 
 
@@ -63,7 +63,8 @@ class SessionCalls:
         self._close_session = close_session
         self._closed_message = closed_message
         # A signal handler may close the client while its thread is in here, hence reentrant.
-        self._changed = threading.Condition(threading.RLock())
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
         self._inside = 0
         self._closed = False
         self._owners: weakref.WeakSet[object] = weakref.WeakSet()
@@ -71,9 +72,10 @@ class SessionCalls:
             _all.add(self)
 
     def __enter__(self) -> None:
-        raise_if_forked()  # before the lock
-        with self._changed:
-            if not self._closed and not _is_daemon_at_exit():
+        if _forked:  # before the lock
+            raise_if_forked()
+        with self._lock:
+            if not self._closed and not (_exiting and _is_daemon_at_exit()):
                 self._inside += 1
                 return
         _pause_at_exit()
@@ -85,11 +87,12 @@ class SessionCalls:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        with self._changed:
+        with self._lock:
             self._inside -= 1
             if self._closed and self._inside == 0:
                 self._changed.notify_all()
-        _pause_at_exit()
+        if _exiting:
+            _pause_at_exit()
 
     def add_owner(self, owner: object) -> None:
         """Note an object that has objects of Zenoh's: a forked child must not free them."""
@@ -114,7 +117,7 @@ class SessionCalls:
                 return
             self._closed = True
             self._inside += 1  # the exit handler waits for it, too
-        if _exiting.is_set():  # no thread can be started any more
+        if _exiting:  # no thread can be started any more
             self._close()
             return
         # Zenoh goes on trying for 10 s if the server does not take what is still to be sent.
@@ -160,7 +163,7 @@ def note_zenoh_use() -> None:
 
 def _is_daemon_at_exit() -> bool:
     """At exit, all threads but the main one are daemons, or have ended."""
-    return _exiting.is_set() and threading.current_thread() is not threading.main_thread()
+    return _exiting and threading.current_thread() is not threading.main_thread()
 
 
 def _pause_at_exit() -> None:
@@ -173,9 +176,10 @@ def _pause_at_exit() -> None:
 @atexit.register
 def _close_all() -> None:
     """Close every open session, and wait until all threads have left them."""
+    global _exiting  # noqa: PLW0603
     if _forked:
         return
-    _exiting.set()
+    _exiting = True
     with _all_lock:
         all_calls = list(_all)
     for calls in all_calls:

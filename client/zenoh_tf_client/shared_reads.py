@@ -59,13 +59,18 @@ REASONS: Final = (
 log = logging.getLogger("zenoh_tf.client")
 
 
+def _absent(*_: object, _absent: AskServer = AskServer.ABSENT, **__: object) -> AskServer:
+    return _absent
+
+
 class _NoTree:
     """Stands for a mapped tree where there is none."""
 
     lease_left_s = 0.0
 
     def __getattr__(self, name: str) -> Any:
-        return lambda *_, **__: AskServer.ABSENT
+        setattr(self, name, _absent)  # the next call finds it at once
+        return _absent
 
 
 NO_TREE: Final = cast(SharedTree, _NoTree())
@@ -125,14 +130,14 @@ class SharedReads:
         """How a lookup would be answered now."""
         return "shared" if self.tree.lease_left_s > 0 else "query"
 
-    def ask(self, answer: object, request: Request[T]) -> T:
+    def ask(self, why: Any, request: Request[T]) -> T:
         """Ask the server, because the tree in memory has returned an AskServer."""
-        why = cast(AskServer, answer)
-        self.count(why)
+        self._asked[why] += 1
         try:
             return self._connection.call(request)
         finally:
-            self.note(why)
+            if self._is_on:
+                self.note(why)
 
     def count(self, why: AskServer) -> None:
         """Count a lookup that asks the server."""

@@ -104,7 +104,7 @@ class Repeater(Client):
         )
         commit["pose"] = np.array([each.transform.pose() for each in stampeds], "<f8").tobytes()
         expires_ns = server["clock_ns"] + int(TIMEOUT_S * 1e9)
-        write = wire.Write(os.urandom(16), expires_ns, server["instance"]).fields()
+        write = wire.write_fields(os.urandom(16), expires_ns, server["instance"])
         read_set = {name: reply[name] for name in ("read_names", "read_versions")}
         return seen, messages.pack({**commit, **read_set, **write})
 

@@ -21,6 +21,7 @@ from .commit import (
     parse_commit,
     parse_commit_reply,
     parse_write,
+    write_fields,
 )
 from .error_codec import (
     as_transform_exception,
@@ -184,4 +185,5 @@ __all__ = [
     "text",
     "unpack",
     "with_field",
+    "write_fields",
 ]

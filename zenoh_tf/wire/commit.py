@@ -41,9 +41,10 @@ class Write:
     expires_ns: int | None = None  # on the server's clock, see "hello"
     instance: str | None = None  # any other server instance refuses the write
 
-    def fields(self) -> Message:
-        known = {"id": self.id, "expires_ns": self.expires_ns, "instance": self.instance}
-        return {name: value for name, value in known.items() if value is not None}
+
+def write_fields(identity: bytes, expires_ns: int, instance: str) -> Message:
+    """The fields that `parse_write` reads."""
+    return {"id": identity, "expires_ns": expires_ns, "instance": instance}
 
 
 def parse_write(message: Message) -> Write:

@@ -124,7 +124,6 @@ def unpack(
         if in_steps and len(payload) >= _IN_STEPS_FROM:
             message = _unpack_in_steps(payload)
         else:
-            # Each argument that is msgpack's default costs a short message 0.1 us.
             message = msgpack.unpackb(
                 payload, max_array_len=MAX_LIST, max_map_len=MAX_MAP_KEYS, max_ext_len=0
             )
@@ -141,9 +140,10 @@ def unpack(
         raise ProtocolError(
             f"the message must be a map, not {type(message).__name__}", field="message"
         )
-    if message.get("v") != VERSION or type(message["v"]) is not int:
+    version = message.get("v")
+    if version != VERSION or type(version) is not int:
         raise ProtocolError(
-            f"protocol version {quoted(message.get('v'))} is not supported: this side has version "
+            f"protocol version {quoted(version)} is not supported: this side has version "
             f"{VERSION}; update the older side",
             field="v",
         )

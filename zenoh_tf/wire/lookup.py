@@ -179,14 +179,14 @@ def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose) -> Message:
 def parse_one_answer(reply: Message) -> tuple[int, int, Pose] | None:
     """(stamp, newest, pose) of a well-formed reply to a single read that has an answer. For any
     other reply None: `parse_lookup_reply` then parses it or says what is malformed."""
-    stamp, pose = reply.get("stamp"), reply.get("pose")
-    newest = reply.get("newest", stamp)
-    if (
-        reply.get("status") == b"\0"
-        and type(stamp) is type(newest) is type(pose) is bytes
-        and (len(stamp), len(newest), len(pose)) == (8, 8, 56)
-    ):
-        return _STAMP.unpack(stamp)[0], _STAMP.unpack(newest)[0], _POSE.unpack(pose)
+    try:
+        if reply["status"] == b"\0":
+            stamp = newest = reply["stamp"]
+            if "newest" in reply:
+                newest = reply["newest"]
+            return _STAMP.unpack(stamp)[0], _STAMP.unpack(newest)[0], _POSE.unpack(reply["pose"])
+    except (KeyError, TypeError, struct.error):
+        pass
     return None
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from zenoh_tf.errors import TransformException
 from zenoh_tf.queries import NoReply
 
-from ..exchange import Pause, Steps
+from ..steps import Pause, Steps
 from .transport import Outcome, SentQuery, Transport
 
 

@@ -18,7 +18,7 @@ import zenoh
 from zenoh_tf.errors import ServerUnavailable, TransformException
 from zenoh_tf.queries import ZENOH_TIMEOUT, Queries, ReplyParts
 
-from ..exchange import Ask
+from ..steps import Ask
 from .threads import Worker
 from .wake import Wake
 from .zenoh_threads import keep_thread_state
