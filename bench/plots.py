@@ -225,12 +225,16 @@ def compact(svg: str) -> str:
     svg = re.sub(r'<g id="[^"]*"/>\s*', "", svg)
     svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
     svg = re.sub(r' transform="rotate\(-0 [^"]*"', "", svg)
-    svg = re.sub(r"-?\d+\.\d{2,}", lambda number: f"{float(number[0]):.1f}", svg)
+    svg = re.sub(r"<[^>]*>", lambda tag: _short_numbers(tag[0]), svg)
     svg = re.sub(r'(?<=style=")[^"]*', lambda style: _short_style(style[0]), svg)
     svg = re.sub(r'(?<= d=")[^"]*', lambda path: " ".join(path[0].split()), svg)
     for _ in range(2):
         svg = re.sub(r"<g>\s*</g>\s*", "", svg)
     return re.sub(r"\n +", "\n", svg)
+
+
+def _short_numbers(tag: str) -> str:
+    return re.sub(r"-?\d+\.\d{2,}", lambda number: f"{float(number[0]):.1f}", tag)
 
 
 def _short_style(style: str) -> str:
