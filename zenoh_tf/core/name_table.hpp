@@ -12,6 +12,7 @@
 
 #include "name_reader.hpp"
 #include "region.hpp"
+#include "yield_point.hpp"
 
 namespace ztf {
 
@@ -179,6 +180,7 @@ class NameTable : private NameReader<> {
     // Before the slot: whoever finds an id may rely on it to be within the size.
     if (id > size()) owned_root_.size.store(id, std::memory_order_release);
     fill_slot(slots_, hash_(name), id);
+    yield_point();
     return id;
   }
 
