@@ -17,7 +17,15 @@ MAX_LOAD = 1.0
 #: What cannot change a measurement, as git's pathspecs: the one list of it.
 UNMEASURED = (
     *("*.md", "docs", "tests", "examples", "docker", ".ci", ".github", "mkdocs.yml", "Makefile"),
-    *("LICENSE", ".gitignore", ".dockerignore", "scripts/docs_pages.py", "bench/results"),
+    *(
+        "LICENSE",
+        ".gitignore",
+        ".dockerignore",
+        ".clang-format",
+        "scripts/checks",
+        "scripts/docs_pages.py",
+        "bench/results",
+    ),
     *("bench/results.py", "bench/numbers.py", "bench/plots.py", "bench/figures.py"),
 )
 

@@ -90,6 +90,7 @@ def test_pages_take_their_numbers_from_the_results() -> None:
         numbers.filled(page, {})
 
 
+@pytest.mark.timeout(180)  # it loads Matplotlib
 def test_kept_results_are_small_and_make_all_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
