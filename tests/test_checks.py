@@ -43,6 +43,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
         r"\g<1>9",
         "differs from bench",
     ),
+    ("measured_numbers", "docs/mirrors.md", r"takes (?=<!--)", "\n", "begins a line"),
     ("documented_calls", "docs/from-tf2.md", r"tf\.can_transform\(", "tf.can(", "no method can"),
     ("documented_calls", "docs/from-tf2.md", r"tf2 import do_\w+", "tf2 import it", "has no it"),
     ("queries", DASHBOARD, "zenoh_tf_frames", "zenoh_tf_fames", "no metric zenoh_tf_fames"),

@@ -117,6 +117,8 @@ def measured_numbers(repository: Repository) -> Iterator[Violation]:
                 yield Violation(page, number, f"no result has the key {key}")
             elif match["text"] != found[key]:
                 yield Violation(page, number, f"{key} differs from bench/results: make figures")
+            elif text[: match.start()].endswith("\n") and "\n" not in match["text"]:
+                yield Violation(page, number, f"{key} begins a line, so a paragraph ends before it")
 
 
 def documented_calls(repository: Repository) -> Iterator[Violation]:
