@@ -116,3 +116,38 @@ TEST(names_are_found_while_their_table_grows) {
   });
   threads.join();
 }
+
+TEST(a_mapped_tree_is_read_while_its_file_grows) {
+  constexpr int kFrames = 300;
+  World world(Options{.cache_ns = 1'000'000'000, .max_memory_bytes = 1 << 26, .shared = true});
+  CHECK_EQ(world.refusal({{"root", "frame0", 1, at_x(0)}}), Code::ok);
+  world.tree.begin_lease(kLong);
+  const SharedTree tree(world.tree.descriptor());  // of the small file
+  std::atomic<int> done{0};
+  ThreadGroup threads;
+  threads.foreground([&] {
+    for (int n = 1; n <= kFrames; ++n) {
+      std::vector<Set> sets;
+      for (Stamp stamp = 1; stamp <= 500; ++stamp)  // 32 kB
+        sets.push_back({"root", "frame" + std::to_string(n), stamp, at_x(n)});
+      CHECK_EQ(world.refusal(sets), Code::ok);
+      done = n;
+    }
+  });
+  for (int thread = 0; thread < 2; ++thread)
+    threads.background([&](const std::atomic<bool>& stop) {
+      while (!stop) {
+        const int n = done;
+        Answer answer;
+        try {
+          tree.lookup({Op::at, tree.find("root"), tree.find("frame" + std::to_string(n)), 1},
+                      answer);
+          CHECK_EQ(answer.failure.code, Code::ok);
+          CHECK_EQ(answer.pose.x, static_cast<double>(n));
+        } catch (const Unanswered& why) {
+          CHECK_EQ(why.reason, Unanswered::Reason::busy);
+        }
+      }
+    });
+  threads.join();
+}

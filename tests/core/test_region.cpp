@@ -6,34 +6,11 @@
 #include <cstring>
 #include <random>
 
-#include "fixture.hpp"
-#include "host.hpp"
-#include "shared_tree.hpp"
+#include "region_fixture.hpp"
 
 using namespace ztf;
-using Reason = Unanswered::Reason;
 
 namespace {
-
-constexpr std::int64_t kLong = 3'600'000'000'000;  // ns
-
-Options shared(Options options = {}) {
-  options.shared = true;
-  options.max_frames = std::min(options.max_frames, 4096u);
-  options.max_memory_bytes = 1 << 24;
-  return options;
-}
-
-// Returns the reason why body() was not answered; nothing if it was.
-template <class Body>
-std::optional<Reason> unanswered(Body&& body) {
-  try {
-    body();
-  } catch (const Unanswered& why) {
-    return why.reason;
-  }
-  return std::nullopt;
-}
 
 // Returns why the descriptor is refused; empty if it is not.
 std::string refusal(int descriptor) {
@@ -55,10 +32,6 @@ void check_equal(const Answer& a, const Answer& b) {
   }
   CHECK_EQ(a.stamp, b.stamp);
   CHECK(distance(a.pose, b.pose) < 1e-9);  // not all are compiled for the same processor
-}
-
-std::string name_of(unsigned n) {
-  return std::string(n % 3 == 0 ? 30 : 0, 'x') + "frame" + std::to_string(n);
 }
 
 // A chain with arms, histories of many lengths, a reparented and some static links.
@@ -205,18 +178,6 @@ TEST(the_tree_of_an_owner_that_has_ended_is_not_believed) {
   CHECK(unanswered([&] { tree.lookup(query, answer); }) == Reason::lapsed);
 }
 
-// A region that the test may write to as it likes.
-struct Bare {
-  explicit Bare(Options options = shared()) : region(options) {
-    NameTable names(region.header().names, region.names(), options.max_frames, region);
-    for (unsigned n = 0; n < 20; ++n) names.insert(name_of(n));
-    const NameTable authorities(region.header().authorities, region.authorities(),
-                                options.max_authorities, region);
-    region.header().lease_ns = monotonic_ns() + kLong;
-  }
-  Region region;
-};
-
 TEST(a_frame_whose_writer_never_ends_is_left_to_the_owner) {
   Bare bare;
   const SharedTree tree(bare.region.descriptor());
@@ -247,9 +208,10 @@ TEST(what_cannot_be_read_is_refused_with_a_reason) {
     CHECK(text.find(part) != std::string::npos);
   };
   mentions(refusal_after([](RegionHeader& h) { h.magic += 1; }), "not a region");
-  mentions(refusal_after([](RegionHeader& h) { h.layout_version += 1; }), "layout 2");
-  mentions(refusal_after([](RegionHeader& h) { h.layout_hash ^= 1; }), "layout 1");
-  mentions(refusal_after([](RegionHeader& h) { h.bytes -= 4096; }), "size");
+  mentions(refusal_after([](RegionHeader& h) { h.layout_version += 1; }), "layout 3");
+  mentions(refusal_after([](RegionHeader& h) { h.layout_hash ^= 1; }), "layout 2");
+  mentions(refusal_after([](RegionHeader& h) { h.bytes = 4096; }), "size");
+  mentions(refusal_after([](RegionHeader& h) { h.bytes = ~0ull << 12; }), "mapped");
   mentions(refusal_after([](RegionHeader& h) { h.boot_id[0] ^= 1; }), "boot");
   mentions(refusal_after([](RegionHeader& h) { h.time_namespace ^= 1; }), "clock");
   mentions(refusal_after([](RegionHeader& h) { h.max_depth = ~0u; }), "limits");
@@ -281,6 +243,9 @@ TEST(nobody_can_write_to_a_region_through_its_descriptor) {
   ::munmap(mapped, 4096);
   CHECK(::pwrite(descriptor, "x", 1, 0) < 0);
   CHECK(::ftruncate(descriptor, 4096) < 0);
+  CHECK(::ftruncate(descriptor, std::int64_t{1} << 40) < 0);
+  CHECK(::fallocate(descriptor, 0, 0, 1 << 24) < 0);
+  CHECK(::fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, 1 << 24) < 0);
   CHECK(::fallocate(descriptor, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, 4096) < 0);
 }
 

@@ -165,6 +165,7 @@ class CommitNames {
     // There is one: all ids that frames do not need are free now, or as many as the commit needs.
     assert(new_->created.size() < tree_.names_.left());
     id = tree_.names_.next_id(new_->created.size());
+    tree_.region_.allocate_records(id);
     new_->created.emplace_back(id, name);
     return id;
   }

@@ -44,7 +44,7 @@ struct alignas(128) RegionHeader {
   std::uint64_t magic;           // kMagic
   std::uint64_t layout_version;  // kLayoutVersion
   std::uint64_t layout_hash;     // kLayoutHash
-  std::uint64_t bytes;           // of the region
+  std::uint64_t bytes;           // to map: the most that the file may have; it grows
   char boot_id[40];              // of the host: a clock of another boot means nothing
   std::uint64_t time_namespace;  // its inode: CLOCK_MONOTONIC may differ between two; 0: unknown
   char instance[64];             // which server this is; ends with a zero byte
@@ -53,7 +53,7 @@ struct alignas(128) RegionHeader {
   std::uint32_t max_frames, max_authorities, max_samples_per_frame, max_name_bytes, max_depth;
   std::uint64_t frames, events;  // distances from the header
 
-  // The end of the arena's used part, as a distance from the header. It only grows.
+  // The end of the arena's used part, as a distance from the header. It only grows, after the file.
   alignas(64) std::atomic<std::uint64_t> used;
   // The time of CLOCK_MONOTONIC, in ns, up to which readers of other processes may believe what
   // they have read. The owner moves it ahead as long as it lives; 0 if it has not begun, or ended.
@@ -68,7 +68,7 @@ static_assert(sizeof(RegionHeader) <= kHeaderBytes);
 
 constexpr std::uint64_t kMagic = 0x65657274'66747a01;  // 01 "ztftree", in memory order
 // To be counted up with every change of meaning that the hash below does not see.
-constexpr std::uint64_t kLayoutVersion = 1;
+constexpr std::uint64_t kLayoutVersion = 2;
 
 // Differs if the size or the place of anything that readers use differs.
 constexpr std::uint64_t hash_of_layout() noexcept {

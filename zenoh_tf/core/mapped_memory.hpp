@@ -26,11 +26,41 @@ struct Unanswered {
   Reason reason;
 };
 
+// How far the file of a mapped region reaches.
+//
+// The mapping is longer than the file, which grows: to touch a page behind its end would end the
+// process (SIGBUS), while a page within it can be read from the moment on at which the file has it,
+// through the same mapping. So readers touch only what lies before a size that the system has told,
+// and never rely on the header for that. The file is sealed against shrinking, so a size that was
+// told once holds for the mapping's life, for all threads and whenever they use it. The owner lets
+// the file grow before it moves RegionHeader::used ahead. So if that lies beyond the size known
+// here, it is enough to ask the system again; if it is still beyond, the header is wrong.
+class MappedFile {
+ public:
+  // Keeps a descriptor of its own, which it closes.
+  MappedFile(int descriptor, std::uint64_t size) noexcept : descriptor_(descriptor), size_(size) {}
+  ~MappedFile();
+  MappedFile(const MappedFile&) = delete;
+  MappedFile& operator=(const MappedFile&) = delete;
+
+  // Returns `end`, or the file's size if that is less.
+  [[nodiscard]] std::uint64_t reach(std::uint64_t end) const noexcept {
+    return end <= size_.load(std::memory_order_acquire) ? end : reach_now(end);
+  }
+
+ private:
+  [[nodiscard, gnu::noinline, gnu::cold]] std::uint64_t reach_now(std::uint64_t end) const noexcept;
+
+  const int descriptor_;
+  mutable std::atomic<std::uint64_t> size_;
+};
+
 // The mapped region, as it is checked against.
 class MappedMemory {
  public:
-  MappedMemory(const RegionHeader& header, std::uint64_t bytes, std::uint32_t longest_name) noexcept
-      : header_(header), bytes_(bytes), longest_name_(longest_name) {}
+  MappedMemory(const RegionHeader& header, const MappedFile& file,
+               std::uint32_t longest_name) noexcept
+      : header_(header), file_(file), longest_name_(longest_name) {}
 
   // Whether these bytes lie in the used part, and begin at a whole word.
   [[nodiscard]] bool holds(const void* begin, std::size_t bytes) const noexcept {
@@ -44,12 +74,12 @@ class MappedMemory {
     return reinterpret_cast<std::uintptr_t>(to) - reinterpret_cast<std::uintptr_t>(&header_);
   }
   [[nodiscard]] std::uint64_t used() const noexcept {
-    return std::min(header_.used.load(std::memory_order_acquire), bytes_);
+    return file_.reach(header_.used.load(std::memory_order_acquire));
   }
 
  private:
   const RegionHeader& header_;
-  const std::uint64_t bytes_;  // mapped
+  const MappedFile& file_;
   const std::uint32_t longest_name_;
 };
 

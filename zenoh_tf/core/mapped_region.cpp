@@ -1,5 +1,7 @@
 // Mapping a region of another process, and refusing what this process cannot read.
+#include <algorithm>
 #include <cerrno>
+#include <cstddef>
 #include <cstdio>
 #include <cstring>
 
@@ -25,18 +27,46 @@ MappedRegion::MappedRegion(int descriptor) {
   struct stat status{};
   if (::fstat(descriptor, &status) != 0 || status.st_size < std::int64_t{kHeaderBytes})
     throw RegionRefused("the file is too small for a region");
-  bytes_ = static_cast<std::uint64_t>(status.st_size);
+  file_bytes_ = static_cast<std::uint64_t>(status.st_size);
+  map(descriptor);
+  try {
+    check_header();
+    const int own = ::fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+    if (own < 0)
+      throw RegionRefused(std::string("no file descriptor is left for the region: ") +
+                          std::strerror(errno));
+    file_.emplace(own, file_bytes_);
+  } catch (...) {
+    unmap();
+    throw;
+  }
+}
+
+// Maps what the header says, or all of the file if that is more.
+void MappedRegion::map(int descriptor) {
+  std::uint64_t bytes = 0;
+  if (::pread(descriptor, &bytes, sizeof bytes, offsetof(RegionHeader, bytes)) != sizeof bytes)
+    throw RegionRefused(std::string("the file cannot be read: ") + std::strerror(errno));
+  bytes_ = std::max(bytes, file_bytes_);
   void* const mapped = ::mmap(nullptr, bytes_, PROT_READ, MAP_SHARED, descriptor, 0);
   if (mapped == MAP_FAILED)
     throw RegionRefused("the region of " + std::to_string(bytes_) +
                         " bytes cannot be mapped: " + std::strerror(errno));
   header_ = static_cast<const RegionHeader*>(mapped);
-  try {
-    check_header();
-  } catch (...) {
-    unmap();
-    throw;
+}
+
+MappedFile::~MappedFile() { ::close(descriptor_); }
+
+std::uint64_t MappedFile::reach_now(std::uint64_t end) const noexcept {
+  struct stat status{};
+  if (::fstat(descriptor_, &status) == 0) {
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    std::uint64_t known = size_.load(std::memory_order_relaxed);
+    while (known < size && !size_.compare_exchange_weak(known, size, std::memory_order_release,
+                                                        std::memory_order_relaxed)) {
+    }
   }
+  return std::min(end, size_.load(std::memory_order_acquire));
 }
 
 void MappedRegion::unmap() noexcept {
@@ -46,7 +76,10 @@ void MappedRegion::unmap() noexcept {
 #else
 
 MappedRegion::MappedRegion(int) { throw RegionRefused("a region can be mapped only on Linux"); }
+void MappedRegion::map(int) {}
 void MappedRegion::unmap() noexcept {}
+MappedFile::~MappedFile() = default;
+std::uint64_t MappedFile::reach_now(std::uint64_t) const noexcept { return 0; }
 
 #endif
 
@@ -89,7 +122,7 @@ void MappedRegion::check_header() {
 
 void MappedRegion::check_array(std::uint64_t distance, std::uint64_t bytes,
                                std::uint64_t alignment) const {
-  if (distance % alignment != 0 || distance > bytes_ || bytes > bytes_ - distance)
+  if (distance % alignment != 0 || distance > file_bytes_ || bytes > file_bytes_ - distance)
     throw RegionRefused("the region's parts lie outside of it");
 }
 

@@ -83,9 +83,11 @@ class NameTable : private NameReader<> {
     return static_cast<Id>(size() + 1 + (inserts - free_ids_.size()));
   }
 
-  // Makes room for that many names of that many bytes in all, so that inserting them cannot fail.
-  // Throws bad_alloc.
+  // Makes room for that many names of that many bytes in all, so that inserting them cannot fail;
+  // for names of frames also in the frames' records. Throws bad_alloc and Rejected.
   void reserve(std::size_t names, std::size_t bytes) {
+    if (names_ == region_.names())
+      region_.allocate_records(static_cast<Id>(std::min<std::size_t>(size() + names, max_size())));
     while ((size() + names) * 2 > slots() || (used_slots_ + names) * 4 > slots() * 3) grow();
     const std::size_t words = (2 * bytes + 7) / 8 + names * kLeastWords;  // rounded up each
     if (words > free_.size()) {

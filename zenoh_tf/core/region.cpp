@@ -1,4 +1,4 @@
-// The region's arrays, its header, and the sealed memfd.
+// The region's arrays, its header, and its file.
 #include "region.hpp"
 
 #include <unistd.h>
@@ -11,6 +11,7 @@
 #include "host.hpp"
 #include "layout.hpp"
 #include "long_wait.hpp"
+#include "rejected.hpp"
 
 #if defined(__linux__)
 #include <fcntl.h>
@@ -28,20 +29,34 @@ constexpr std::uint64_t round_up(std::uint64_t bytes, std::uint64_t to) noexcept
   return (bytes + to - 1) / to * to;
 }
 
-// More than the tree can ever use, as what is not touched costs nothing. Rings waste the ends of
-// their blocks, hash tables double, and texts of names are rounded up and kept by size.
-std::uint64_t region_bytes(const Options& options) {
+constexpr std::uint64_t kPage = 4096;
+// The file grows by this. To clear so many pages takes the host some 0.2 ms.
+constexpr std::uint64_t kStep = std::uint64_t{1} << 20;
+// Frames whose records get their memory at once.
+constexpr std::uint32_t kRecords = 1024;
+
+// The header and the arrays, with the gaps that align them.
+std::uint64_t array_bytes(const Options& options) {
   const std::uint64_t frames = std::uint64_t{options.max_ids()} + 1;
   const std::uint64_t authorities = std::uint64_t{options.max_authorities} + 1;
-  const std::uint64_t arrays = kHeaderBytes +
-                               frames * (sizeof(Frame) + sizeof(FrameEvents) + sizeof(NameEntry)) +
-                               authorities * sizeof(NameEntry);
-  const std::uint64_t tables = (frames + authorities) * 16 * sizeof(NameWord);
-  const std::uint64_t texts = (frames + authorities) * 4 * options.max_name_bytes;
+  const std::uint64_t gaps = 4 * 128;
+  return round_up(kHeaderBytes + gaps +
+                      frames * (sizeof(Frame) + sizeof(FrameEvents) + sizeof(NameEntry)) +
+                      authorities * sizeof(NameEntry),
+                  kPage);
+}
+
+// More than the tree can ever use: these are addresses, and no memory. Rings waste the ends of
+// their blocks, hash tables double, and texts of names are rounded up and kept by size.
+std::uint64_t region_bytes(const Options& options) {
+  const std::uint64_t names = std::uint64_t{options.max_ids()} + options.max_authorities + 2;
+  const std::uint64_t tables = names * 16 * sizeof(NameWord);
+  const std::uint64_t texts = names * 4 * options.max_name_bytes;
   const auto memory = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) *
                       static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
   const std::uint64_t rings = options.max_memory_bytes != 0 ? options.max_memory_bytes : memory;
-  return round_up(arrays + tables + texts + 2 * rings + (std::uint64_t{1} << 26), 1 << 21);
+  return round_up(array_bytes(options) + tables + texts + 2 * rings + (std::uint64_t{1} << 26),
+                  kStep);
 }
 
 #if defined(__linux__)
@@ -66,10 +81,10 @@ T* Region::make_array(std::size_t size) {
   return reinterpret_cast<T*>(allocate(bytes, bytes).begin);
 }
 
-Region::Region(const Options& options) {
+Region::Region(const Options& options) : max_ids_(options.max_ids()) {
   try {
     if (options.shared) {
-      map_region(region_bytes(options));
+      map_region(region_bytes(options), array_bytes(options));
       header_ = reinterpret_cast<RegionHeader*>(region_);
       header_->used.store(kHeaderBytes, std::memory_order_release);
     } else {
@@ -79,7 +94,10 @@ Region::Region(const Options& options) {
     events_ = make_array<FrameEvents>(std::size_t{options.max_ids()} + 1);
     names_ = make_array<NameEntry>(std::size_t{options.max_ids()} + 1);
     authorities_ = make_array<NameEntry>(std::size_t{options.max_authorities} + 1);
-    if (region_) fill_header(options);
+    if (region_) {
+      fill_header(options);
+      allocate_first_pages();
+    }
   } catch (...) {
     unmap_region();
     throw;
@@ -101,33 +119,65 @@ Region::Piece Region::allocate(std::size_t least, std::size_t wanted) {
   least = round_up(least, sizeof(Block));
   if (least > left) throw std::bad_alloc();
   const std::uint64_t bytes =
-      std::max<std::uint64_t>(least, std::min(round_up(wanted, sizeof(Block)), left));
-  // Before anyone can find a record in it: readers accept nothing beyond it.
+      std::max<std::uint64_t>(least, std::min({round_up(wanted, sizeof(Block)), left, kStep}));
+  if (used + bytes > file_bytes_) {
+    const std::uint64_t end = std::min(round_up(used + bytes, kStep), bytes_);
+    allocate_pages(file_bytes_, end);
+    file_bytes_ = end;
+  }
+  // Before anyone can find a record in it, and after the file has got it: readers accept nothing
+  // beyond it, and what they accept is in the file.
   header_->used.store(used + bytes, std::memory_order_release);
   return {region_ + used, bytes};
 }
 
+void Region::allocate_records(std::uint32_t last_id) {
+  if (!region_ || last_id <= last_record_) return;
+  const std::uint32_t last = std::min(max_ids_, std::max(last_id, last_record_ + kRecords));
+  const auto allocate = [&]<class T>(const T* array) {
+    const auto begin =
+        static_cast<std::uint64_t>(reinterpret_cast<const std::byte*>(array) - region_);
+    allocate_pages((begin + last_record_ * sizeof(T)) / kPage * kPage,
+                   round_up(begin + (last + std::uint64_t{1}) * sizeof(T), kPage));
+  };
+  allocate(frames_);
+  allocate(events_);
+  allocate(names_);
+  last_record_ = last;
+}
+
 #if defined(__linux__)
 
-void Region::map_region(std::uint64_t bytes) {
+void Region::map_region(std::uint64_t bytes, std::uint64_t file_bytes) {
   // The second attempt is for kernels before 6.3, which do not know the last flag.
-  descriptor_ = ::memfd_create("zenoh-tf", MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
-  if (descriptor_ < 0 && errno == EINVAL)
-    descriptor_ = ::memfd_create("zenoh-tf", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-  if (descriptor_ < 0) fail("memfd_create");
-  if (::ftruncate(descriptor_, static_cast<off_t>(bytes)) != 0) fail("ftruncate");
-  void* const mapped = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor_, 0);
+  writable_ = ::memfd_create("zenoh-tf", MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
+  if (writable_ < 0 && errno == EINVAL)
+    writable_ = ::memfd_create("zenoh-tf", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+  if (writable_ < 0) fail("memfd_create");
+  const std::string path = "/proc/self/fd/" + std::to_string(writable_);
+  read_only_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (read_only_ < 0) fail("cannot open the region for reading");
+  if (::ftruncate(writable_, static_cast<off_t>(file_bytes)) != 0) fail("ftruncate");
+  if (try_allocate(0, kHeaderBytes) != 0) fail("fallocate");
+  void* const mapped = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, writable_, 0);
   if (mapped == MAP_FAILED) fail("mmap");
   region_ = static_cast<std::byte*>(mapped);
   bytes_ = bytes;
+  file_bytes_ = file_bytes;
   owner_ = ::getpid();
   // A forked child would write into this process's tree.
   if (::madvise(region_, bytes, MADV_DONTFORK) != 0) fail("madvise");
   // After the mapping, through which this process may still write; nobody can make another one.
-  if (::fcntl(descriptor_, F_ADD_SEALS,
-              F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE | F_SEAL_SEAL) != 0)
+  if (::fcntl(writable_, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_FUTURE_WRITE | F_SEAL_SEAL) != 0)
     fail("F_ADD_SEALS");
-  if (::fchmod(descriptor_, 0400) != 0) fail("fchmod");
+  if (::fchmod(writable_, 0400) != 0) fail("fchmod");
+}
+
+int Region::try_allocate(std::uint64_t begin, std::uint64_t end) noexcept {
+  const auto from = static_cast<off_t>(begin), bytes = static_cast<off_t>(end - begin);
+  while (::fallocate(writable_, 0, from, bytes) != 0)
+    if (errno != EINTR) return errno;
+  return 0;
 }
 
 void Region::unmap_region() noexcept {
@@ -136,18 +186,43 @@ void Region::unmap_region() noexcept {
     if (header_) header_->lease_ns.store(0, std::memory_order_seq_cst);
     ::munmap(region_, bytes_);
   }
-  if (descriptor_ >= 0) ::close(descriptor_);
+  for (const int descriptor : {writable_, read_only_})
+    if (descriptor >= 0) ::close(descriptor);
 }
 
 #else
 
-void Region::map_region(std::uint64_t) {
+void Region::map_region(std::uint64_t, std::uint64_t) {
   throw std::system_error(std::make_error_code(std::errc::function_not_supported),
                           "a tree can be shared only on Linux");
 }
+int Region::try_allocate(std::uint64_t, std::uint64_t) noexcept { return 0; }
 void Region::unmap_region() noexcept {}
 
 #endif
+
+void Region::allocate_pages(std::uint64_t begin, std::uint64_t end) {
+  const int error = try_allocate(begin, end);
+  if (error == 0) return;
+  const std::string bytes = std::to_string(end - begin);
+  throw Rejected{.code = Code::limit,
+                 .message = "the host has no " + bytes +
+                            " bytes of memory left for the shared tree (" + std::strerror(error) +
+                            "): free memory there",
+                 .field = "host_memory",
+                 .value = static_cast<std::int64_t>(end - begin)};
+}
+
+void Region::allocate_first_pages() {
+  const auto distance = [&](const void* to) {
+    return static_cast<std::uint64_t>(static_cast<const std::byte*>(to) - region_);
+  };
+  // The authorities are the last array, and the arena follows.
+  const std::uint64_t end = round_up(file_bytes_, kStep);
+  if (const int error = try_allocate(distance(authorities_) / kPage * kPage, end))
+    throw std::system_error(error, std::generic_category(), "fallocate");
+  file_bytes_ = end;
+}
 
 void Region::fill_header(const Options& options) {
   RegionHeader& header = *header_;

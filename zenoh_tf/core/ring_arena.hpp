@@ -45,7 +45,7 @@ class RingArena {
   RingArena& operator=(const RingArena&) = delete;
 
   // Returns the cache lines of a ring of 2^logarithm samples: zeroed, or as they were given back.
-  // Throws Full and bad_alloc.
+  // Throws Full and bad_alloc, and Rejected if the host has no memory for a region.
   Line* allocate(unsigned logarithm, std::size_t lines) {
     const auto lock = lock_announced(mutex_);
     if (Line* const ring = free_rings_[logarithm]) {
@@ -54,12 +54,15 @@ class RingArena {
     }
     if (max_lines_ != 0 && lines_ + lines > max_lines_) throw Full();
     if (lines > left_) {
-      // The rest of the last block stays unused.
+      // The rest of the last block stays unused, unless the new one follows it.
       const std::size_t size = std::max(lines, kFirstBlock << std::min(blocks_, kDoublings));
       const Region::Piece block = region_.allocate(lines * sizeof(Line), size * sizeof(Line));
       ++blocks_;
-      free_ = reinterpret_cast<Line*>(block.begin);
-      left_ = block.bytes / sizeof(Line);
+      if (reinterpret_cast<Line*>(block.begin) != free_ + left_) {
+        free_ = reinterpret_cast<Line*>(block.begin);
+        left_ = 0;
+      }
+      left_ += block.bytes / sizeof(Line);
     }
     Line* const taken = free_;
     free_ += lines;

@@ -9,7 +9,7 @@ namespace ztf {
 
 SharedTree::SharedTree(int descriptor)
     : region_(descriptor),
-      memory_(region_.header(), region_.bytes(), options().max_name_bytes),
+      memory_(region_.header(), region_.file(), options().max_name_bytes),
       frames_(
           region_.array<Frame>(region_.header().frames, std::uint64_t{options().max_ids()} + 1)),
       events_(region_.array<FrameEvents>(region_.header().events,

@@ -8,6 +8,7 @@
 // Thread safety: every function, from any thread.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -29,14 +30,14 @@ struct RegionRefused : std::runtime_error {
 // A region of another process, mapped read-only and checked.
 class MappedRegion {
  public:
-  // Does not keep the descriptor. Throws RegionRefused and bad_alloc.
+  // Keeps a copy of the descriptor. Throws RegionRefused and bad_alloc.
   explicit MappedRegion(int descriptor);
   ~MappedRegion();
   MappedRegion(const MappedRegion&) = delete;
   MappedRegion& operator=(const MappedRegion&) = delete;
 
   [[nodiscard]] const RegionHeader& header() const noexcept { return *header_; }
-  [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
+  [[nodiscard]] const MappedFile& file() const noexcept { return *file_; }
   // Copied when the region was mapped, like all that is not checked again.
   [[nodiscard]] const Options& options() const noexcept { return options_; }
   // Returns the records at a distance from the header. Throws RegionRefused if they are not all
@@ -48,12 +49,15 @@ class MappedRegion {
   }
 
  private:
+  void map(int descriptor);
   void check_header();
   void check_array(std::uint64_t distance, std::uint64_t bytes, std::uint64_t alignment) const;
   void unmap() noexcept;
 
   const RegionHeader* header_ = nullptr;
-  std::uint64_t bytes_ = 0;
+  std::uint64_t bytes_ = 0;       // of the mapping: the most that the file may have
+  std::uint64_t file_bytes_ = 0;  // of the file, when it was mapped
+  std::optional<MappedFile> file_;
   Options options_;
 };
 
@@ -63,7 +67,7 @@ class SharedTree {
  public:
   using FrameRef = NameRef;
 
-  // Maps the region. Does not keep the descriptor. Throws RegionRefused and bad_alloc.
+  // Maps the region. The caller may close the descriptor. Throws RegionRefused and bad_alloc.
   explicit SharedTree(int descriptor);
 
   // All that follows is what Tree has under the same name, and throws Unanswered besides.

@@ -33,6 +33,7 @@
 #include "options.hpp"
 #include "query.hpp"
 #include "region.hpp"
+#include "rejected.hpp"
 #include "topology_index.hpp"
 #include "velocity.hpp"
 #include "wait_list.hpp"
@@ -76,16 +77,6 @@ struct RowResult {
   static constexpr std::uint8_t dropped = 0;  // too old, or older than all of a full frame
   static constexpr std::uint8_t stored = 1;
   static constexpr std::uint8_t from_future = 2;  // dropped: later than CommitRequest::max_stamp
-};
-
-// Thrown if a commit or a removal is rejected: the reason, and the facts that it rests on. Facts
-// that do not apply are empty, kNoStamp or -1.
-struct Rejected {
-  Code code;
-  std::string message;
-  std::string frame = {}, parent = {}, field = {};
-  Stamp stamp = kNoStamp, oldest = kNoStamp, newest = kNoStamp;
-  std::int64_t limit = -1, value = -1;
 };
 
 // Rare events of several frames (FrameEvents).
