@@ -73,6 +73,86 @@ def test_servers_share_one_folder(start_sharing: StartServer, socket_folder: Pat
     assert list(socket_folder.glob("*")) == []
 
 
+def test_only_sockets_of_this_users_servers_are_removed(socket_folder: Path) -> None:
+    """Nobody listens on any of these."""
+    names = ["main-0123456789abcdef", "main-0123456789abcdef-3", "other", "main-0123"]
+    for name in names:
+        with socket.socket(socket.AF_UNIX) as dead:
+            dead.bind(str(socket_folder / f"{name}.sock"))
+    file = socket_folder / "main-1123456789abcdef.sock"
+    file.write_text("no socket")
+    if os.geteuid() == 0:
+        names.append("main-2123456789abcdef")
+        with socket.socket(socket.AF_UNIX) as dead:
+            dead.bind(str(socket_folder / f"{names[-1]}.sock"))
+        os.chown(socket_folder / f"{names[-1]}.sock", 65534, -1)
+    Sharing(Settings(folder=socket_folder), "main", "one").close()
+    left = {path.name for path in socket_folder.iterdir()}
+    assert left == {f"{name}.sock" for name in names[2:]} | {file.name}
+
+
+@pytest.mark.parametrize(("mode", "accepted"), [(0o777, False), (0o775, False), (0o1777, True)])
+def test_a_folder_that_others_may_write_to_is_refused(
+    socket_folder: Path, mode: int, accepted: bool
+) -> None:
+    folder = socket_folder / "open"
+    folder.mkdir()
+    folder.chmod(mode)
+    inner = folder / "inner"  # others could rename it
+    inner.mkdir(mode=0o700)
+    for each in (folder, inner):
+        if accepted:
+            Sharing(Settings(folder=each), "main", "one").close()
+        else:
+            with pytest.raises(NetworkError, match=r"others may write to .*: chmod go-w"):
+                Sharing(Settings(folder=each), "main", "one")
+
+
+def test_a_client_refuses_the_socket_of_another_user(
+    start_sharing: StartServer, socket_folder: Path
+) -> None:
+    """Such as one that was put into a folder that had another mode when the server started."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can become another user")
+    server = start_sharing()
+    path = path_of(socket_folder)
+    socket_folder.chmod(0o1777)  # in a folder that the user may write to, the path is not trusted
+    os.unlink(path)
+    script = """
+import os, socket, sys
+os.setuid(65534)
+with socket.socket(socket.AF_UNIX) as listener:
+    listener.bind(sys.argv[1])
+    listener.listen()
+    print("listens", flush=True)
+    sys.stdin.read()
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", script, path],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as impostor:
+        assert impostor.stdout is not None
+        assert impostor.stdout.readline() == "listens\n"
+        with server.connect(reads="auto") as tf:
+            assert tf.reads == "query"
+            assert tf.stats()["reads_refused_not_trusted"] == 1
+            assert not tf.can_transform("map", "base")
+        impostor.kill()
+
+
+def test_a_client_refuses_a_folder_that_others_may_write_to(
+    start_sharing: StartServer, socket_folder: Path
+) -> None:
+    server = start_sharing()
+    socket_folder.chmod(0o777)
+    with server.connect(reads="auto") as tf:
+        assert tf.reads == "query" and tf.stats()["reads_refused_not_trusted"] == 1
+    socket_folder.chmod(0o700)
+    assert reads_shared(server)
+
+
 def test_a_server_that_cannot_start_leaves_no_socket(
     start_sharing: StartServer, socket_folder: Path
 ) -> None:
@@ -228,7 +308,7 @@ class Impostor:
         (b"\1\0\0\0\x80", 2, RegionRefused, "2 file descriptors"),
         (b"\1\0\0\0\xc1", 1, ProtocolError, "not a msgpack|malformed|cannot"),
         (b"\5\0\0\0\x81\xa1v\x01\xc0", 1, ProtocolError, "not a msgpack|malformed|cannot"),
-        (b"\4\0\0\0\x81\xa1v\x01", 1, RegionRefused, "layout .unknown., and this client reads 1"),
+        (b"\4\0\0\0\x81\xa1v\x01", 1, RegionRefused, "layout .unknown., and this client reads 2"),
         (handover.message("other", "one", {}), 1, RegionRefused, "another server"),
         (handover.message("main", "two", {}), 1, RegionRefused, "another server"),
         (handover.message("main", "one", {}), 1, RegionRefused, "sealed"),

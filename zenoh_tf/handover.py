@@ -21,6 +21,7 @@ from typing import Final
 from zenoh_tf import wire
 from zenoh_tf._core import LAYOUT
 from zenoh_tf.shared_tree import RegionRefused, SharedTree
+from zenoh_tf.socket_trust import check_peer
 
 SUFFIX: Final = ".sock"
 #: What `hello` says of a shared tree is in this field.
@@ -92,6 +93,7 @@ def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedT
 
     Raises:
         OSError: The socket cannot be reached, or nothing came within `timeout_s`.
+        NotTrusted: It may be another user's; an OSError.
         RegionRefused: What the socket's owner sent is not the tree, or cannot be read here.
         ProtocolError: What it sent is malformed.
     """
@@ -179,6 +181,7 @@ def _receive(peer: socket.socket, path: str, timeout_s: float) -> tuple[bytes, i
         data = b""
         wanted = _LENGTH.size
         _connect(peer, path, deadline_s)
+        check_peer(peer, path)
         while len(data) < wanted:
             peer.settimeout(max(deadline_s - time.monotonic(), 0.001))
             more, received, _, _ = socket.recv_fds(peer, wanted - len(data), 4, _CLOSE_ON_EXEC)

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar, cast
 from zenoh_tf import TransformTree, handover, wire
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
+from zenoh_tf.socket_trust import NotTrusted
 
 from . import lookup_requests
 from .connection import Connection
@@ -52,6 +53,7 @@ REASONS: Final = (
     "not_offered",  # by the server
     "other_host",
     "no_permission",
+    "not_trusted",
     "other_layout",
     "failed",  # may succeed later
 )
@@ -217,6 +219,8 @@ class SharedReads:
             return
         try:
             tree = handover.receive(offer, self._connection.tree, server.instance, _HANDOVER_S)
+        except NotTrusted as error:
+            self._refuse(server, "not_trusted", f"{offer.socket}: {error.strerror}")
         except PermissionError:
             self._refuse(server, "no_permission", f"no permission to open {offer.socket}")
         except RegionRefused as error:

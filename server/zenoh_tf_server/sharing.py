@@ -25,6 +25,7 @@ import os
 import re
 import shutil
 import socket
+import stat
 import threading
 import time
 from collections.abc import Callable
@@ -34,6 +35,7 @@ from typing import Final
 
 from zenoh_tf import TransformTree, handover
 from zenoh_tf._core import LeaseKeeper
+from zenoh_tf.socket_trust import check_folder
 from zenoh_tf.text import quoted
 
 from .network import NetworkError
@@ -47,6 +49,8 @@ _SEND_TIMEOUT_S: Final = 1.0
 #: Sockets of other servers that are looked at when a server starts.
 _MOST_STALE: Final = 1000
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_-]")
+#: The names of servers' sockets: the tree, the instance, and the number of a replica's copy.
+_OURS: Final = re.compile(r"[A-Za-z0-9_-]{1,40}-[0-9a-f]{16}(?:-[0-9]+)?\.sock")
 
 log = logging.getLogger("zenoh_tf.server.sharing")
 
@@ -232,6 +236,7 @@ class Sharing:
                     if settings.group is not None:
                         shutil.chown(folder, group=settings.group)
                         folder.chmod(0o750)
+                check_folder(folder, {os.geteuid()})
                 if os.access(folder, os.W_OK | os.X_OK):
                     return folder.absolute()
                 failure = PermissionError(errno.EACCES, f"cannot write to {folder}")
@@ -278,10 +283,12 @@ def wait_for_predecessor(settings: Settings, listens_since_s: float) -> None:
 
 
 def _remove_stale(folder: Path) -> None:
-    """Remove the sockets of servers that were killed: nobody listens on them."""
+    """Remove the sockets of this user's servers that were killed: nobody listens on them."""
     for number, path in enumerate(folder.glob("*" + handover.SUFFIX)):
         if number == _MOST_STALE:
             return
+        if not _is_ours(path):
+            continue
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
             probe.setblocking(False)
             try:
@@ -291,4 +298,15 @@ def _remove_stale(folder: Path) -> None:
                     path.unlink()
                     log.debug("removed the socket of a server that is gone: %s", quoted(path.name))
             except OSError:
-                continue  # another server's, or none of ours
+                continue
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is the socket of a server of this user."""
+    if not _OURS.fullmatch(path.name):
+        return False
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISSOCK(status.st_mode) and status.st_uid == os.geteuid()
