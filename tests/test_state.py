@@ -289,7 +289,7 @@ def test_a_file_of_another_version_or_tree(
     line = refusal(folder, "--tree", "other")
     assert "belongs to tree 'main', not to 'other'" in line
     change_schema_version(folder / "state.sqlite3")
-    assert "has version 7, and this server knows version 2" in refusal(folder)
+    assert "has version 7, and this server knows version 3" in refusal(folder)
 
 
 def test_a_file_that_another_program_uses(

@@ -37,6 +37,8 @@ _ACCESS: Final = "access"
 #: Flags that make no sense in a file.
 _NOT_IN_FILE: Final = ("help", "version", "config")
 _PATH_METAVARS: Final = ("FILE", "DIR")
+#: Numbers that may have a unit, as in "1G".
+_SIZE_METAVAR: Final = "BYTES"
 
 
 def parse_arguments(
@@ -175,7 +177,7 @@ def _value(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
 def _single(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
     kind = action.type
     default = type(action.default)
-    if int in (kind, default):
+    if int in (kind, default) and action.metavar != _SIZE_METAVAR:
         value = _checked(flag, value, int, "a whole number")
     elif float in (kind, default):
         value = float(_checked(flag, value, (int, float), "a number"))

@@ -301,11 +301,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add a flag for each limit."""
     group = parser.add_argument_group("limits")
     for entry in fields(Limits):
+        has_unit = entry.name == "memory"
         group.add_argument(
             _flag(entry.name),
-            type=_bytes if entry.name == "memory" else _positive_up_to(_HIGHEST.get(entry.name)),
+            type=_bytes if has_unit else _positive_up_to(_HIGHEST.get(entry.name)),
             default=entry.default,
-            metavar="N",
+            metavar="BYTES" if has_unit else "N",
             help=f"{entry.metadata['meaning']} (default: %(default)s)",
         )
 

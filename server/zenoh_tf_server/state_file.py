@@ -4,6 +4,9 @@ A write is one transaction, so that a kill or a power cut leaves all of it or no
 database gets its final name only once it is complete: a file that is not whole was damaged, and
 never comes from a server that was killed.
 
+Every row has a checksum, because SQLite has none: a bit that the disk has changed is an error, and
+no other value. Only the file's owner may read or write it.
+
 Thread safety: none; one thread at a time.
 """
 
@@ -11,17 +14,18 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import functools
 import os
 import sqlite3
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 #: Tells the file from other SQLite databases ("ztfs").
 _APPLICATION_ID: Final = 0x7A746673
 _NAME: Final = "state.sqlite3"
@@ -102,7 +106,7 @@ class StateFile:
                 raise
         except BaseException as error:
             os.close(self._lock)
-            if isinstance(error, sqlite3.Error):
+            if isinstance(error, (sqlite3.Error, UnicodeError)):
                 raise self._unusable(error) from error
             raise
 
@@ -116,9 +120,9 @@ class StateFile:
             return Stored(
                 dict(self._links(Table.STATIC_LINKS)),
                 dict(self._links(Table.LAST_POSES)),
-                dict(self._database.execute("SELECT child, number FROM removed_links ORDER BY 2")),
+                dict(self._removals()),
             )
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeError) as error:
             raise self._unusable(error) from error
 
     def write(self, changes: Changes) -> None:
@@ -134,7 +138,8 @@ class StateFile:
                 if value is None:
                     execute(f"DELETE FROM {table.value} WHERE child = ?", (child,))
                 elif isinstance(value, int):
-                    execute("INSERT OR REPLACE INTO removed_links VALUES (?, ?)", (child, value))
+                    row = _removal_row(child, value)
+                    execute("INSERT OR REPLACE INTO removed_links VALUES (?, ?, ?)", row)
                 else:
                     places = ", ".join("?" * 13)
                     execute(
@@ -163,6 +168,8 @@ class StateFile:
         for path in (draft, *(Path(f"{draft}{suffix}") for suffix in ("-wal", "-journal"))):
             path.unlink(missing_ok=True)  # of a server that was killed at its first start
         try:
+            # SQLite gives the files beside it the same mode.
+            os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
             with contextlib.closing(sqlite3.connect(draft, isolation_level=None)) as database:
                 database.execute("PRAGMA synchronous = FULL")
                 database.execute("BEGIN IMMEDIATE")
@@ -170,10 +177,13 @@ class StateFile:
                 database.execute(f"CREATE TABLE last_poses ({_LINK_COLUMNS})")
                 database.execute(
                     "CREATE TABLE removed_links "
-                    "(child TEXT PRIMARY KEY NOT NULL, number INTEGER NOT NULL)"
+                    "(child TEXT PRIMARY KEY NOT NULL, number INTEGER NOT NULL, "
+                    "checksum INTEGER NOT NULL)"
                 )
-                database.execute("CREATE TABLE served (tree TEXT NOT NULL)")
-                database.execute("INSERT INTO served VALUES (?)", (tree,))
+                database.execute(
+                    "CREATE TABLE served (tree TEXT NOT NULL, checksum INTEGER NOT NULL)"
+                )
+                database.execute("INSERT INTO served VALUES (?, ?)", _served_row(tree))
                 database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
                 database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
                 database.execute("COMMIT")
@@ -208,12 +218,14 @@ class StateFile:
                 f"the state {self.path} has version {version}, and this server knows version "
                 f"{SCHEMA_VERSION}: start the server that wrote it, or choose another --state-dir"
             )
-        faults = [row[0] for row in self._database.execute("PRAGMA quick_check(1)")]
+        # Not the quick check: a row that is in the table or in its index alone would be lost.
+        faults = [row[0] for row in self._database.execute("PRAGMA integrity_check(1)")]
         if faults != ["ok"]:
             raise self._damaged("; ".join(faults))
-        served = self._database.execute("SELECT tree FROM served").fetchall()
-        if served != [(tree,)]:
-            name = served[0][0] if served else "?"
+        served = self._database.execute("SELECT * FROM served").fetchall()
+        if len(served) != 1 or served[0] != _served_row(str(served[0][0])):
+            raise self._damaged("the row of the tree's name has a wrong checksum")
+        if (name := served[0][0]) != tree:
             raise StateError(
                 f"the state {self.path} belongs to tree {name!r}, not to {tree!r}: "
                 "give each tree a --state-dir of its own"
@@ -227,12 +239,32 @@ class StateFile:
         for row in self._database.execute(f"SELECT * FROM {table.value} ORDER BY child"):
             child, parent, stamp_ns, *pose, authority, by_call, _ = row
             link = Link(parent, stamp_ns, tuple(pose), authority, bool(by_call))
-            if row != _row(child, link):
-                raise self._damaged(f"the row of {child!r} in {table.value} has a wrong checksum")
+            self._check_row(table, row, functools.partial(_row, child, link))
             yield child, link
 
-    def _unusable(self, error: sqlite3.Error) -> StateError:
-        if error.sqlite_errorcode & 0xFF in _DAMAGE:  # without what extends the code
+    def _removals(self) -> Iterator[tuple[str, int]]:
+        for row in self._database.execute("SELECT * FROM removed_links ORDER BY number"):
+            child, number, _ = row
+            self._check_row(
+                Table.REMOVED_LINKS, row, functools.partial(_removal_row, child, number)
+            )
+            yield child, number
+
+    def _check_row(
+        self, table: Table, row: tuple[Any, ...], make: Callable[[], tuple[Any, ...]]
+    ) -> None:
+        """Compare a row with the one that has the checksum of its values."""
+        try:
+            is_whole = row == make()
+        except (TypeError, AttributeError, struct.error):  # a value of another type
+            is_whole = False
+        if not is_whole:
+            raise self._damaged(f"the row of {row[0]!r} in {table.value} has a wrong checksum")
+
+    def _unusable(self, error: sqlite3.Error | UnicodeError) -> StateError:
+        # Python's own errors, such as text that is not UTF-8, have no code.
+        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
+        if code & 0xFF in _DAMAGE:  # without what extends the code
             return self._damaged(str(error))
         return StateError(f"cannot open the state {self.path}: {error}")
 
@@ -254,6 +286,14 @@ def _row(child: str, link: Link) -> tuple[str | int | float, ...]:
     names = "\0".join((child, link.parent, link.authority)).encode()
     checksum = zlib.crc32(names + struct.pack("<q7d?", link.stamp_ns, *pose, link.by_call))
     return child, link.parent, link.stamp_ns, *pose, link.authority, link.by_call, checksum
+
+
+def _removal_row(child: str, number: int) -> tuple[str, int, int]:
+    return child, number, zlib.crc32(child.encode() + struct.pack("<q", number))
+
+
+def _served_row(tree: str) -> tuple[str, int]:
+    return tree, zlib.crc32(tree.encode())
 
 
 def _lock(folder: Path) -> int:

@@ -87,9 +87,15 @@ def test_the_command_line_wins(tmp_path: Path) -> None:
     assert (options.listen, options.connect) == (None, ["tcp/[::1]:9"])
 
 
+@pytest.mark.parametrize("value", ['"1G"', '"1024M"', "1073741824", '"1073741824"'])
+def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str) -> None:
+    assert parse(tmp_path, f"[limits]\nmemory = {value}").max_memory == 1 << 30
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
+        ("[limits]\nmemory = '1X'", "max-memory: '1X' is no number of bytes"),
         ("max-row = 1", "unknown key 'max-row': did you mean 'max-rows'?"),
         ("[limits]\nrow = 1", "unknown key 'limits.row': did you mean 'max-rows'?"),
         ('[tls]\ncertificat = "a"', "did you mean 'tls-certificate'?"),
