@@ -354,6 +354,10 @@ class Ingest:
             max_stamp_ns = self._future.limit_ns(put.arrival_ns) if self._future.refuses else None
             stored = self._commit(commit, max_stamp_ns).tobytes()
         except Exception as error:
+            if put.parts is not None:
+                for part in put.parts(put):
+                    self._ingest(part, counts, measure=False)
+                return
             self._refuse("", authority, transforms, error)
             put.done(False)
             return

@@ -186,6 +186,11 @@ FROM_ROBOTS: Final[dict[str, Metric]] = {
     "robot_left_out": _per_robot(
         "transforms_left_out_total", "counter", "transforms of shared frames, which are not taken"
     ),
+    "robot_over_quota": _per_robot(
+        "transforms_over_quota_total", "counter", "transforms of frames above its share of frames"
+    ),
+    "robot_frames": _per_robot("frames", "gauge", "frames that count towards its share"),
+    "robot_max_frames": _per_robot("frames_limit", "gauge", "its share of frames"),
     "robot_removals": _per_robot(
         "removals_total", "counter", "frames that it has cleared or removed, and that stay here"
     ),

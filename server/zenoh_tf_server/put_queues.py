@@ -53,6 +53,9 @@ class Put:
     decode: Callable[[bytes], wire.Commit] | None = None
     #: Called once, unless it is dropped: True after it was committed, False if it was refused.
     done: Callable[[bool], None] = _tell_nobody
+    #: Makes the puts to commit in its place if it is refused, so that one bad row refuses only its
+    #: own part. They have no parts themselves.
+    parts: Callable[[Put], list[Put]] | None = None
 
 
 @dataclass(slots=True, eq=False)

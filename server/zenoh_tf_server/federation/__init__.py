@@ -14,6 +14,7 @@ from ..ingest import Ingest
 from ..limits import Limits
 from ..security import Security
 from ..service import Service
+from . import quota
 from .robot import Robot
 from .settings import Settings
 
@@ -33,8 +34,9 @@ class Robots:
         self, settings: Settings, security: Security, limits: Limits, service: Service
     ) -> None:
         self._service = service
+        share = quota.default_share(limits, len(settings.links))
         self._robots = [
-            Robot(link, settings.shared, security.credentials, limits, service.instance)
+            Robot(link, settings.shared, security.credentials, limits, service, share)
             for link in settings.links
         ]
         self._sums: Mapping[str, Mapping[str, int]] = {}

@@ -28,6 +28,9 @@ from ..limits import Limits
 from ..network import open_client_session
 from ..primary import Primary
 from ..put_queues import Put
+from ..rate_limited_log import RateLimitedLog
+from ..service import Service
+from .quota import FrameQuota
 from .rows import Rows
 from .settings import Link
 
@@ -53,22 +56,27 @@ class Robot:
         shared: tuple[str, ...],
         credentials: Credentials,
         limits: Limits,
-        own_instance: str,
+        service: Service,
+        share: int,
     ) -> None:
+        """`share`: how many frames of the tree it may have, unless its link says so."""
         self.name = link.name
         self._link = link
         if zenoh_config.protocol(link.endpoint) not in zenoh_config.TLS_PROTOCOLS:
             credentials = replace(credentials, ca=None, certificate=None, key=None)
         self._credentials = credentials
         self._limits = limits
-        self._own_instance = own_instance
+        self._own_instance = service.instance
+        self._refusals = service.refusals
+        self._quota_log = RateLimitedLog(log)
         self._ingest: Ingest | None = None
         self._closed = threading.Event()
         self._lock = threading.Lock()  # of the next two
         self._session: zenoh.Session | None = None
         self._feed: MirrorFeed | None = None
         # The rest is guarded by the feed's lock.
-        self._rows = Rows(link.name, shared, limits.rows)
+        self._quota = FrameQuota(link.name, service.tree, link.max_frames or share)
+        self._rows = Rows(link.name, shared, limits.rows, self._quota, self._refuse)
         self._is_self = False
 
     def start(self, ingest: Ingest) -> None:
@@ -96,6 +104,9 @@ class Robot:
             "snapshots": 0 if feed is None else feed.snapshots,
             "received": rows.received,
             "left_out": rows.left_out,
+            "over_quota": rows.over_quota,
+            "frames": len(self._quota),
+            "max_frames": self._quota.most,
             "removals": rows.removals,
         }
 
@@ -166,6 +177,12 @@ class Robot:
         """Queue the changes of a message."""
         if message.changes is not None:
             self._add(self._rows.of_changes(message.changes), wait=False)
+
+    def _refuse(self, authority: str, rows: int, error: TransformException) -> None:
+        """Count and log rows of frames above the robot's quota."""
+        reason = f"{type(error).__name__}: {error}"
+        self._refusals.refuse(authority, rows, reason)
+        self._quota_log.warn(f"robot {self.name!r}", reason)
 
     def _on_copy(self, tree: TransformTree | None, instance: str) -> None:
         if tree is not None and not self._is_self:

@@ -14,17 +14,19 @@ from zenoh_tf.text import quoted
 
 _LINK: Final = re.compile(
     r"(?P<name>[^/:=,\x00-\x20\x7f]+)="
-    r"(?P<endpoint>[a-z]+/(?:\[[^\]/]*\]|[^/:\[\]]+):[0-9]+)(?:/(?P<tree>.+))?"
+    r"(?P<endpoint>[a-z]+/(?:\[[^\]/]*\]|[^/:\[\]]+):[0-9]+)(?:/(?P<tree>.+?))?"
+    r"(?:,max-frames=(?P<max_frames>[1-9][0-9]{0,8}))?"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A robot's tree: ``NAME=ENDPOINT/TREE``."""
+    """A robot's tree: ``NAME=ENDPOINT/TREE,max-frames=N``."""
 
     name: str  # also the prefix of its frames, and of its authorities
     endpoint: str
     tree: str
+    max_frames: int | None = None  # that it may have here; None: an equal share
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="LINK",
         help="take what is committed to a robot's tree into this one: NAME=ENDPOINT/TREE, or "
-        "NAME=ENDPOINT for the tree main; its frames are called NAME/frame here; repeatable",
+        "NAME=ENDPOINT for the tree main; its frames are called NAME/frame here; repeatable. "
+        "LINK,max-frames=N lets it have N frames here (default: an equal share of --max-frames for "
+        "each robot and for the site itself)",
     )
     group.add_argument(
         "--mirror-shared",
@@ -83,10 +87,13 @@ def _link(text: str) -> Link:
     match = _LINK.fullmatch(text)
     if match is None:
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE, as in "
+            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE or ...,max-frames=N, as in "
             "robot1=tcp/10.0.0.1:7447/main; a name has no '/', ':', '=', ',' or space"
         )
-    link = Link(match["name"], match["endpoint"], match["tree"] or "main")
+    most = match["max_frames"]
+    link = Link(
+        match["name"], match["endpoint"], match["tree"] or "main", int(most) if most else None
+    )
     try:
         zenoh_config.check_endpoint(link.endpoint)
         keys.server(link.tree, "")

@@ -1,0 +1,105 @@
+"""How many frames of the site's tree one robot may have (``--mirror-of ...,max-frames=``).
+
+Each robot has a share of its own, so that none takes the frames of another one or of the site. By
+default the shares of n robots and of the site are equal: the limit of frames by n + 1.
+
+Thread safety: none; the robot's feed locks.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import TransformTree
+from zenoh_tf.errors import LimitExceeded
+
+from ..limits import Limits
+
+#: Frames that were removed at the site are given back so often, once the share is used up.
+_REFRESH_S: Final = 10.0
+_PAGE: Final = 1000
+
+
+def default_share(limits: Limits, robots: int) -> int:
+    """The frames of each of several robots that have no number of their own."""
+    return max(1, limits.frames // (robots + 1))
+
+
+class FrameQuota:
+    """The names that one robot has in the tree, or that are on their way there."""
+
+    def __init__(self, robot: str, tree: TransformTree, most: int) -> None:
+        self._robot = robot
+        self._tree = tree
+        self.most = most
+        self._names: set[str] = set()
+        self._new: set[str] = set()  # since the last refresh: may not be in the tree yet
+        self._refresh_s = 0.0
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def admit(
+        self,
+        names: Sequence[str],
+        parent: NDArray[np.uint32],
+        child: NDArray[np.uint32],
+        counted: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
+        """Which rows the robot may store: (n,). Their names count from now on.
+
+        Args:
+            names: Of all frames.
+            parent: (n,) indexes of the rows' parents.
+            child: (n,) indexes of their children.
+            counted: (names,) False for names that do not count, as they are no robot's own.
+        """
+        known = self._names
+        is_new = np.zeros(len(names), bool)
+        used = np.unique(np.concatenate([parent, child]))
+        for index in used[counted[used]].tolist():
+            is_new[index] = names[index] not in known
+        if len(known) + int(is_new.sum()) > self.most:
+            self._refresh()
+        rows = np.flatnonzero(is_new[parent] | is_new[child])
+        may = np.ones(len(child), bool)
+        ends = zip(rows.tolist(), parent[rows].tolist(), child[rows].tolist(), strict=True)
+        for row, *both in ends:
+            wanted = {names[index] for index in both if is_new[index]}
+            wanted -= known
+            if len(known) + len(wanted) <= self.most:
+                known |= wanted
+                self._new |= wanted
+            else:
+                may[row] = False
+        return may
+
+    def exceeded(self, name: str) -> LimitExceeded:
+        """The error for a frame above the quota."""
+        return LimitExceeded(
+            f"cannot store frame {name!r}: robot {self._robot!r} has {self.most:,} frames here, "
+            f"which is its limit (--mirror-of {self._robot}=...,max-frames=N)",
+            frame=name,
+            field="max-frames",
+            limit=self.most,
+            value=self.most + 1,
+        )
+
+    def _refresh(self) -> None:
+        """Forget names that the site has removed meanwhile. Names that came since the last time
+        are kept: their rows may still be queued."""
+        now_s = time.monotonic()
+        if now_s < self._refresh_s:
+            return
+        self._refresh_s = now_s + _REFRESH_S
+        old = list(self._names - self._new)
+        kept = set(self._new)
+        for begin in range(0, len(old), _PAGE):  # each call holds Python's lock
+            page = old[begin : begin + _PAGE]
+            kept.update(name for name in page if self._tree.can_transform(name, name))
+        self._names, self._new = kept, set()
