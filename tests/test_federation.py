@@ -229,10 +229,17 @@ def test_wrong_flags_are_explained(
 
 
 def test_a_link_names_an_endpoint_and_a_tree() -> None:
-    line = "--mirror-of r1=tcp/[::1]:7447/main --mirror-of r2=tls/host:1/a/b --mirror-of r3=tcp/h:1"
-    links = flags.parse(line.split()).mirror_of
-    assert [(each.name, each.endpoint, each.tree) for each in links] == [
-        ("r1", "tcp/[::1]:7447", "main"),
-        ("r2", "tls/host:1", "a/b"),
-        ("r3", "tcp/h:1", "main"),
+    texts = (
+        "r1=tcp/[::1]:7447/main,max-frames=500",
+        "r2=tls/host:1/a/b",
+        "r3=tcp/h:1,max-frames=7",
+        "r4=tcp/h:1",
+    )
+    line = [word for text in texts for word in ("--mirror-of", text)]
+    links = flags.parse(line).mirror_of
+    assert [(each.name, each.endpoint, each.tree, each.max_frames) for each in links] == [
+        ("r1", "tcp/[::1]:7447", "main", 500),
+        ("r2", "tls/host:1", "a/b", None),
+        ("r3", "tcp/h:1", "main", 7),
+        ("r4", "tcp/h:1", "main", None),
     ]

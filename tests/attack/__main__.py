@@ -17,12 +17,12 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from . import cases_cost, cases_data, cases_exit, cases_load
+from . import cases_cost, cases_data, cases_exit, cases_load, cases_memory
 from .arena import Arena
 from .results import Finding
 
 Case = Callable[[Arena], list[Finding]]
-MODULES: tuple[ModuleType, ...] = (cases_load, cases_cost, cases_data, cases_exit)
+MODULES: tuple[ModuleType, ...] = (cases_load, cases_cost, cases_data, cases_exit, cases_memory)
 
 
 def cases() -> dict[str, Case]:

@@ -5,6 +5,9 @@ Each prints "ready", waits for a line on stdin, and goes on until it is killed.
 
 from __future__ import annotations
 
+import contextlib
+import json
+import mmap
 import os
 import signal
 import socket
@@ -46,16 +49,56 @@ def lookups(opened: zenoh.Session, rows: str, source: str) -> None:
         messages.send(opened, "lookup", payload)
 
 
-def _connections(opened: zenoh.Session, count: int) -> list[socket.socket]:
-    """Connections to the server's socket, as many as one client may have."""
+def _offer(opened: zenoh.Session) -> tuple[handover.Offer, str]:
+    """Where the server hands its tree over, and its instance."""
     reply, _ = messages.send(opened, "info", messages.pack({"v": 1, "what": "hello"}))
     hello = wire.unpack(reply)["value"]
     offer = handover.parse_offer(hello["share"])
     assert offer is not None
+    return offer, hello["instance"]
+
+
+def region(opened: zenoh.Session) -> None:
+    """Take memory through the descriptor of the shared tree, up to 1 GB each way."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as peer:
+        peer.connect(_offer(opened)[0].socket)
+        _, [fd], _, _ = socket.recv_fds(peer, 1, 1)
+    if os.geteuid() == 0:
+        os.setuid(65534)  # a member of the group that may read, and no more
+    ready()
+
+    def taken_mb() -> float:
+        return os.fstat(fd).st_blocks / 2048
+
+    before_mb = taken_mb()
+    refused: str | None = "allowed"
+    with contextlib.suppress(OSError):  # another descriptor of the same file
+        fd = os.open(f"/proc/self/fd/{fd}", os.O_RDWR)
+    try:
+        os.posix_fallocate(fd, 0, min(os.fstat(fd).st_size, 1 << 30) + (16 << 20))
+    except OSError as error:
+        refused = error.strerror
+    after_mb = taken_mb()
+    size = min(os.fstat(fd).st_size, 1 << 30)
+    with mmap.mmap(fd, size, mmap.MAP_SHARED, mmap.PROT_READ) as mapped:
+        for page in range(0, size, mmap.PAGESIZE):
+            mapped[page]
+    found = {
+        "fallocate_mb": after_mb - before_mb,
+        "reading_mb": taken_mb() - after_mb,
+        "refused": refused,
+    }
+    print(json.dumps(found), flush=True)
+    time.sleep(600)
+
+
+def _connections(opened: zenoh.Session, count: int) -> list[socket.socket]:
+    """Connections to the server's socket, as many as one client may have."""
+    offer, instance = _offer(opened)
     name = str(opened.zid()).encode()
     peers = []
     for _ in range(count):
-        peer = handover.connect(offer, messages.TREE, hello["instance"], 20.0)
+        peer = handover.connect(offer, messages.TREE, instance, 20.0)
         peer.settimeout(None)
         peer.sendall(REQUEST.pack(len(name), CLIENT) + name)
         peers.append(peer)
@@ -140,7 +183,7 @@ def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
 
 def main() -> None:
     kind, endpoint, *arguments = sys.argv[1:]
-    kinds = (frozen, local_frozen, lookups, local_flood, remembered, puts, waiters)
+    kinds = (frozen, local_frozen, lookups, local_flood, remembered, puts, region, waiters)
     play = {each.__name__: each for each in kinds}[kind]
     with messages.session(endpoint) as opened:
         play(opened, *arguments)

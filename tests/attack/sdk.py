@@ -99,6 +99,34 @@ def connect_to_nothing(endpoint: str, timeout_s: str) -> None:
     client_of("tcp/127.0.0.1:9", timeout_s=float(timeout_s))
 
 
+def mirrors_again(endpoint: str) -> None:
+    """Prints by how many MB twenty mirrors make this process grow after two rounds of them."""
+    tf = client_of(endpoint)
+    tf.set_transform(StampedTransform("root", "camera", 1, Transform()))
+
+    def resident_mb() -> float:
+        with open("/proc/self/statm") as statm:
+            return int(statm.read().split()[1]) / 256
+
+    def mirrors() -> list[Any]:
+        return [tf.mirror([("root", "camera")]) for _ in range(20)]
+
+    before_mb = resident_mb()
+    for _ in range(2):
+        for mirror in mirrors():
+            mirror.close()
+    held = mirrors()
+    print(resident_mb() - before_mb, flush=True)
+    time.sleep(600)
+    del held
+
+
+def print_reads(endpoint: str) -> None:
+    with TransformClient.connect(endpoint) as tf:
+        print(tf.reads, flush=True)
+        time.sleep(600)
+
+
 # --- programs whose exit status counts
 
 

@@ -59,13 +59,12 @@ class FrameQuota:
             child: (n,) indexes of their children.
             counted: (names,) False for names that do not count, as they are no robot's own.
         """
-        known = self._names
-        is_new = np.zeros(len(names), bool)
         used = np.unique(np.concatenate([parent, child]))
-        for index in used[counted[used]].tolist():
-            is_new[index] = names[index] not in known
-        if len(known) + int(is_new.sum()) > self.most:
-            self._refresh()
+        used = used[counted[used]]
+        is_new = self._find_new(names, used)
+        if len(self._names) + int(np.count_nonzero(is_new)) > self.most and self._refresh():
+            is_new = self._find_new(names, used)
+        known = self._names
         rows = np.flatnonzero(is_new[parent] | is_new[child])
         may = np.ones(len(child), bool)
         ends = zip(rows.tolist(), parent[rows].tolist(), child[rows].tolist(), strict=True)
@@ -79,6 +78,13 @@ class FrameQuota:
                 may[row] = False
         return may
 
+    def _find_new(self, names: Sequence[str], used: NDArray[np.uint32]) -> NDArray[np.bool_]:
+        """Which names are used and do not count yet: (names,)."""
+        is_new = np.zeros(len(names), bool)
+        for index in used.tolist():
+            is_new[index] = names[index] not in self._names
+        return is_new
+
     def exceeded(self, name: str) -> LimitExceeded:
         """The error for a frame above the quota."""
         return LimitExceeded(
@@ -90,12 +96,12 @@ class FrameQuota:
             value=self.most + 1,
         )
 
-    def _refresh(self) -> None:
+    def _refresh(self) -> bool:
         """Forget names that the site has removed meanwhile. Names that came since the last time
-        are kept: their rows may still be queued."""
+        are kept: their rows may still be queued. False: it is too early again."""
         now_s = time.monotonic()
         if now_s < self._refresh_s:
-            return
+            return False
         self._refresh_s = now_s + _REFRESH_S
         old = list(self._names - self._new)
         kept = set(self._new)
@@ -103,3 +109,4 @@ class FrameQuota:
             page = old[begin : begin + _PAGE]
             kept.update(name for name in page if self._tree.can_transform(name, name))
         self._names, self._new = kept, set()
+        return True
