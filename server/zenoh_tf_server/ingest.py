@@ -127,12 +127,8 @@ class Ingest:
             thread.join(_JOIN_TIMEOUT_S)
 
     def add(self, puts: list[Put], *, wait: bool = True) -> None:
-        """Queue puts that another part of the server has received.
-
-        Args:
-            puts: In the order in which they came.
-            wait: Hold the caller back for a moment while a queue of theirs presses.
-        """
+        """Queue puts that another part of the server has received, in their order.
+        `wait`: hold the caller back for a moment while a queue of theirs presses."""
         accepted = [put for put in puts if self._is_small_enough(put)]
         with self._lock:
             lost = [each for put in accepted for each in self._queues.add(put)]
