@@ -71,21 +71,21 @@ def region(opened: zenoh.Session) -> None:
         return os.fstat(fd).st_blocks / 2048
 
     before_mb = taken_mb()
-    refused: str | None = "allowed"
-    with contextlib.suppress(OSError):  # another descriptor of the same file
-        fd = os.open(f"/proc/self/fd/{fd}", os.O_RDWR)
-    try:
-        os.posix_fallocate(fd, 0, min(os.fstat(fd).st_size, 1 << 30) + (16 << 20))
-    except OSError as error:
-        refused = error.strerror
-    after_mb = taken_mb()
     size = min(os.fstat(fd).st_size, 1 << 30)
     with mmap.mmap(fd, size, mmap.MAP_SHARED, mmap.PROT_READ) as mapped:
         for page in range(0, size, mmap.PAGESIZE):
             mapped[page]
+    read_mb = taken_mb()
+    refused: str | None = "allowed"
+    with contextlib.suppress(OSError):  # another descriptor of the same file
+        fd = os.open(f"/proc/self/fd/{fd}", os.O_RDWR)
+    try:
+        os.posix_fallocate(fd, 0, size + (256 << 20))
+    except OSError as error:
+        refused = error.strerror
     found = {
-        "fallocate_mb": after_mb - before_mb,
-        "reading_mb": taken_mb() - after_mb,
+        "reading_mb": read_mb - before_mb,
+        "fallocate_mb": taken_mb() - read_mb,
         "refused": refused,
     }
     print(json.dumps(found), flush=True)
