@@ -7,7 +7,7 @@ Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Final
@@ -55,17 +55,25 @@ class Queries:
             ServerUnavailable: The session is closed.
             ProtocolError: The reply is malformed.
         """
+        parts: ReplyParts | None = None
+        data: bytes | None = None
         try:
             with self._calls:
-                data = _first(
-                    self._session.get(
-                        key,
-                        payload=payload,
-                        attachment=self._attachment,
-                        timeout=timeout_s,
-                        consolidation=_EACH_REPLY,
-                    )
-                )
+                for reply in self._session.get(
+                    key,
+                    payload=payload,
+                    attachment=self._attachment,
+                    timeout=timeout_s,
+                    consolidation=_EACH_REPLY,
+                ):
+                    sample = reply.ok
+                    if parts is None and sample is not None and sample.attachment is None:
+                        data = sample.payload.to_bytes()  # the common case
+                        break
+                    parts = parts or ReplyParts()
+                    data = parts.add(reply)
+                    if data is not None:
+                        break
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._server}: {error}") from error
         return self.message(data, timeout_s)
@@ -149,18 +157,3 @@ class ReplyParts:
         if self._length == int(sample.attachment.to_bytes()):
             return b"".join(self._parts)
         return None
-
-
-def _first(replies: Iterable[zenoh.Reply]) -> bytes | None:
-    """Return the first reply's payload; None if the query ended without one, or within one."""
-    parts: ReplyParts | None = None
-    for reply in replies:
-        if parts is None:
-            sample = reply.ok
-            if sample is not None and sample.attachment is None:  # the common case
-                return sample.payload.to_bytes()
-            parts = ReplyParts()
-        data = parts.add(reply)
-        if data is not None:
-            return data
-    return None

@@ -34,8 +34,9 @@ class _Names(dict[str, int]):
 
 def at(target: str, source: str, stamp_ns: int | None) -> Row:
     """Return the row of a lookup at a time, or at the latest common time for None."""
-    op = wire.OP_COMMON if stamp_ns is None else wire.OP_AT
-    return target, source, op, stamp(stamp_ns)
+    if stamp_ns is None:
+        return target, source, wire.OP_COMMON, wire.NO_STAMP
+    return target, source, wire.OP_AT, stamp(stamp_ns)
 
 
 def stamp(stamp_ns: int | None, field: str = "stamp_ns") -> int:

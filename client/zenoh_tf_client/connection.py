@@ -21,7 +21,7 @@ from .request import Request
 from .served_trees import no_server_message, served_trees
 from .server_info import ServerInfo
 from .session_calls import SessionCalls
-from .steps import Ask, Pause, Steps
+from .steps import Pause, Steps
 
 T = TypeVar("T")
 
@@ -170,16 +170,14 @@ class Connection:
             if isinstance(step, Pause):
                 time.sleep(step.seconds)
                 continue
+            key, payload, timeout_s = step.key, step.payload, step.timeout_s
             try:
-                outcome = self._ask(step)
+                if not self._is_local or timeout_s > self.timeout_s:  # the server may wait so long
+                    outcome = self.queries.ask(key, payload, timeout_s)
+                else:
+                    outcome = self.local.ask(self.exchange.server, key, payload, timeout_s)
             except TransformException as failure:
                 error = failure
-
-    def _ask(self, step: Ask) -> wire.Message | NoReply:
-        """Send a query, through the server's socket if that takes it."""
-        if not self._is_local or step.timeout_s > self.timeout_s:  # the server may wait that long
-            return self.queries.ask(step.key, step.payload, step.timeout_s)
-        return self.local.ask(self.exchange.server, step.key, step.payload, step.timeout_s)
 
     def _wait_for_server(self, deadline_s: float) -> None:
         """Ask until a server answers, because it may still be starting. Give up early if the

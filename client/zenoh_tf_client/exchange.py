@@ -195,7 +195,7 @@ class Exchange:
                 return request.parse(found)
             behind = found
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
-        key = self._key(request.kind, body)
+        key = self._keys[request.kind] if self.access is None else self._key(request.kind, body)
         payload = self._pack(body)
         reply: wire.Message | NoReply = yield Ask(key, payload, timeout_s)
         if not self._is_final(reply):

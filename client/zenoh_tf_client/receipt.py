@@ -24,14 +24,14 @@ class Receipt:
 
 def later(receipt: Receipt | None, reply: wire.Message) -> Receipt | None:
     """The later of a receipt and that of a reply to a write, if a reply has one."""
+    seq = reply.get("seq")
     replies = reply.get("replies")
-    found = [reply, *replies] if type(replies) is list else [reply]
-    numbers = [
-        entry["seq"] for entry in found if type(entry) is dict and type(entry.get("seq")) is int
-    ]
-    if not numbers:
+    if type(replies) is list:  # of a batch
+        seqs = [entry.get("seq") for entry in (reply, *replies) if type(entry) is dict]
+        seq = max((each for each in seqs if type(each) is int), default=None)
+    if type(seq) is not int:
         return receipt
-    told = Receipt(wire.text(reply, "instance"), max(numbers))
-    if receipt is not None and receipt.instance == told.instance and receipt.seq >= told.seq:
+    instance = wire.text(reply, "instance")
+    if receipt is not None and receipt.instance == instance and receipt.seq >= seq:
         return receipt
-    return told
+    return Receipt(instance, seq)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException, TransformException
@@ -91,6 +91,7 @@ class Read(Request[T]):
     wait_s: float = 0.0
     failed: Callable[[TransformException], T] = _raise
     kind: str = "lookup"
+    writes: ClassVar[bool] = False
 
     @property
     def group(self) -> str | None:

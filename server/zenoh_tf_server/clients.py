@@ -40,7 +40,8 @@ class Clients:
         self.own = secrets.token_hex(16)
         self._max_clients = max_clients
         self._lock = threading.Lock()
-        self._connected: set[str] = set()
+        #: Changed under the lock, read without.
+        self.connected: set[str] = set()
         self._gone: OrderedDict[str, None] = OrderedDict()  # the latest last
         self._when_gone: list[Callable[[str], None]] = []
         self._subscriber: zenoh.Subscriber[Any] | None = None
@@ -58,18 +59,18 @@ class Clients:
 
     def known(self, client: str) -> str:
         """The client's id if it is connected, or this server itself, else UNKNOWN."""
-        return client if client in self._connected or client == self.own else UNKNOWN
+        return client if client in self.connected or client == self.own else UNKNOWN
 
     def has_been_known(self, client: str) -> bool:
         """True if the client is or was connected, though its link may still be there."""
-        return client in self._connected or client in self._gone
+        return client in self.connected or client in self._gone
 
     def when_gone(self, callback: Callable[[str], None]) -> None:
         """Call `callback` with the id of each client that goes, on a thread of Zenoh."""
         self._when_gone.append(callback)
 
     def __len__(self) -> int:
-        return len(self._connected)
+        return len(self.connected)
 
     def _changed(self, token: zenoh.Sample) -> None:
         with contextlib.suppress(InvalidArgumentException):  # not an id that a client would have
@@ -81,16 +82,16 @@ class Clients:
 
     def _add(self, client: str) -> None:
         with self._lock:
-            if len(self._connected) < self._max_clients:
-                self._connected.add(client)
+            if len(self.connected) < self._max_clients:
+                self.connected.add(client)
                 log.debug("client %s is connected", client, extra={"client": client})
 
     def _remove(self, client: str) -> None:
         with self._lock:
-            if client not in self._connected:
+            if client not in self.connected:
                 return
             self._gone[client] = None
-            self._connected.remove(client)
+            self.connected.remove(client)
             if len(self._gone) > _MAX_GONE:
                 self._gone.popitem(last=False)
         log.debug("client %s is gone", client, extra={"client": client})

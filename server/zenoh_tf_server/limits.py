@@ -281,9 +281,9 @@ class Limits:
             error_bytes=self.error_bytes,
         )
 
-    def unpack(self, payload: bytes, *, in_steps: bool = False) -> wire.Message:
+    def unpack(self, payload: bytes, in_steps: bool = False) -> wire.Message:
         """The map of a message; see `wire.unpack`. Raises LimitExceeded or ProtocolError."""
-        return wire.unpack(payload, self.message_bytes, self.decoded_bytes, in_steps=in_steps)
+        return wire.unpack(payload, self.message_bytes, self.decoded_bytes, in_steps)
 
     def as_dict(self) -> dict[str, int]:
         return asdict(self)

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind, ServerUnavailable
 from zenoh_tf.mirror_feed import MirrorFeed, Source, State
 from zenoh_tf.text import quoted
@@ -248,6 +248,7 @@ class _Guard(RequestGuard):
 
     def __init__(self, check_least: Callable[[str, int], None]) -> None:
         super().__init__()
+        self.checked = frozenset(keys.OPERATIONS)
         self._check_least = check_least
 
     def check(self, operation: str, chunk: str | None, message: wire.Message) -> None:

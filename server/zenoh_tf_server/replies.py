@@ -86,8 +86,6 @@ class Reply:
         self.in_parts = takes_parts
         self._request_bytes = request_bytes
         self._replies = replies
-        self.data = b""
-        self._failed = False
         self._start = 0
 
     def __call__(self, reply: bytes, failed: bool) -> None:
@@ -95,8 +93,8 @@ class Reply:
         if len(reply) > WHOLE_ROOM and not self.in_parts and not failed:
             reply, failed = self._replies.too_long(len(reply)), True
         self.data = reply
+        self._failed = failed
         if failed:
-            self._failed = True
             self.in_parts = False
         self._replies.send(self)
 
@@ -171,7 +169,8 @@ class Replies:
         self._limits = limits
         self._lock = threading.Lock()
         self._outboxes: dict[str, _Outbox] = {}
-        self._held_bytes = 0  # of all outboxes
+        #: Of all outboxes. Nothing waits for any client while it is 0.
+        self.held_bytes = 0
         self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
         self._closing = False
@@ -220,7 +219,7 @@ class Replies:
         outbox = self._outboxes.get(client)
         if outbox is None or not outbox.held_bytes:
             return None
-        limits, held, all_held = self._limits, outbox.held_bytes, self._held_bytes
+        limits, held, all_held = self._limits, outbox.held_bytes, self.held_bytes
         if held > 2 * limits.unread_reply_bytes:
             # It goes on asking, and even the refusals are not read.
             self._cut_off += self._links.cut_full(client)
@@ -232,7 +231,7 @@ class Replies:
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
-        return {"unread_reply_bytes": self._held_bytes, "clients_cut_off": self._cut_off}
+        return {"unread_reply_bytes": self.held_bytes, "clients_cut_off": self._cut_off}
 
     def too_long(self, size: int) -> bytes:
         """The reply in place of one that is too long for a client that takes no parts."""
@@ -284,7 +283,7 @@ class Replies:
         outbox.queue.append(reply)
         outbox.held_bytes += reply.cost
         with self._lock:
-            self._held_bytes += reply.cost
+            self.held_bytes += reply.cost
 
     # --- the sender thread
 
@@ -350,7 +349,7 @@ class Replies:
             reply = outbox.queue.popleft()
             outbox.held_bytes -= reply.cost
         with self._lock:
-            self._held_bytes -= reply.cost
+            self.held_bytes -= reply.cost
 
     def _is_done(self, outbox: _Outbox) -> bool:
         with outbox.lock:

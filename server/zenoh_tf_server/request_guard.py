@@ -33,6 +33,12 @@ class RequestGuard:
         self._rules = tuple(rules)
         self._admin = admin
         self._certificate_of = certificate_of
+        #: The families whose requests `check` may refuse.
+        self.checked: frozenset[str] = frozenset()
+        if rules:
+            self.checked = frozenset(("commit", "batch", "admin"))
+        elif not admin:
+            self.checked = frozenset(("admin",))
 
     @property
     def keyed(self) -> bool:
@@ -40,7 +46,7 @@ class RequestGuard:
         return bool(self._rules)
 
     def check(self, operation: str, chunk: str | None, message: wire.Message) -> None:
-        """Check a request; may complete its message.
+        """Check a request of one of the families `checked`; may complete its message.
 
         Args:
             operation: The query family.

@@ -108,8 +108,9 @@ class Service:
         """
         counts = self.requests.begin()
         try:
-            message = self.limits.unpack(payload, in_steps=operation == "batch")
-            self.guard.check(operation, chunk, message)
+            message = self.limits.unpack(payload, operation == "batch")
+            if operation in self.guard.checked:
+                self.guard.check(operation, chunk, message)
             self._operations[operation](self, message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -173,7 +174,9 @@ class Service:
     def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         one = wire.parse_one_read(message)
         if one is not None and (found := self._reads.one(*one)) is not None:
-            reply_to(self._pack(found), False)
+            found["v"] = wire.VERSION
+            found["instance"] = self.instance
+            reply_to(wire.pack(found), False)
             return
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)

@@ -129,14 +129,18 @@ class _Shared:
         if attachment is None or len(attachment) > _MAX_ATTACHMENT_BYTES:
             return UNKNOWN, False
         data = attachment.to_bytes()
-        known = self._senders.get(data)
-        if known is None:
-            client, _, word = data.decode("ascii", "replace").partition(" ")
-            known = client, word == keys.TAKES_PARTS
-            if len(self._senders) >= _MAX_SENDERS:
-                self._senders.clear()
-            self._senders[data] = known
+        known = self._senders.get(data) or self._new_sender(data)
+        if known[0] in self.clients.connected:  # the common case
+            return known
         return self.clients.known(known[0]), known[1]
+
+    def _new_sender(self, data: bytes) -> tuple[str, bool]:
+        client, _, word = data.decode("ascii", "replace").partition(" ")
+        known = client, word == keys.TAKES_PARTS
+        if len(self._senders) >= _MAX_SENDERS:
+            self._senders.clear()
+        self._senders[data] = known
+        return known
 
     def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
         """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
@@ -145,7 +149,8 @@ class _Shared:
                 payload = query.payload
                 data = payload.to_bytes() if payload is not None else b""
             reply_to = self.reply_to(query, operation, len(data))
-            refusal = self.replies.refusal(reply_to.client)
+            replies = self.replies
+            refusal = replies.refusal(reply_to.client) if replies.held_bytes else None
             if refusal is None:
                 chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
                 self.service.handle(operation, data, reply_to, chunk)
@@ -253,7 +258,9 @@ class _Family:
             data = payload.to_bytes() if payload is not None else b""
             if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
                 if self._admit(query, size):
-                    self._serve(query, data)
+                    self._shared.serve(query, self._operation, data)
+                    while (request := self._next()) is not None:
+                        self._shared.serve(request.query, self._operation)
                 return
         self._shared.put(self._long_lane, query, self._operation, size)
 
@@ -267,12 +274,6 @@ class _Family:
             # Within the lock, so that a thread that stops being busy finds the query.
             self._shared.put(self._lane, query, self._operation, size)
             return False
-
-    def _serve(self, query: zenoh.Query, data: bytes) -> None:
-        """Serve a query, and then what waits in the lane."""
-        self._shared.serve(query, self._operation, data)
-        while (request := self._next()) is not None:
-            self._shared.serve(request.query, self._operation)
 
     def _next(self) -> Request[zenoh.Query] | None:
         """The lane's next request. None: there is none, and this thread is not busy now."""

@@ -97,7 +97,6 @@ def unpack(
     payload: bytes,
     max_bytes: int = MAX_MESSAGE_BYTES,
     max_decoded_bytes: int | None = None,
-    *,
     in_steps: bool = False,
 ) -> Message:
     """The map of a message. Refuses it before it is decoded, if that would cost too much.

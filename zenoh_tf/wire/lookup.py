@@ -48,7 +48,6 @@ NO_STAMP: Final = -(1 << 63)
 _FIRST: Final = struct.pack("<I", 0)
 _SECOND: Final = struct.pack("<I", 1)
 _STAMP: Final = struct.Struct("<q")
-_ROW: Final = struct.Struct("<IIq")  # target, source, stamp
 _POSE: Final = struct.Struct("<7d")
 
 Pose = tuple[float, float, float, float, float, float, float]
@@ -56,6 +55,7 @@ Pose = tuple[float, float, float, float, float, float, float]
 #: stamp equals the stamp for operations without one.
 AnswerRow = tuple[TransformException | None, int, int, Pose]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
+_OP_OF: Final = {byte: op for op, byte in enumerate(_BYTE)}
 
 
 @dataclass(slots=True)
@@ -144,22 +144,22 @@ def parse_lookup(body: Message) -> Lookup:
 
 
 def parse_one_read(body: Message) -> tuple[str, str, int, int] | None:
-    """(target, source, op, stamp) of a well-formed single read without options. For any other
-    message None: `parse_lookup` then parses it or says what is malformed."""
-    op, target, source = body.get("op"), body.get("target"), body.get("source")
-    names, stamp = body.get("names"), body.get("stamp")
-    if (
-        len(body) == (6 if "v" in body else 5)
-        and type(op) is type(target) is type(source) is type(stamp) is bytes
-        and (len(op), len(target), len(source), len(stamp)) == (1, 4, 4, 8)
-        and op[0] < OP_FULL
-        and type(names) is list
-    ):
-        target_row, source_row, stamp_ns = _ROW.unpack(target + source + stamp)
-        if target_row < len(names) > source_row:
-            target, source = names[target_row], names[source_row]
-            if type(target) is type(source) is str:
-                return target, source, op[0], stamp_ns
+    """(target, source, op, stamp) of a single read as `one_read` makes it. For any other message
+    None: `parse_lookup` then parses it or says what is malformed."""
+    try:
+        if (
+            len(body) == (6 if "v" in body else 5)
+            and body["target"] == _FIRST
+            and body["source"] == _SECOND
+        ):
+            names = body["names"]
+            op = _OP_OF[body["op"]]
+            if type(names) is list and op < OP_FULL:
+                target, source = names
+                if type(target) is type(source) is str:
+                    return target, source, op, _STAMP.unpack(body["stamp"])[0]
+    except (KeyError, TypeError, ValueError, struct.error):
+        pass
     return None
 
 
