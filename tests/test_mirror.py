@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import zenoh
 
-from tests.conftest import ServerProcess, StartServer, free_endpoint
+from tests.conftest import ServerProcess, StartServer
 from tests.raw import raw
 from tests.tcp_proxy import TcpProxy
-from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
+from zenoh_tf import StampedTransform, Transform, keys, wire
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LookupException,
@@ -302,22 +302,6 @@ def test_a_server_that_is_gone(start_server: StartServer) -> None:
             tf.mirror(timeout_s=0.5)
         with pytest.raises(InvalidArgumentException, match="timeout_s"):
             tf.mirror(timeout_s=0)
-
-
-def test_an_old_server_offers_no_mirrors() -> None:
-    """One that answers hello, but no requests for snapshots."""
-    endpoint = free_endpoint()
-    with zenoh.open(zenoh_config.router([endpoint])) as session:
-        value = {"tree": "main", "instance": "old", "clock_ns": 1, "limits": {}}
-        reply = wire.pack({"v": 1, "instance": "old", "value": value})
-        key = keys.operation("main", "hello")
-        answering = session.declare_queryable(key, lambda query: query.reply(key, reply))
-        with (
-            TransformClient.connect(endpoint) as tf,
-            pytest.raises(ServerUnavailable, match="offers no mirrors"),
-        ):
-            tf.mirror(timeout_s=DEADLINE_S)
-        answering.undeclare()
 
 
 def test_a_malformed_message_is_a_gap(server: ServerProcess, client: TransformClient) -> None:

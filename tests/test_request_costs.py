@@ -144,7 +144,7 @@ def test_a_reply_has_a_limit(start_server: StartServer) -> None:
     server = start_server("--max-reply-bytes", "10000")
     with raw(server.endpoint) as wires:
         fill_star(wires, 20)
-        hello = wires.query("info", wire.pack({"v": 1, **info("hello")}))
+        hello = wires.query("hello", wire.pack({"v": 1, **info("hello")}))
         assert hello["value"]["limits"]["reply_bytes"] == 10_000
         error = wires.error("lookup", wire.pack(lookup(200, "root", "frame1")))
         assert isinstance(error, LimitExceeded)

@@ -116,8 +116,14 @@ def test_batches_and_clear_run_once_too(wires: Raw, client: TransformClient) -> 
     assert client.can_transform("map", "base")
 
 
+def test_hello_is_no_info(wires: Raw) -> None:
+    error = wires.error("info", wire.pack(wire.call_body("hello")))
+    assert isinstance(error, InvalidArgumentException)
+    assert error.field == "what"
+
+
 def test_expiry_is_in_the_servers_clock(wires: Raw, client: TransformClient) -> None:
-    clock_ns = wires.query("info", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+    clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
     identity = os.urandom(16)
     late = wires.error("commit", wire.pack(commit(id=identity, expires_ns=clock_ns)))
     assert isinstance(late, TimeoutException)
@@ -139,7 +145,7 @@ def test_a_write_for_another_instance_is_refused(wires: Raw, client: TransformCl
 def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServer) -> None:
     server = start_server("--max-outcomes", "4")
     with raw(server.endpoint) as wires, server.connect() as tf:
-        clock_ns = wires.query("info", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+        clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
         until = clock_ns + 6_000_000_000
         for _ in range(2):
             wires.query("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))

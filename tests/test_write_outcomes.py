@@ -46,7 +46,7 @@ def mixed(reads: int, stamp_ns: int, **more: object) -> bytes:
 
 
 def clock_ns(wires: Raw) -> int:
-    value: int = wires.query("info", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+    value: int = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
     return value
 
 

@@ -52,8 +52,6 @@ _FIRST_PAUSE_S: Final = 0.05
 _LONGEST_PAUSE_S: Final = 0.5
 #: The least time between the beginnings of two snapshots.
 _SNAPSHOT_PERIOD_S: Final = 0.5
-#: A server that says hello, but knows no snapshots this many times, is an old one.
-_MAX_UNKNOWN: Final = 3
 #: So often the mirror looks whether the stream is silent.
 _WATCH_PERIOD_S: Final = 1.0
 _MAX_SILENT_PERIODS: Final = 2
@@ -134,7 +132,6 @@ class MirrorFeed:
         self._error: TransformException | None = None  # of the last request
         self._refused: TransformTree | None = None  # the last copy, if `on_copy` has raised
         self._failures = 0  # since the last new copy
-        self._unknown = 0  # failures of a server that knows no snapshots
         self._next_snapshot_s = 0.0
         self._has_warned = False
         self._is_silent = True  # since the last look; read and written without the lock
@@ -281,7 +278,7 @@ class MirrorFeed:
         """Tell of a new copy. False: the owner has failed to take it, and the next one comes."""
         tree = self._mirroring.tree
         if tree is not self.state.tree and tree is not self._refused:
-            self._failures = self._unknown = 0
+            self._failures = 0
             self._error = self._refused = None
             try:
                 self._on_copy(tree, self._mirroring.instance)
@@ -353,9 +350,8 @@ class MirrorFeed:
         if not isinstance(error, TransformException):
             log.error("internal error while a mirror sent a request", exc_info=error)
             error = ServerUnavailable(str(error))
-        found = self._explain(error)
         with self._changed:
-            self._error = found
+            self._error = error
             self._failures += 1
             self._changed.notify_all()
             pause_s = min(_FIRST_PAUSE_S * 2 ** min(self._failures, 10), _LONGEST_PAUSE_S)
@@ -364,28 +360,9 @@ class MirrorFeed:
                 self._mirroring.failed(request.number, error)
                 self._proceed()
 
-    def _explain(self, error: TransformException) -> TransformException:
-        """The error to tell: an old server answers hello, but no requests for snapshots."""
-        if self.state.tree is not None or type(error) is not ServerUnavailable:
-            return error
-        try:
-            self._source.clock()
-        except TransformException:
-            self._unknown = 0
-            return error
-        self._unknown += 1
-        if self._unknown < _MAX_UNKNOWN:
-            return error
-        return ServerUnavailable(
-            f"the server of tree {self._source.tree!r} offers no mirrors, or none of some frames: "
-            "it is older than this client; look transforms up by query, or update it"
-        )
-
     def _is_final(self) -> bool:
         """Whether the error of the last request will come again."""
-        return self._unknown >= _MAX_UNKNOWN or (
-            self._error is not None and not isinstance(self._error, _MAY_PASS)
-        )
+        return self._error is not None and not isinstance(self._error, _MAY_PASS)
 
     # --- clocks
 

@@ -245,8 +245,7 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
             A `Mirror`, to be used in a `with` block. It is closed with the client, if not before.
 
         Raises:
-            ServerUnavailable: No server answered in time, it is too old to have mirrors, or the
-                client is closed.
+            ServerUnavailable: No server answered in time, or the client is closed.
             ServerBusy: Too many mirrors have pairs or rates of their own.
             AccessDenied: The server's access rules do not allow to read.
             TimeoutException: The copy was not complete in time.
@@ -345,7 +344,7 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
     def last_receipt(self) -> Receipt | None:
         """Returns the `Receipt` of this client's last write that the server has replied to.
 
-        None if there is none yet, or the server is older than receipts. See `Mirror.wait_for`.
+        None if there is none yet. See `Mirror.wait_for`.
         """
         return self._connection.last_receipt
 

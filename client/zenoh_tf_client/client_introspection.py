@@ -76,8 +76,7 @@ class ClientIntrospection:
             The explanation, of the tree as of one instant.
 
         Raises:
-            InvalidArgumentException: A name or the stamp makes no sense, or the server is older
-                than this request.
+            InvalidArgumentException: A name or the stamp makes no sense.
             ServerUnavailable: No server answered in time, or the client is closed.
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
@@ -115,7 +114,6 @@ class ClientIntrospection:
         Raises:
             ServerUnavailable: No server answered in time, or the client is closed.
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            InvalidArgumentException: The server is older than this request.
             ProtocolError: The reply is malformed.
         """
         return self._connection.call(info_requests.clients())

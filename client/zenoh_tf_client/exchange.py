@@ -113,10 +113,6 @@ class Exchange:
             timeout_s = self._timeout_s
         reply = yield Ask(self._keys["hello"], payload, timeout_s)
         self._note(reply)
-        if isinstance(reply, NoReply) and reply.at_once:
-            # Servers before access rules answer `hello` among the infos only.
-            reply = yield Ask(self._keys["info"], payload, timeout_s)
-            self._note(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
             if self.replica is None:
@@ -221,7 +217,7 @@ class Exchange:
     def _read_replica(
         self, operation: str, body: wire.Message, deadline_s: float
     ) -> Steps[wire.Message | None]:
-        """Look for who answers if that is not known, and ask the replica if there is one. None:
+        """Look for what answers if that is not known, and ask the replica if there is one. None:
         the server is to be asked."""
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):

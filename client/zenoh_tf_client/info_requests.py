@@ -100,8 +100,8 @@ def clients() -> Request[list[ClientInfo]]:
 def _record(
     value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo | ClientInfo]
 ) -> dict[str, Any]:
-    """Return the fields of a record that this client knows: a newer server may send more, and an
-    older one leaves out those that have a default."""
+    """Return the fields of a record that this client knows: a newer server may send more. Fields
+    that do not apply are left out, and have their defaults."""
     required = {entry.name for entry in fields(kind) if entry.default is MISSING}
     if type(value) is not dict or not required <= value.keys():
         raise ProtocolError(

@@ -26,6 +26,7 @@ SHOWN = {
     "message_filter.py": "docs/from-tf2.md",
 }
 MAX_EXAMPLE_LINES = 40
+PACKAGES = ("zenoh_tf", "server/zenoh_tf_server", "client/zenoh_tf_client")
 NAMING_FILES = ("docs/architecture.md", "docs/concurrency.md", "docs/glossary.md")
 FILE_NAME = re.compile(r"[\w/]+\.(?:pyi?|hpp|cpp)\b")
 
@@ -60,6 +61,24 @@ def named_files(repository: Repository) -> Iterator[Violation]:
             for name in FILE_NAME.findall(line):
                 if not any(f"/{file}".endswith(f"/{name}") for file in files):
                     yield Violation(page, number, f"names {name}, which does not exist")
+
+
+def architecture(repository: Repository) -> Iterator[Violation]:
+    """Each table of docs/architecture.md names the files of its folder, or a folder they are in."""
+    page = "docs/architecture.md"
+    tables: dict[str, set[str]] = {}
+    folder = ""
+    for _, line in repository.lines(page):
+        if header := re.match(r"\| `([\w/]+/)` \| subject", line):
+            folder = header[1]
+        if folder and line.startswith("|"):
+            names = re.findall(r"([\w/]+)(?:\.(?:pyi?|hpp|cpp)|/)(?![\w/])", line)
+            tables.setdefault(folder, set()).update(name.rstrip("/") for name in names)
+    for path in repository.files(".py", ".pyi", ".hpp", ".cpp", under=PACKAGES):
+        folder = max((each for each in tables if path.startswith(each)), key=len, default="")
+        parts = re.sub(r"\.\w+$", "", path.removeprefix(folder)).split("/")
+        if not tables.get(folder, set()) & set(parts) and not parts[-1].startswith("__"):
+            yield Violation(page, 1, f"add {path} to the table of {folder or 'its folder'}")
 
 
 def shown_examples(repository: Repository) -> Iterator[Violation]:

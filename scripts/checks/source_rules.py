@@ -34,6 +34,7 @@ EXTRAS = {
 }
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
 MAX_LINES = 400
+TREE = "zenoh_tf/core/tree.hpp"
 #: peer.py and ros2_robot.py stand for programs that share no code with this project.
 OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "ros2_robot.py")
 HEADLESS = re.compile(r"\b(for|of|by|to|from) who\b|(^|[.;:] |[#/*\"] *)Who(ever)? \w+s\b")
@@ -90,3 +91,18 @@ def configurations(repository: Repository) -> Iterator[Violation]:
             for number, line in repository.lines(path):
                 if "zenoh.Config" + "()" in line:
                     yield Violation(path, number, "build configurations in zenoh_config.py")
+
+
+def lock_order(repository: Repository) -> Iterator[Violation]:
+    """The table in tree.hpp has each header of the core with a mutex; no other header has rules."""
+    found = re.search(r"// Lock order.*?#pragma once", repository.text(TREE), re.S)
+    table = found[0] if found else ""
+    for path in repository.files(".hpp", under=["zenoh_tf/core"]):
+        text, name = repository.text(path), path.rsplit("/", 1)[1]
+        if name not in table and re.search(r"^ +(mutable )?std::mutex \w+;", text, re.M):
+            yield repository.at(path, "std::mutex", f"add {name} to the lock order in {TREE}")
+        lines = [*text.splitlines(), ""]
+        for number, line in enumerate(lines[:-1], 1):
+            is_rule = path != TREE and re.search("lock order|taken last", line, re.I)
+            if is_rule and "see tree.hpp" not in f"{line} {lines[number]}":
+                yield Violation(path, number, f"the lock order is in {TREE} alone")

@@ -292,9 +292,7 @@ class Service:
 
     def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         what = message.get("what")
-        if what == "hello":  # of a client from before this family
-            self._reply_to_hello(message, reply_to)
-        elif what == "cancel":
+        if what == "cancel":
             self._cancel(message, reply_to)
         else:
             budget = self.limits.budget()

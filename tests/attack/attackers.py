@@ -51,7 +51,7 @@ def lookups(opened: zenoh.Session, rows: str, source: str) -> None:
 
 def _offer(opened: zenoh.Session) -> tuple[handover.Offer, str]:
     """Where the server hands its tree over, and its instance."""
-    reply, _ = messages.send(opened, "info", messages.pack({"v": 1, "what": "hello"}))
+    reply, _ = messages.send(opened, "hello", messages.pack({"v": 1, "what": "hello"}))
     hello = wire.unpack(reply)["value"]
     offer = handover.parse_offer(hello["share"])
     assert offer is not None

@@ -128,7 +128,7 @@ def star(
 
 def write_fields(opened: zenoh.Session) -> dict[str, Any]:
     """Id, expiry and instance, which make a write remembered."""
-    reply, _ = send(opened, "info", pack({"v": 1, "what": "hello"}))
+    reply, _ = send(opened, "hello", pack({"v": 1, "what": "hello"}))
     hello = wire.unpack(reply)["value"]
     offset_ns = hello["clock_ns"] - time.monotonic_ns()
     expires_ns = time.monotonic_ns() + offset_ns + 590_000_000_000

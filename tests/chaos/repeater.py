@@ -79,7 +79,7 @@ class Repeater(Client):
         self, direct: zenoh.Session, end: int, written: list[int], version: int
     ) -> tuple[links.Seen, bytes]:
         """A read, and the payload of a commit that depends on it."""
-        hello = self._reply(direct, "info", messages.pack({"v": 1, "what": "hello"}))
+        hello = self._reply(direct, "hello", messages.pack({"v": 1, "what": "hello"}))
         if hello.error:
             raise hello.error
         server = wire.unpack(hello.data)["value"]

@@ -139,7 +139,8 @@ def play(server: Server, count: int, seed: int) -> Report:
         for _ in range(10):
             sender.send(count // 10)
             assert server.running, server.log[-3000:]
-            reply, failed = messages.send(session, "info", messages.pack({"v": 1, "what": "hello"}))
+            hello = messages.pack({"v": 1, "what": "hello"})
+            reply, failed = messages.send(session, "hello", hello)
             assert not failed, reply
             # A tree without content, so that memory is compared at equal states.
             for what in ("clear", "reset"):

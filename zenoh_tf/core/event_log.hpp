@@ -1,6 +1,6 @@
 // What happened to frames that their users should hear about: time jumps, late samples, conflicts.
 //
-// Thread safety: every function. The mutex is taken last of all, and only for rare events.
+// Thread safety: every function. The mutex is taken only for rare events. Lock order: see tree.hpp.
 // Invariant: bounded. Events of one kind and frame are one entry, and what finds no room is
 // counted.
 #pragma once

@@ -14,7 +14,7 @@
 // host has none, the write is rejected. To touch a page that cannot be had would end the process
 // (SIGBUS). Readers touch nothing behind the end of the file: see mapped_memory.hpp.
 //
-// Thread safety: every function, from any thread. The mutex is the last in the lock order.
+// Thread safety: every function, from any thread. Lock order: see tree.hpp.
 // Invariant: memory that was given out stays valid for the region's life.
 #pragma once
 

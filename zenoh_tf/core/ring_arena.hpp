@@ -11,8 +11,8 @@
 // words of a ring are atomics at the same places whoever owns it, and its memory stays valid, so a
 // late reader is safe until it validates.
 //
-// Thread safety: every function, from any thread. The mutex is the last in the lock order, and
-// rarely taken, as rings double.
+// Thread safety: every function, from any thread. The mutex is rarely taken, as rings double. Lock
+// order: see tree.hpp.
 // Invariant: memory that was given out stays valid for the arena's life.
 #pragma once
 

@@ -2,10 +2,18 @@
 // and commits. Needs a 64-bit target (frame.hpp).
 //
 // Thread safety: every function, from any thread.
-// Lock order: giant mutex (giant only), topology mutex, frames in ascending id, ring arena's mutex.
-// The wait list's mutex precedes the frames: its holder calls info() and parent(), which may take
-// one frame's writer lock for a moment. That cannot deadlock, because no thread takes the list's
-// mutex while it holds a frame's lock. Lookups take none of these mutexes but the giant one.
+// Lock order, of the whole core. A thread takes a lock only while it holds none of a later line:
+//   interest_reader.hpp  the reader's mutex: around a whole read of the interest
+//   tree.hpp             the giant mutex: around each transaction in mode giant
+//   tree.hpp             the topology mutex: names are added, newest parents change
+//   wait_list.hpp        the list's mutex: its holder may take one frame's lock for a moment
+//   lock_words.hpp       the frames' locks, in ascending order of ids
+//   ring_arena.hpp       the arena's mutex: a ring doubles
+//   region.hpp           the region's mutex: the arena, or a table of names, takes a block
+// Leaves, whose holders take no other lock: the mutexes of event_log.hpp, of change_log.hpp, of a
+// BlockingWaiter (wait_list.hpp), and of lease.hpp.
+// Lookups take none of the mutexes but the giant one. A lookup that retries too often takes the
+// frames' locks.
 // Invariants
 // 1. Frames are never freed or moved: an id stays valid for the tree's life. It may pass from a
 //    removed name to a new one (tree_names.cpp), which is_current() notices.

@@ -12,7 +12,8 @@ namespace ztf {
 void Tree::forget_authorities() {
   FrameList all;
   list_frames(all);
-  const WriteLocks locks(*this, all);  // readers go on
+  // Readers go on, except of a tree with one frame: its lock begins the write (write_locks.hpp).
+  const WriteLocks locks(*this, all);
 
   const auto relaxed = std::memory_order_relaxed;
   std::vector<bool> owns(authorities_.size() + 1);

@@ -8,9 +8,9 @@
 // Thread safety: every function, from any thread. A waiter belongs to one thread at a time:
 // lookup_or_park() takes it over, and keeps it if it parks it. cancel() that returns true, or
 // notify(), gives it back.
-// Lock order: the list's mutex precedes what notify() locks, and the frames. Under it Tree::info()
-// or parent() may take one frame's writer lock for a moment (SeqLock::read_consistent). That cannot
-// deadlock, because no thread takes the list's mutex while it holds a frame's lock.
+// Lock order: see tree.hpp. Under the list's mutex Tree::info() or parent() may take one frame's
+// writer lock for a moment (SeqLock::read_consistent), and a waiter's notify() its own locks. That
+// cannot deadlock, because no thread takes the list's mutex while it holds one of those.
 //
 // Why no wake-up is lost. Four steps are sequentially consistent, two of each side:
 //   lookup_or_park():  W1 marks the frames as waited for;  W2 reads the commit count.

@@ -199,7 +199,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     def last_receipt(self) -> Receipt | None:
         """Returns the `Receipt` of this client's last write that the server has replied to.
 
-        None if there is none yet, or the server is older than receipts. See `Mirror.wait_for`.
+        None if there is none yet. See `Mirror.wait_for`.
         """
         return self._connection.last_receipt
 
@@ -293,8 +293,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             before.
 
         Raises:
-            ServerUnavailable: No server answered in time, it is too old to have mirrors, or the
-                client is closed.
+            ServerUnavailable: No server answered in time, or the client is closed.
             ServerBusy: Too many mirrors have pairs or rates of their own.
             AccessDenied: The server's access rules do not allow to read.
             TimeoutException: The copy was not complete in time.

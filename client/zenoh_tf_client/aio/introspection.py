@@ -78,8 +78,7 @@ class AsyncIntrospection:
             The explanation, of the tree as of one instant.
 
         Raises:
-            InvalidArgumentException: A name or the stamp makes no sense, or the server is older
-                than this request.
+            InvalidArgumentException: A name or the stamp makes no sense.
             ServerUnavailable: No server answered in time, or the client is closed.
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
@@ -117,7 +116,6 @@ class AsyncIntrospection:
         Raises:
             ServerUnavailable: No server answered in time, or the client is closed.
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            InvalidArgumentException: The server is older than this request.
             ProtocolError: The reply is malformed.
         """
         return await self._connection.call(info_requests.clients())
