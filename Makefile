@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 test histories anomalies anomalies-service chaos fuzz soak attack lint format docs bench figures core-test platforms \
+.PHONY: help native demo demo-ros2 test histories anomalies anomalies-service chaos fuzz soak attack coverage mutants lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
 help: ## list the targets
@@ -70,6 +70,12 @@ fuzz: native ## 1,000,000 damaged messages through Zenoh, then coverage-guided f
 
 soak: native ## an hour of mixed load, which must reach a plateau, and docs/figures/soak.svg; SOAK=120 is short
 	@$(BIN)/python -m tests.soak --seconds $(or $(SOAK),3600) $(ARGS)
+
+coverage: native ## what the tests run of Python, servers included, and of the core; ARGS="-m slow tests/chaos"
+	@$(LOCK) sh scripts/coverage.sh $(ARGS)
+
+mutants: native ## changes decisions of the core one by one; each must fail a C++ test; ARGS="walk replay" for some files
+	@$(LOCK) $(BIN)/python -m tests.mutation $(ARGS)
 
 attack: native ## every known attack on real servers, and the bounds they must keep; ARGS="--case 3a 13", ARGS="--python OTHER/.venv/bin/python"
 	@$(BIN)/python -m tests.attack $(ARGS)

@@ -26,6 +26,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("configurations", "bench/sizing.py", r"\Z", "zenoh" + ".Config()\n", "zenoh_config.py"),
     ("make_targets", "Makefile", r"\nnative:", "\nother: x ## y\nnative:", "explain make other"),
     ("make_targets", ".ci/run", r"make lint", "make nonsense", "there is no make nonsense"),
+    ("make_targets", ".github/workflows/nightly.yml", "- fuzz", "- fuss", "no make fuss"),
     ("make_targets", "docs/testing.md", "`make fuzz`", "`make fuss`", "there is no make fuss"),
     ("readme", "README.md", r"\(docs/clocks.md\)", "(docs/clock.md)", "leads nowhere"),
     ("metadata", "CHANGELOG.md", r"0\.1\.0", "0.0.9", "add a section"),

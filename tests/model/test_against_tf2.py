@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import pytest
 
@@ -54,15 +55,22 @@ class Peer:
         return [_parsed(reply) for reply in json.loads(self.line())]
 
 
+def no_tf2(reason: str) -> NoReturn:
+    """Skip, but where tf2 is expected, fail."""
+    if os.environ.get("REQUIRE_TF2"):
+        pytest.fail(f"{reason}, and REQUIRE_TF2 is set")
+    pytest.skip(reason)
+
+
 @pytest.fixture(scope="module")
 def tf2() -> Iterator[Peer]:
     try:
         peer = Peer()
     except FileNotFoundError:
-        pytest.skip(f"no {PYTHON_WITH_TF2}, whose tf2 would be asked")
+        no_tf2(f"no {PYTHON_WITH_TF2}, whose tf2 would be asked")
     with peer.process:  # closing the input ends the peer
         if not peer.line():
-            pytest.skip(f"{PYTHON_WITH_TF2} has no tf2_py (Debian: python3-tf2)")
+            no_tf2(f"{PYTHON_WITH_TF2} has no tf2_py (Debian: python3-tf2)")
         yield peer
 
 

@@ -1,0 +1,95 @@
+"""``make mutants``: changes decisions of the core one by one, and expects a C++ test to fail.
+
+mull does not install from PyPI or Debian, so the mutations are a list of our own (`core.py`): each
+is one textual change of a decision. A copy of the core is built with it, and the C++ tests of the
+decision's subject run until one fails. A mutant that survives is a decision that no C++ test
+rests on; `core.py` says of each known one why that is right, or which other test finds it.
+
+python -m tests.mutation                 all mutants
+python -m tests.mutation walk replay     those of files with these words in their names
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+from .core import MUTANTS, Mutant
+
+ROOT = Path(__file__).resolve().parents[2]
+COPY = ROOT / "build/mutants"
+BUILD = COPY / "build"
+#: A mutant may loop for ever.
+TIMEOUT_S = 300
+
+
+def prepare() -> None:
+    """A copy of the core and its tests, built without a mutation."""
+    shutil.rmtree(COPY / "source", ignore_errors=True)
+    for folder in ("zenoh_tf/core", "tests/core", "tests/history"):
+        shutil.copytree(ROOT / folder, COPY / "source" / folder)
+    subprocess.run(
+        [
+            *("cmake", "-S", COPY / "source/zenoh_tf/core", "-B", BUILD, "-G", "Ninja"),
+            *("--log-level=WARNING", "-DZTF_BUILD_TESTS=ON", "-DCMAKE_BUILD_TYPE=Debug"),
+            "-DCMAKE_CXX_FLAGS=-O1",
+        ],
+        check=True,
+    )
+
+
+def found_by(mutant: Mutant) -> str:
+    """The test that finds it; "" if it survives."""
+    path = COPY / "source/zenoh_tf/core" / mutant.file
+    text = path.read_text()
+    assert text.count(mutant.old) == 1, f"{mutant.file} has not one {mutant.old!r}: mend core.py"
+    path.write_text(text.replace(mutant.old, mutant.new))
+    try:
+        for test in mutant.tests:
+            # A mutation that the compiler refuses is found, too.
+            built = subprocess.run(
+                ["cmake", "--build", BUILD, "--target", test, "--", "--quiet"],
+                capture_output=True,
+                check=False,
+            )
+            if built.returncode or not _passes(test):
+                return test
+        return ""
+    finally:
+        path.write_text(text)
+
+
+def _passes(test: str) -> bool:
+    try:
+        done = subprocess.run([BUILD / test], capture_output=True, timeout=TIMEOUT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
+    parser.add_argument("words", nargs="*", help="only mutants of files with these words")
+    words = parser.parse_args().words
+    os.environ["PATH"] = f"{ROOT / '.venv/bin'}:{os.environ['PATH']}"
+    prepare()
+    mutants = [each for each in MUTANTS if not words or any(word in each.file for word in words)]
+    for test in sorted({test for each in mutants for test in each.tests}):
+        subprocess.run(["cmake", "--build", BUILD, "--target", test, "--", "--quiet"], check=True)
+        assert _passes(test), f"{test} fails without a mutation"
+    found = unexplained = 0
+    for mutant in mutants:
+        test = found_by(mutant)
+        found += bool(test)
+        unexplained += not test and not mutant.survives
+        outcome = f"found by {test}" if test else f"SURVIVES {mutant.survives}"
+        print(f"{mutant.file}: {mutant.what}: {outcome}", flush=True)
+    print(f"{found} of {len(mutants)} mutants of the core were found")
+    return 1 if unexplained else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

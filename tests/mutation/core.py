@@ -1,0 +1,212 @@
+"""The mutations of the core: each one is one decision that is taken otherwise.
+
+`old` is in the file once. `tests` are the C++ tests of the decision's subject, in the order in
+which they are asked. `survives` says of a known survivor why, or what else finds it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+COMMIT = ("test_tree_commit", "test_tree_errors", "test_topology", "test_waiting")
+WALK = ("test_tree_walk", "test_tree_errors", "test_topology")
+REPLAY = ("test_concurrent_change_log", "test_concurrent_interest_reader")
+
+
+@dataclass(frozen=True)
+class Mutant:
+    file: str
+    what: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+    survives: str = ""
+
+
+def plan(what: str, old: str, new: str, survives: str = "") -> Mutant:
+    return Mutant("commit_plan.cpp", what, old, new, COMMIT, survives)
+
+
+def topology(what: str, old: str, new: str, survives: str = "") -> Mutant:
+    tests = ("test_topology", "test_tree_errors", "test_concurrent_topology")
+    return Mutant("commit_topology.cpp", what, old, new, tests, survives)
+
+
+def execution(what: str, old: str, new: str, survives: str = "") -> Mutant:
+    return Mutant("commit_apply.cpp", what, old, new, COMMIT, survives)
+
+
+def walk(what: str, old: str, new: str, survives: str = "") -> Mutant:
+    return Mutant("walk.hpp", what, old, new, WALK, survives)
+
+
+def replay(what: str, old: str, new: str, survives: str = "") -> Mutant:
+    return Mutant("change_replay.cpp", what, old, new, REPLAY, survives)
+
+
+MUTANTS = (
+    topology(
+        "a cycle may close",
+        "if (index.connected(child, parent)) reject_cycle",
+        "if (false) reject_cycle",
+    ),
+    topology(
+        "one link too deep is allowed",
+        "index.link(child, parent) > limit_of_depths()",
+        "index.link(child, parent) > limit_of_depths() + 1",
+    ),
+    topology("0 is no limit, but the deepest is", "limit != 0 ? limit", "limit != 1 ? limit"),
+    topology(
+        "a rejected commit leaves its links",
+        "if (parent != 0) index.link(group.child, parent);",
+        "",
+    ),
+    topology("the last frame of a cycle is named", "    first = &groups_[i];\n", ""),
+    topology(
+        "the next frame is named as too deep",
+        "while (deepest(*at) <= limit_of_depths()) ++at;",
+        "while (deepest(*at) < limit_of_depths()) ++at;",
+    ),
+    plan(
+        "a changed read set passes",
+        "if (now != request_.read_versions[i]) reject_conflict",
+        "if (now < request_.read_versions[i]) reject_conflict",
+    ),
+    plan(
+        "a sample at the newest stamp is appended",
+        "frame.latest.stamp.load(relaxed) < write.stamp &&",
+        "frame.latest.stamp.load(relaxed) <= write.stamp &&",
+    ),
+    plan("another parent is appended", "frame.parent.load(relaxed) == write.parent &&", "true &&"),
+    plan(
+        "another authority is appended",
+        "frame.authority.load(relaxed) == names_.authority();",
+        "true;",
+    ),
+    plan(
+        "a first late sample restarts",
+        "events.late_version.load(relaxed) == version_of(frame) && late < stamp &&",
+        "late <= stamp &&",
+    ),
+    plan(
+        "the rows of a stamp in any order",
+        "return a.stamp != b.stamp ? a.stamp < b.stamp : a.row < b.row;",
+        "return a.stamp != b.stamp ? a.stamp < b.stamp : a.row > b.row;",
+    ),
+    plan(
+        "late rows are never too old",
+        "if (has_samples && too_old(write.stamp, newest, limits_.cache_ns)) return",
+        "if (false) return",
+    ),
+    plan(
+        "a row as old as a full frame's oldest has no room",
+        "return write.stamp < oldest_of_full ?",
+        "return write.stamp <= oldest_of_full ?",
+    ),
+    plan(
+        "a reparenting is never the first",
+        "is_first_reparenting_ |= !tree_.ever_reparented_.load();",
+        "",
+    ),
+    plan("rewriting wakes only by stamp", "(has_samples && write.stamp <= newest)", "false"),
+    plan(
+        "a frame may have two authorities", "if (parent_before != 0) check_authority_of(group);", ""
+    ),
+    plan(
+        "a new static link changes no newest parent",
+        "if (!has_samples || request_.is_static || write.stamp >= newest) {",
+        "if (!has_samples || write.stamp >= newest) {",
+    ),
+    execution("a restart keeps the samples", "  clear_history(*group.frame);\n", ""),
+    execution(
+        "a change of parent goes uncounted",
+        "if (had_data && group.new_parent != 0) {",
+        "if (had_data && group.new_parent == 1) {",
+    ),
+    execution(
+        "a dropped row counts as stored",
+        "      ++tally_.dropped;\n      continue;",
+        "      ++tally_.stored;\n      continue;",
+    ),
+    execution(
+        "a changed frame is not told",
+        "if (apply_group(group)) changed_.push_back(group.child);",
+        "(void)apply_group(group);",
+    ),
+    execution(
+        "a first link is a change",
+        "const bool had_data = parent_before != 0;",
+        "const bool had_data = true;",
+    ),
+    walk(
+        "the depth limit is one less",
+        "path.steps.size() == max_depth_",
+        "path.steps.size() + 1 >= max_depth_",
+    ),
+    walk(
+        "a path that is too deep ends at a root",
+        "path.state = has_link ? State::too_deep : is_root",
+        "path.state = is_root",
+    ),
+    walk(
+        "a guard's retry is ignored",
+        "if (!guard_.read_version(*frame, step->version)) return WalkResult::retry;",
+        "(void)guard_.read_version(*frame, step->version);",
+    ),
+    walk(
+        "the ends of both segments are exchanged",
+        "is_source ? links : other_links, from_target,",
+        "is_source ? other_links : links, from_target,",
+    ),
+    walk(
+        "a near ancestor off by one",
+        "return static_cast<std::ptrdiff_t>(i);",
+        "return static_cast<std::ptrdiff_t>(i + 1);",
+    ),
+    walk(
+        "a far ancestor is any visit",
+        "frame < other.frame : links < other.links;",
+        "frame < other.frame : links > other.links;",
+    ),
+    walk(
+        "a far walk leaves the starts out",
+        "for (std::size_t i = 0; i <= from_target.steps.size(); ++i) {",
+        "for (std::size_t i = 1; i <= from_target.steps.size(); ++i) {",
+    ),
+    walk(
+        "a far walk leaves the roots out",
+        "for (std::size_t i = 0; i <= from_source.steps.size(); ++i)",
+        "for (std::size_t i = 0; i < from_source.steps.size(); ++i)",
+    ),
+    replay(
+        "a change is applied twice",
+        "if (changes.version[i] > target.before)",
+        "if (changes.version[i] >= target.before)",
+    ),
+    replay(
+        "new names are seen before their frames",
+        "id = table.insert_hidden(name);",
+        "id = table.insert(name);",
+    ),
+    replay(
+        "an unchanged frame gets a version",
+        "if (target.after == 0) return before - SeqLock::kIncrement;",
+        "",
+    ),
+    replay(
+        "an orphan keeps its past parents",
+        "if (changes.lost[row] != kNoParent) history.forget_parent(ids_[changes.lost[row]]);",
+        "",
+    ),
+    replay(
+        "a removed frame keeps its samples",
+        "      case ChangeKind::removed:\n        history.clear();",
+        "        history.clear();\n        break;\n      case ChangeKind::removed:",
+    ),
+    replay("a removed frame stays live", "      target.is_live = false;\n", ""),
+    replay(
+        "the replay's number comes late",
+        "tree_.replayed_.store(changes.last, std::memory_order_release);",
+        "tree_.replayed_.store(changes.last - 1, std::memory_order_release);",
+    ),
+)
