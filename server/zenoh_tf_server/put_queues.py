@@ -51,7 +51,8 @@ class Put:
     arrival_ns: int  # real time
     #: Makes the transaction of the payload's bytes, if they are not of this project's protocol.
     decode: Callable[[bytes], wire.Commit] | None = None
-    #: Called once, unless it is dropped: True after it was committed, False if it was refused.
+    #: Called once: True after it was committed, False if it was refused. Not if it is dropped, or
+    #: if its parts are committed in its place.
     done: Callable[[bool], None] = _tell_nobody
     #: Makes the puts to commit in its place if it is refused, so that one bad row refuses only its
     #: own part. They have no parts themselves.
