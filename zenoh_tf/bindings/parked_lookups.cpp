@@ -49,19 +49,17 @@ class WakeQueue {
  public:
   using Owners = std::vector<std::shared_ptr<ParkedLookups>>;
 
-  void push(ParkedRow& row, std::shared_ptr<ParkedLookups> owner) noexcept {
-    const std::lock_guard lock(mutex_);
-    row.keep_alive = std::move(owner);
-    row.next_woken = first_;
-    first_ = &row;
-    ++size_;
-    changed_.notify_one();
-  }
+  // Keeps the row's lookups alive until take() or close(). Once the queue is closed it does
+  // nothing: nobody would let go of them. Their owner is asked for under the mutex, and only if it
+  // is kept. So it is never released here, where the destructor must not run: in a commit, under
+  // the wait list's mutex, without the GIL.
+  void push(ParkedRow& row) noexcept;
   // Blocks until rows are woken, then looks them up again. Returns the tokens of the lookups that
   // are complete now; nothing once the queue is closed. `owners` keeps the lookups alive: the
   // caller must release them under the GIL, which it must not hold here.
   std::optional<std::vector<std::uint64_t>> take(Owners& owners);
-  // Requires the GIL, as does the destructor: lookups may be destroyed.
+  // Releases the lookups that it keeps; no later wake-up adds any. Requires the GIL, as does the
+  // destructor: lookups may be destroyed.
   void close();
   ~WakeQueue() { close(); }
 
@@ -154,9 +152,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   std::atomic<bool> cancelled_{false};
 };
 
-void ParkedRow::notify() noexcept {
-  if (auto owner = lookups.weak_from_this().lock()) lookups.queue().push(*this, std::move(owner));
-}
+void ParkedRow::notify() noexcept { lookups.queue().push(*this); }
 
 nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
   std::vector<Answer> answers(parked_.size());
@@ -185,12 +181,24 @@ std::string ParkedLookups::refusal() const {
          " frames, the limit (--max-waiter-links)";
 }
 
+void WakeQueue::push(ParkedRow& row) noexcept {
+  const std::lock_guard lock(mutex_);
+  if (closed_) return;
+  row.keep_alive = row.lookups.weak_from_this().lock();
+  if (!row.keep_alive) return;  // being destroyed
+  row.next_woken = first_;
+  first_ = &row;
+  ++size_;
+  changed_.notify_one();
+}
+
 void WakeQueue::close() {
   ParkedRow* row;
   {
     const std::lock_guard lock(mutex_);
     closed_ = true;
     row = std::exchange(first_, nullptr);
+    size_ = 0;
     changed_.notify_all();
   }
   while (row) {  // without the mutex: a lookup's destructor takes the wait list's
