@@ -294,6 +294,23 @@ def test_no_frame_is_deeper_than_the_limit() -> None:
     assert tree.set_transform(link("top", "f0", 2))
 
 
+def test_a_dropped_sample_creates_no_frame() -> None:
+    tree = TransformTree(10.0, max_frames=4)
+    tree.set_transform(link("map", "base", 100 * S))
+    for index in range(10):
+        assert not tree.set_transform(link(f"ghost{index}", "base", S))
+    assert tree.frames() == ["base", "map"]
+    assert tree.frame("base").dropped == 10
+    tree.set_transform(link("base", "camera", 100 * S))
+    tree.remove_frame("camera")
+    assert not tree.set_transform(link("camera", "base", S))  # nor does one come back
+    assert tree.frames() == ["base", "map"]
+    full = TransformTree(10.0, max_samples_per_frame=2)
+    full.set_transforms_xact([link("map", "base", 100 * S + i) for i in range(2)])
+    assert not full.set_transform(link("ghost", "base", 99 * S))
+    assert full.frames() == ["base", "map"]
+
+
 def test_a_tree_without_a_limit_of_depths() -> None:
     tree = TransformTree(max_depth=0)
     for index in range(2000):

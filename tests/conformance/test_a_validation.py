@@ -133,12 +133,15 @@ def test_A09_leading_slash(tf: Tree) -> None:
 
 def test_A10_old_data(tf: Tree) -> None:
     """[Q] Decision A10: a row older than newest - cache time is dropped, counted, and the return
-    value says so. Inside a transaction it rejects the whole, and nothing is written."""
+    value says so. It creates no frame, while tf2 creates its parent. Inside a transaction it
+    rejects the whole, and nothing is written."""
     assert put(tf, "p", "c", 100, (100, 0, 0))
     assert put(tf, "p", "c", 90, (90, 0, 0)) is True
     assert_pose(look(tf, "p", "c", 90), (90, 0, 0))
     assert put_ns(tf, "p", "c", ns(90) - 1) is False
     assert tf.frame("c").dropped == 1
+    assert put_ns(tf, "ghost", "c", ns(90) - 1) is False
+    assert sorted(tf.frames()) == ["c", "p"]
     with pytest.raises(InvalidArgumentException) as refused:
         tf.set_transforms_xact([stamped("p", "other", 95), stamped("p", "c", 89)])
     assert (refused.value.frame, refused.value.stamp_ns) == ("c", ns(89))

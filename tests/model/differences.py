@@ -21,7 +21,8 @@ from .poses import IDENTITY
 DECISIONS = {
     "A08": "tf2 stores a rotation as it comes; it is given the normalised one",
     "A08b": "tf2 stores infinite translations: not given to it",
-    "A10": "tf2 has no transactions: one that is refused here is not given to it",
+    "A10": "tf2 has no transactions: one that is refused here is not given to it; a sample that it "
+    "drops creates its frames",
     "F07": "tf2 accepts cycles: what would close one is not given to it; a loop of a past time "
     "above the frames' meeting point fails a lookup in tf2",
     "B12": "ROS 1's tf2 ignores a repeated stamp; ROS 2's and this tree have other rules",
@@ -38,6 +39,7 @@ class AsTf2(Oracle):
         self.static: dict[str, bool] = {}  # by child, set at its first write
         self.marks: dict[str, set[str]] = {}  # by child: decisions that affect its history
         self.fired: set[str] = set()  # decisions that affect the last answers
+        self.ghosts: set[str] = set()  # frames that a dropped sample created
 
     def closes_cycle(self, rows: Sequence[Row], static: bool) -> bool:
         """True if these rows would close a cycle. Changes nothing."""
@@ -55,7 +57,14 @@ class AsTf2(Oracle):
             return ["repeated"]
         return super().insert(links, row, as_static)
 
+    def creating(self, rows: Sequence[Row], *, any_dropped: bool) -> Sequence[Row]:
+        if any_dropped:
+            self.ghosts |= {name for row in rows for name in (row.parent, row.child)}
+            self.ghosts -= set(self.names)
+        return rows
+
     def lookup_transform(self, target: str, source: str, stamp_ns: int | None = None) -> Answer:
+        self.fired |= {"A10"} if self.ghosts & {target, source} else set()
         if target == source and target not in self.names:
             self.fired.add("E08")
             return Answer(stamp_ns or 0, None, IDENTITY)

@@ -101,7 +101,7 @@ class Stored:
         self.note_parents(rows, static, restarted)
         self.forget_late(child for child, what in happened if what in ("stored", "static"))
         self.links = links
-        for row in rows:
+        for row in self.creating(rows, any_dropped=bool(dropped)):
             self.names += [n for n in (row.child, row.parent) if n not in self.names]
             self.events["come back"] += len(self.removed & {row.child, row.parent})
             self.removed -= {row.child, row.parent}
@@ -109,6 +109,13 @@ class Stored:
             self.counts.setdefault(child, Counter())[what] += 1
             self.events[what] += 1
         return not dropped
+
+    def creating(self, rows: Sequence[Row], *, any_dropped: bool) -> Sequence[Row]:
+        """Return the rows that create their frames: those that are stored.
+
+        Rows are dropped one at a time: only `set_transform` drops any.
+        """
+        return [] if any_dropped else rows
 
     def late_frames(self, rows: Sequence[Row], drop_old: bool) -> list[str]:
         """Return the frames that begin again, and note the late rows of the others.

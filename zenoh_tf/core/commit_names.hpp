@@ -2,7 +2,7 @@
 //
 // A name is new if no frame has it now: it never existed, or its frame was removed. A removed name
 // comes back with its old id, if it still has one (tree_names.cpp). The others get the next ids, in
-// the order of the commit's rows.
+// the order of the commit's rows. Only rows that are stored create names (CommitPlan).
 //
 // Thread safety: lives on the writer's stack. Assigning ids and publishing names require the
 // topology mutex: it keeps a new name new, and the next id free.

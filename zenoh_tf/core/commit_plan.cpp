@@ -75,14 +75,17 @@ bool CommitPlan::resolve_and_group(CommitScope scope) {
   return true;
 }
 
-// Assigns ids in the order of the rows, to the child before the parent, as tf2 does.
+// Assigns ids in the order of the rows, to the child before the parent, as tf2 does. A row of an
+// existing child may yet be dropped, and must not create its parent then: decide_rows() creates it,
+// once it knows. A row of a new child is always stored.
 void CommitPlan::assign_new_ids() {
   std::sort(writes_.begin(), writes_.end(),
             [](const RowWrite& a, const RowWrite& b) { return a.row < b.row; });
   for (RowWrite& write : writes_) {
     const Row& row = request_.rows[write.row];
+    const bool may_be_dropped = request_.drop_old && names_.id(row.child) != 0;
     write.child = names_.id_or_new(row.child);
-    write.parent = names_.id_or_new(row.parent);
+    write.parent = may_be_dropped ? names_.id(row.parent) : names_.id_or_new(row.parent);
     // The constructor looked up both names without a lock. If one name appeared between the two
     // lookups, their ids differed there, although they are the same frame.
     if (write.child == write.parent) check_names(request_, row, tree_.options_);
@@ -224,13 +227,14 @@ void CommitPlan::decide_rows(FrameWrites& group) {
       too_old(writes_[group.end - 1].stamp, newest, limits_.cache_ns))
     note_late(group, newest);
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
-    const RowWrite& write = writes_[i];
+    RowWrite& write = writes_[i];
     const RowFate fate = fate_of(write, has_samples, newest, oldest);
     stored_[write.row] = fate == RowFate::stored ? RowResult::stored : RowResult::dropped;
     if (fate != RowFate::stored) {
       if (!request_.drop_old) reject_stamp(write, fate, newest, oldest);
       continue;
     }
+    if (write.parent == 0) write.parent = names_.id_or_new(request_.rows[write.row].parent);
     group.stores_other_parent |= write.parent != parent_before;
     group.wakes_all |= write.parent != parent || (has_samples && write.stamp <= newest);
     // If this row prunes the newest sample, it prunes all, so no second parent remains.
