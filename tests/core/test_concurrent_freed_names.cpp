@@ -187,3 +187,26 @@ TEST(a_read_set_from_before_the_removal_conflicts) {
     threads.join();
   });
 }
+
+// Metrics are made of these sums, to which the counts of names that lose their ids still belong.
+TEST(totals_of_events_never_go_back) {
+  World w(Options{.max_frames = 7});
+  std::atomic<int> reads{0};
+  ThreadGroup threads;
+  threads.foreground([&] {
+    constexpr Stamp kHour = 3'600'000'000'000;
+    for (int n = 0; n < 500 || reads < 500; ++n) {
+      for (const Stamp stamp : {kHour, kHour, Stamp{1}})  // stored, rewritten, dropped
+        CHECK_EQ(w.set("root", nth("child", n), stamp), stamp == kHour);
+      w.tree.remove_frame(nth("child", n), false);
+    }
+  });
+  threads.background([&](const std::atomic<bool>& stop) {
+    for (TreeTotals last; !stop; ++reads) {
+      const TreeTotals now = w.tree.totals();
+      CHECK(now.dropped >= last.dropped && now.rewritten >= last.rewritten);
+      last = now;
+    }
+  });
+  threads.join();
+}

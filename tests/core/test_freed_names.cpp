@@ -237,9 +237,9 @@ TEST(a_frame_with_an_id_of_another_begins_with_nothing) {
   CHECK_EQ(info.samples, 1u);
   CHECK(info.change == FrameEvents::Change::none);
   CHECK_EQ(w.tree.events(w.id("b")).dropped.load(), 0u);
-  CHECK_EQ(w.tree.totals_of_freed().evicted.load(), 4u);
-  CHECK_EQ(w.tree.totals_of_freed().rewritten.load(), 1u);
-  CHECK_EQ(w.tree.totals_of_freed().dropped.load(), 1u);
+  CHECK_EQ(w.tree.totals().evicted, 4u);
+  CHECK_EQ(w.tree.totals().rewritten, 1u);
+  CHECK_EQ(w.tree.totals().dropped, 1u);
   const auto [events, lost] = w.tree.take_events();
   CHECK(events.empty());
   CHECK_EQ(lost, 2u);  // a sample too late, and the new parent

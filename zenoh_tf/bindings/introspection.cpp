@@ -223,43 +223,23 @@ nb::list chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::ha
   return tree.read_names([&] { return read_chain(tree, target, source, stamp); });
 }
 
-nb::dict read_stats(const Tree& tree) {
-  std::uint64_t rewritten = 0, dropped = 0, evicted = 0, samples = 0, statics = 0, frames = 0;
+nb::dict stats(const Tree& tree) {
   std::optional<GilReleased> released(std::in_place);
-  for (FrameId id = 1, n = tree.size(); id <= n; ++id) {
-    const FrameInfo info = tree.info(id);
-    const FrameEvents& events = tree.events(id);
-    if (!tree.removed(id)) ++frames;
-    if (info.parent != 0 && info.is_static)
-      ++statics;
-    else if (info.parent != 0)
-      samples += info.samples;
-    rewritten += load(events.rewritten);
-    dropped += load(events.dropped);
-    evicted += info.evicted;
-  }
+  const TreeTotals totals = tree.totals();
   released.reset();
-  rewritten += tree.totals_of_freed().rewritten;
-  dropped += tree.totals_of_freed().dropped;
-  evicted += tree.totals_of_freed().evicted;
   nb::dict out;
-  out["frames"] = frames;
-  out["static_links"] = statics;
-  out["samples"] = samples;
+  out["frames"] = totals.frames;
+  out["static_links"] = totals.static_links;
+  out["samples"] = totals.samples;
   out["commits"] = tree.commits();
   out["waiters"] = tree.wait_list().size();
-  out["rewritten"] = rewritten;
-  out["dropped"] = dropped;
-  out["evicted"] = evicted;
+  out["rewritten"] = totals.rewritten;
+  out["dropped"] = totals.dropped;
+  out["evicted"] = totals.evicted;
   out["time_jumps"] = tree.time_jumps();
   out["memory_bytes"] = tree.memory_bytes();
   out["from_future"] = tree.from_future();
   return out;
-}
-
-nb::dict stats(const Tree& tree) {
-  // If frames lose their names all the time, some of their events may count twice.
-  return tree.read_names([&] { return read_stats(tree); }, 3);
 }
 
 // What happened since the last call: maps, and how many events found no room.

@@ -73,8 +73,16 @@ void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_r
              std::vector<Answer>& answers, FirstReads* read_set) {
   ReadSet reads;
   if (atomic) {
-    do tree.lookup_transaction(rows.queries, answers, reads, max_reads);
-    while (!rows.find_names_again(tree));
+    for (bool is_current = false; !is_current;) {
+      std::optional<Rejected> rejection;  // it may rest on other names' frames, as an answer may
+      try {
+        tree.lookup_transaction(rows.queries, answers, reads, max_reads);
+      } catch (const Rejected& rejected) {
+        rejection = rejected;
+      }
+      is_current = rows.find_names_again(tree);
+      if (is_current && rejection) throw *rejection;
+    }
     if (read_set) read_set->add(reads);
   } else if (!read_set) {
     tree.lookup_batch(rows.queries, answers);

@@ -98,7 +98,7 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
   const bool is_static = plan_.request().is_static;
   FrameEvents& events = tree_.events_[group.child];
   Change change = Change::none;
-  const auto note = [&](std::atomic<std::uint32_t>& counter, Change what) {
+  const auto note = [&](std::atomic<std::uint64_t>& counter, Change what) {
     increment(counter);
     change = what;
   };

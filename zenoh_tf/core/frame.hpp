@@ -218,8 +218,8 @@ struct alignas(128) Frame {
   std::atomic<std::uint32_t> parent_changes;  // how often a ring's sample has another parent than
                                               // the sample before it
   std::atomic<bool> is_static;
-  std::atomic<std::uint32_t> authority;
-  std::atomic<std::uint32_t> evicted;  // samples dropped because the frame was full
+  std::atomic<std::uint16_t> authority;  // an AuthorityId (Options::max_authorities)
+  std::atomic<std::uint64_t> evicted;    // samples dropped because the frame was full
 
   Sample latest;
 

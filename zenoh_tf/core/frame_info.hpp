@@ -12,7 +12,8 @@
 
 namespace ztf {
 
-// How often rare events happened to a frame, and the last one that changed its link.
+// How often rare events happened to a frame, and the last one that changed its link. The counters
+// never go back while the frame has its name: 64 bits do not wrap.
 struct FrameEvents {
   enum class Change : std::uint8_t {
     none,
@@ -21,12 +22,12 @@ struct FrameEvents {
     authority,   // another authority writes the frame
   };
 
-  std::atomic<std::uint32_t> rewritten;   // samples replaced at their stamp
-  std::atomic<std::uint32_t> dropped;     // rows too old, or older than all of a full frame
-  std::atomic<std::uint32_t> reparented;  // changes of the link, by kind
-  std::atomic<std::uint32_t> switched;
-  std::atomic<std::uint32_t> authority_changes;
-  std::atomic<std::uint32_t> time_jumps;  // the history was cleared, as time was set back
+  std::atomic<std::uint64_t> rewritten;   // samples replaced at their stamp
+  std::atomic<std::uint64_t> dropped;     // rows too old, or older than all of a full frame
+  std::atomic<std::uint64_t> reparented;  // changes of the link, by kind
+  std::atomic<std::uint64_t> switched;
+  std::atomic<std::uint64_t> authority_changes;
+  std::atomic<std::uint64_t> time_jumps;  // the history was cleared, as time was set back
 
   // The newest row of the last commit whose rows were all too old, and the frame's version then.
   std::atomic<Stamp> late_stamp;
@@ -60,7 +61,7 @@ struct FrameInfo {
   AuthorityId authority;  // of the last commit to the frame
   bool is_static;
   std::uint32_t samples;  // in the history; 0 for a static frame
-  std::uint32_t evicted;  // samples dropped because the frame was full
+  std::uint64_t evicted;  // samples dropped because the frame was full
   Stamp oldest, newest;   // both a static frame's stamp; unspecified for a root
   Version version;
 

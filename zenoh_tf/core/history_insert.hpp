@@ -36,7 +36,8 @@ enum class InsertResult : std::uint8_t {
 // suffice; an atomic add would drain the store buffer. The store has release order, so that it
 // cannot become visible before the lock. On ARM a relaxed store may overtake the store half of the
 // compare-and-swap that took the lock. A reader would then validate a count too early.
-inline void increment(std::atomic<std::uint32_t>& counter) noexcept {
+template <class T>
+void increment(std::atomic<T>& counter) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_release);
 }
 

@@ -95,6 +95,10 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
   }
   begin_attempt();
   find_frames(max_frames);
+  if (frames_.size() > max_frames) {
+    if (!is_valid()) return std::nullopt;
+    check_frames(max_frames);
+  }
   copy_frames(with_all);
   Result result = tell(with_all);  // before the comparison, which is for the names, too
   if (!is_valid()) return std::nullopt;
@@ -114,7 +118,7 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
   const auto giant = tree_.lock_giant();
   const auto topology = lock_announced(tree_.topology_);
   begin_attempt();
-  find_frames(max_frames);
+  find_frames(Tree::kNoReadLimit);
   FrameList ascending;
   for (const FrameId id : frames_) ascending.push_back(id);
   std::sort(ascending.begin(), ascending.end());
@@ -122,7 +126,8 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
   // None of these frames changes any more, so what is new has a number up to this one.
   seq_ = tree_.change_log_->last_drawn();
   begin_attempt();
-  find_frames(max_frames);
+  find_frames(Tree::kNoReadLimit);
+  check_frames(max_frames);
   copy_frames(with_all);
   Result result = tell(with_all);
   remember();
@@ -140,17 +145,20 @@ void InterestReader::begin_attempt() {
   new_refs_.clear();
 }
 
-// Lists the frames on the ways.
+// Throws Rejected if the attempt has found more frames. Requires that what it has read is valid: a
+// torn walk may find more.
+void InterestReader::check_frames(std::size_t max_frames) const {
+  if (frames_.size() <= max_frames) return;
+  throw Rejected{.code = Code::limit,
+                 .message = "the ways of the interest have more than " +
+                            std::to_string(max_frames) + " frames",
+                 .field = "interest_frames",
+                 .limit = static_cast<std::int64_t>(max_frames),
+                 .value = static_cast<std::int64_t>(frames_.size())};
+}
+
+// Lists the frames on the ways, until there are more than that.
 void InterestReader::find_frames(std::size_t max_frames) {
-  const auto check = [&] {
-    if (frames_.size() > max_frames)
-      throw Rejected{.code = Code::limit,
-                     .message = "the ways of the interest have more than " +
-                                std::to_string(max_frames) + " frames",
-                     .field = "interest_frames",
-                     .limit = static_cast<std::int64_t>(max_frames),
-                     .value = static_cast<std::int64_t>(frames_.size())};
-  };
   if (pairs_.empty()) {
     size_ = tree_.size();
     for (FrameId id = 1; id <= size_; ++id) {
@@ -158,16 +166,14 @@ void InterestReader::find_frames(std::size_t max_frames) {
       reads_.push_back({id, tree_.frames_[id].version.read_begin()});
       if (!tree_.removed(id)) frames_.push_back(id);
     }
-    return check();
+    return;
   }
   for (const auto& [target, source] : pairs_) {
     new_refs_.push_back(tree_.find_ref(target));
     new_refs_.push_back(tree_.find_ref(source));
   }
-  for (std::size_t i = 0; i < new_refs_.size(); i += 2) {
+  for (std::size_t i = 0; i < new_refs_.size() && frames_.size() <= max_frames; i += 2)
     add_ways(new_refs_[i].id, new_refs_[i + 1].id);
-    check();
-  }
   for (const FrameId id : frames_) reads_.push_back({id, link(id).version});
 }
 

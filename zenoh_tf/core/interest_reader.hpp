@@ -113,6 +113,7 @@ class InterestReader {
   [[nodiscard]] Result read_locked(bool with_all, std::size_t max_frames);
   void begin_attempt();
   void find_frames(std::size_t max_frames);
+  void check_frames(std::size_t max_frames) const;
   void add_ways(FrameId a, FrameId b);
   void add_all_ancestors(FrameId id);
   const Link& link(FrameId id);

@@ -110,13 +110,13 @@ void MappedRegion::check_header() {
   options_.cache_ns = header.cache_ns;
   options_.concurrency = static_cast<Concurrency>(header.concurrency);
   options_.max_frames = header.max_frames;
-  options_.max_authorities = header.max_authorities;
+  options_.max_authorities = static_cast<std::uint16_t>(header.max_authorities);
   options_.max_samples_per_frame = header.max_samples_per_frame;
   options_.max_name_bytes = header.max_name_bytes;
   options_.max_depth = header.max_depth;
   options_.instance = text_of(header.instance);
-  if (options_.max_frames > 1u << 30 || options_.max_depth > 1u << 30 ||
-      options_.max_name_bytes > 1u << 16 || header.concurrency > 2)
+  if (options_.max_authorities != header.max_authorities || options_.max_frames > 1u << 30 ||
+      options_.max_depth > 1u << 30 || options_.max_name_bytes > 1u << 16 || header.concurrency > 2)
     throw RegionRefused("the region's limits are out of range");
 }
 

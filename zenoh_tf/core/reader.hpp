@@ -31,6 +31,10 @@ class Reader {
         ever_reparented_(ever_reparented),
         ids_freed_(ids_freed) {}
 
+  // Whether all that was read so far was the tree's state at one instant. Requires a guard that
+  // records what it reads.
+  [[nodiscard]] bool is_valid() const { return guard_.validate_all(); }
+
   // Answers one query of any kind.
   ZTF_ALWAYS_INLINE bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;

@@ -92,6 +92,12 @@ struct FrameTotals {
   std::atomic<std::uint64_t> rewritten{0}, dropped{0}, evicted{0};
 };
 
+// What a tree has, and what happened in it.
+struct TreeTotals {
+  std::uint64_t frames = 0, static_links = 0, samples = 0;
+  std::uint64_t rewritten = 0, dropped = 0, evicted = 0;
+};
+
 class FrameAccess;
 template <class Guard, class Access>
 class Reader;
@@ -200,8 +206,9 @@ class Tree {
   // Of a mirror (change_replay.hpp): the tree's state is the original's after this number.
   [[nodiscard]] Seq replayed() const noexcept { return replayed_.load(std::memory_order_acquire); }
 
-  // What happened to frames that have lost their names.
-  [[nodiscard]] const FrameTotals& totals_of_freed() const noexcept { return totals_of_freed_; }
+  // Sums over all frames, those included that have lost their names since. The counters of events
+  // never go back from one call to the next.
+  [[nodiscard]] TreeTotals totals() const;
 
   struct NamedEvent {
     TreeEvent event;
@@ -273,6 +280,7 @@ class Tree {
   // Gives the ids of all removed names to new ones. Requires the topology mutex, and no frame's
   // lock. Throws bad_alloc.
   void free_removed_names();
+  [[nodiscard]] TreeTotals sum_totals() const noexcept;
   [[nodiscard]] bool refers_to_removed(FrameId id) const noexcept;
   void forget_removed_parents(FrameId id) noexcept;
   // Lists the removed frames that are past parents of a frame's samples, each once. Requires the
@@ -330,9 +338,11 @@ class Tree {
   NameTable names_;
   NameTable authorities_;
   Version version_base_ = 0;  // of frames with a new name; guarded by the topology mutex
+  // Odd while counts pass from frames that lose their names to totals_of_freed_.
+  std::atomic<std::uint64_t> moves_of_totals_{0};
   FrameTotals totals_of_freed_;
   mutable std::mutex giant_;
-  std::mutex topology_;
+  mutable std::mutex topology_;
   ShardedCounter commit_count_;
   std::atomic<std::uint64_t> time_jumps_{0};
   EventLog event_log_;

@@ -95,6 +95,7 @@ void Tree::free_removed_names() {
     log_orphans(ticket, locks);
     locks.begin_write();
     ticket.draw();
+    moves_of_totals_.fetch_add(1, std::memory_order_seq_cst);
     for (const FrameId id : frames) {
       if (!names_.hidden(id)) {
         forget_removed_parents(id);
@@ -110,6 +111,7 @@ void Tree::free_removed_names() {
       events.reset();
       names_.expire_refs(id);
     }
+    moves_of_totals_.fetch_add(1, std::memory_order_seq_cst);
     event_log_.forget([&](FrameId id) { return names_.hidden(id); });
     ids_freed_.fetch_add(1, std::memory_order_seq_cst);
     locks.release_from(version_base_);
@@ -119,6 +121,41 @@ void Tree::free_removed_names() {
   for (FrameId id = names_.size() + 1; id <= names_.max_size(); ++id)
     frames_[id].version.unlock_changed(version_base_ - SeqLock::kIncrement);
   names_.remove_hidden();
+}
+
+TreeTotals Tree::sum_totals() const noexcept {
+  const auto acquire = std::memory_order_acquire;
+  TreeTotals sum;
+  sum.rewritten = totals_of_freed_.rewritten.load(acquire);
+  sum.dropped = totals_of_freed_.dropped.load(acquire);
+  sum.evicted = totals_of_freed_.evicted.load(acquire);
+  for (FrameId id = 1, n = size(); id <= n; ++id) {
+    const FrameInfo frame = info(id);
+    const FrameEvents& events = events_[id];
+    if (!removed(id)) ++sum.frames;
+    if (frame.parent != 0 && frame.is_static)
+      ++sum.static_links;
+    else if (frame.parent != 0)
+      sum.samples += frame.samples;
+    sum.rewritten += events.rewritten.load(acquire);
+    sum.dropped += events.dropped.load(acquire);
+    sum.evicted += frame.evicted;
+  }
+  return sum;
+}
+
+// Counts that pass from a frame to totals_of_freed_ meanwhile might be summed twice, or not at all.
+// A sum that has seen any of that sees the number change, too: it is odd before the first count is
+// moved, and every load here has acquire order.
+TreeTotals Tree::totals() const {
+  constexpr int kAttempts = 3;
+  for (int i = 0; i < kAttempts; ++i) {
+    const std::uint64_t before = moves_of_totals_.load(std::memory_order_seq_cst);
+    const TreeTotals sum = sum_totals();
+    if (before % 2 == 0 && moves_of_totals_.load(std::memory_order_seq_cst) == before) return sum;
+  }
+  const auto topology = lock_announced(topology_);  // no name loses its id
+  return sum_totals();
 }
 
 std::pair<std::vector<Tree::NamedEvent>, std::uint64_t> Tree::take_events() {

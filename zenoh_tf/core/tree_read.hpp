@@ -18,14 +18,17 @@ constexpr int kOptimisticAttempts = 64;
 constexpr int kHeedWantedAttempts = 8;
 
 // Answers all queries. Returns false if the transaction must be retried. Throws Rejected if more
-// than `max_reads` frames are read.
+// than `max_reads` frames are read, and were the tree's state at one instant: a torn walk may read
+// more.
 template <class AnyReader>
 bool answer_all(AnyReader& reader, std::span<const Query> queries, std::span<Answer> answers,
                 const ReadSet& reads, std::size_t max_reads) {
   for (std::size_t i = 0; i < queries.size(); ++i) {
     if (!reader.answer(queries[i], answers[i])) return false;
-    if (reads.size() > max_reads) [[unlikely]]
+    if (reads.size() > max_reads) [[unlikely]] {
+      if (!reader.is_valid()) return false;
       throw Rejected{.code = Code::limit, .message = "the lookup reads too many frames"};
+    }
   }
   return true;
 }
