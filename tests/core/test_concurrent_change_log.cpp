@@ -30,12 +30,14 @@ void follow(ChangeLog& log, Seq position, const std::atomic<bool>& done, Visit&&
   }
 }
 
-void load_snapshot(Tree& from, Tree& to) {
+// Calls pause() before each piece.
+void load_snapshot(Tree& from, Tree& to, const std::function<void()>& pause = [] {}) {
   SnapshotReader reader(from);
   ChangeReplay replay(to);
   const SnapshotPlan plan = reader.plan(256);
   if (plan.ever_reparented) replay.set_ever_reparented();
   for (std::size_t i = 1; i < plan.bounds.size(); ++i) {
+    pause();
     const SnapshotPiece piece = reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20);
     const std::vector<std::string_view> names(piece.names.begin(), piece.names.end());
     const std::vector<std::string_view> authorities(piece.authorities.begin(),
@@ -175,31 +177,35 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
   const Seq start = log.start();
   std::vector<std::unique_ptr<World>> mirrors;
   std::atomic<bool> done{false};
+  std::atomic<int> writes{0};
   ThreadGroup threads;
   for (unsigned seed = 1; seed <= 2; ++seed)
     threads.background([&, seed](const std::atomic<bool>& stop) {
       std::minstd_rand random(seed);
-      for (Stamp stamp = 1; !stop; ++stamp) {
+      for (Stamp stamp = 1; !stop; ++stamp, ++writes) {
         const std::string child = kFrames[random() % 4];
-        const std::string visitor = "visitor" + std::to_string(random() % 32);
+        const std::string visitor = "visitor" + std::to_string(random() % 16);
         const std::string parent = random() % 4 == 0 ? "odom" : random() % 4 == 0 ? visitor : "map";
         (void)w.commit({{parent, child, stamp, at_x(1)}}, {.drop_old = true});
-        if (parent == visitor) try {
-            (void)w.commit({{"map", child, ++stamp, at_x(1)}}, {.drop_old = true});
-            w.tree.remove_frame(visitor, false);
+        if (parent == visitor)
+          (void)w.commit({{"map", child, ++stamp, at_x(1)}}, {.drop_old = true});
+        if (random() % 2 == 0) try {  // unless it is a parent just now
+            w.tree.remove_frame("visitor" + std::to_string(random() % 16), false);
           } catch (Rejected&) {
           }
-        if (random() % 8 == 0) try {
+        if (random() % 128 == 0) try {
             w.tree.remove_frame(child, true);
           } catch (Rejected&) {
           }
-        if (random() % 64 == 0) w.tree.reset();
+        if (random() % 512 == 0) w.tree.reset();
       }
     });
   threads.foreground([&] {
     for (int i = 0; i < 20; ++i) {
       mirrors.push_back(std::make_unique<World>());
-      load_snapshot(w.tree, mirrors.back()->tree);
+      load_snapshot(w.tree, mirrors.back()->tree, [&] {  // long enough that ids are freed
+        for (const int before = writes; writes < before + 40;) std::this_thread::yield();
+      });
     }
   });
   std::vector<std::pair<std::vector<LogEntryPtr>, Seq>> taken;
@@ -229,7 +235,7 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
                w.tree.name(w.tree.parent(theirs, kNoStamp)));
       const FrameInfo info = w.tree.info(theirs);
       if (info.samples != 0)
-        for (Stamp stamp = std::max(info.oldest, info.newest - 2000); stamp <= info.newest; ++stamp)
+        for (Stamp stamp = info.oldest; stamp <= info.newest; ++stamp)
           CHECK_EQ(mirror->tree.name(mirror->tree.parent(ours, stamp)),
                    w.tree.name(w.tree.parent(theirs, stamp)));
     }
