@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 test histories anomalies anomalies-service chaos fuzz soak attack coverage mutants lint format docs bench figures core-test platforms \
+.PHONY: help native demo demo-ros2 test histories anomalies anomalies-service chaos fuzz soak attack coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
 help: ## list the targets
@@ -76,6 +76,16 @@ coverage: native ## what the tests run of Python, servers included, and of the c
 
 mutants: native ## changes decisions of the core one by one; each must fail a C++ test; ARGS="walk replay" for some files
 	@$(LOCK) $(BIN)/python -m tests.mutation $(ARGS)
+
+# Prints how many percent survive, and each survivor in build/exchange.txt.
+mutants-client: native ## the same of the client's exchange, by cosmic-ray and tests/test_exchange.py
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "cosmic-ray>=8.4"
+	@rm -f build/exchange.sqlite
+	@$(BIN)/cosmic-ray init tests/mutation/exchange.toml build/exchange.sqlite
+	@$(BIN)/cr-filter-operators build/exchange.sqlite tests/mutation/exchange.toml
+	@$(BIN)/cosmic-ray exec tests/mutation/exchange.toml build/exchange.sqlite
+	@$(BIN)/cr-report --show-diff --surviving-only build/exchange.sqlite > build/exchange.txt
+	@$(BIN)/cr-rate build/exchange.sqlite
 
 attack: native ## every known attack on real servers, and the bounds they must keep; ARGS="--case 3a 13", ARGS="--python OTHER/.venv/bin/python"
 	@$(BIN)/python -m tests.attack $(ARGS)
