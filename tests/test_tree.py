@@ -1,7 +1,6 @@
 """The embedded tree through Python. The core's own rules are tested in tests/core."""
 
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
@@ -357,31 +356,6 @@ def test_one_authority_per_frame() -> None:
         counting.set_transform(link("map", "base", 1), authority=authority)
     assert counting.frame("base").authority_changes == 2
     assert counting.frame("base").rewritten == 2
-
-
-def test_a_lookup_waits_for_the_write_that_it_needs(tree: TransformTree) -> None:
-    with ThreadPoolExecutor(3) as pool:
-        tool = pool.submit(tree.lookup_transform, "map", "tool", 15 * S, 20.0)
-        can = pool.submit(tree.can_transform, "map", "tool", None, 20.0)
-        base = pool.submit(tree.lookup_transform, "map", "base", 25 * S, 20.0)
-        time.sleep(0.05)
-        assert not (tool.done() or can.done() or base.done())
-        tree.set_transforms_xact([link("arm", "tool", 15 * S), link("arm", "tool", 16 * S)])
-        assert tool.result().stamp_ns == 15 * S
-        assert can.result() is True
-        assert not base.done()
-        tree.set_transform(link("map", "base", 26 * S, 26.0))
-        assert x_of(base.result()) == pytest.approx(25.0)
-
-
-def test_waiting_ends(tree: TransformTree) -> None:
-    with pytest.raises(ForwardExtrapolationException, match="waited"):
-        tree.lookup_transform("map", "base", 25 * S, timeout_s=0.05)
-    assert not tree.can_transform("map", "nowhere", timeout_s=0.05)
-    with pytest.raises(BackwardExtrapolationException):  # too old for ever: it does not wait
-        tree.lookup_transform("map", "base", 1 * S, timeout_s=300.0)
-    with pytest.raises(InvalidArgumentException, match="timeout_s"):
-        tree.lookup_transform("map", "base", 1, timeout_s=-1)
 
 
 def test_names_are_any_text(tree: TransformTree) -> None:

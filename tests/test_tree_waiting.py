@@ -1,0 +1,61 @@
+"""Lookups of the embedded tree that wait for a write."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
+
+import pytest
+
+from zenoh_tf import (
+    BackwardExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    StampedTransform,
+    Transform,
+    TransformTree,
+)
+
+S = 1_000_000_000
+
+
+def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
+    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
+
+
+@pytest.fixture(params=["optimistic", "2pl", "giant"])
+def tree(request: pytest.FixtureRequest) -> TransformTree:
+    """map -> base at 10 s and 20 s, base -> arm at 12 s and 18 s."""
+    concurrency: Literal["optimistic", "2pl", "giant"] = request.param
+    tree = TransformTree(cache_time_s=10.0, concurrency=concurrency)
+    for stamp in (10, 20):
+        tree.set_transform(link("map", "base", stamp * S, float(stamp)), authority="odometry")
+    for stamp in (12, 18):
+        tree.set_transform(link("base", "arm", stamp * S, 1.0), authority="joints")
+    return tree
+
+
+def test_a_lookup_waits_for_the_write_that_it_needs(tree: TransformTree) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        tool = pool.submit(tree.lookup_transform, "map", "tool", 15 * S, 20.0)
+        can = pool.submit(tree.can_transform, "map", "tool", None, 20.0)
+        base = pool.submit(tree.lookup_transform, "map", "base", 25 * S, 20.0)
+        time.sleep(0.05)
+        assert not (tool.done() or can.done() or base.done())
+        tree.set_transforms_xact([link("arm", "tool", 15 * S), link("arm", "tool", 16 * S)])
+        assert tool.result().stamp_ns == 15 * S
+        assert can.result() is True
+        assert not base.done()
+        tree.set_transform(link("map", "base", 26 * S, 26.0))
+        assert base.result().transform.pose()[0] == pytest.approx(25.0)
+
+
+def test_waiting_ends(tree: TransformTree) -> None:
+    with pytest.raises(ForwardExtrapolationException, match="waited"):
+        tree.lookup_transform("map", "base", 25 * S, timeout_s=0.05)
+    assert not tree.can_transform("map", "nowhere", timeout_s=0.05)
+    with pytest.raises(BackwardExtrapolationException):  # too old for ever: it does not wait
+        tree.lookup_transform("map", "base", 1 * S, timeout_s=300.0)
+    with pytest.raises(InvalidArgumentException, match="timeout_s"):
+        tree.lookup_transform("map", "base", 1, timeout_s=-1)
