@@ -116,9 +116,9 @@ def slow_down(pause_s: float) -> None:
     """Let each message take this much longer."""
     received = Mirroring.received
 
-    def slowly(self: Mirroring, data: bytes) -> None:
+    def slowly(self: Mirroring, data: bytes, sender: str | None = None) -> None:
         time.sleep(pause_s)
-        received(self, data)
+        received(self, data, sender)
 
     Mirroring.received = slowly  # type: ignore[method-assign]
 

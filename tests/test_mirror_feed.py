@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 import zenoh
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf._core import ChangeLog
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.mirror_feed import MirrorFeed
+from zenoh_tf.mirror_source import ServerStatus
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.primary import Primary
 from zenoh_tf_server.shared_copies import SharedCopies
@@ -52,7 +53,8 @@ class Server:
             raise zenoh.ZError("undeclared")
         message = wire.StreamMessage("i", 1, 0, time.monotonic_ns())
         data = wire.pack(wire.stream_body(message))
-        return SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: data))
+        payload = SimpleNamespace(to_bytes=lambda: data)
+        return SimpleNamespace(payload=payload, key_expr=keys.stream(self.tree, "i"))
 
     def try_recv(self) -> None:
         return None
@@ -67,8 +69,8 @@ class Server:
             fields = wire.snapshot_plan_reply(plan)
         return wire.unpack(wire.pack({"v": wire.VERSION, "instance": "i", **fields}))
 
-    def clock(self) -> tuple[str, int]:
-        return "i", time.monotonic_ns()
+    def status(self) -> ServerStatus:
+        return ServerStatus("i", time.monotonic_ns(), 0)
 
 
 def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCaptureFixture) -> None:
@@ -96,8 +98,9 @@ def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
     primary = Primary.__new__(Primary)
     ask: Callable[..., wire.Message] = lambda *_: {"instance": "i", **value}  # noqa: E731
     cast(Any, primary)._ask = ask
+    cast(Any, primary)._hello = {}
     with pytest.raises(ProtocolError):
-        primary.clock()
+        primary.status()
 
 
 @linux

@@ -141,7 +141,7 @@ def test_all_kinds_of_reads(primary: ServerProcess, near: TransformClient) -> No
             where.set_transform(StampedTransform("frame1", "tool", 0, Transform((1, 2, 3))))
             where.set_transform(StampedTransform("map", "lamp", 0, Transform()), static=True)
         receipt = tf.last_receipt
-    near._connection.exchange._least = receipt
+    near._connection.exchange.seen.least = receipt
     assert sorted(near.frames()) == sorted(tree.frames())
     assert near.chain("frame1", "frame2") == tree.chain("frame1", "frame2")
     assert near.parent("lamp") == "map"
@@ -237,7 +237,7 @@ def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformCli
     near.set_transforms_xact(step(1))
     receipt = near.last_receipt
     assert receipt is not None
-    near._connection.exchange._least = Receipt(receipt.instance, receipt.seq + 1000)
+    near._connection.exchange.seen.least = Receipt(receipt.instance, receipt.seq + 1000)
     assert seen(near) == 1
     assert near.replica_age_s is None  # the primary's own reply
     primary.kill()

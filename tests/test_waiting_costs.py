@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import subprocess
 import sys
 import time
@@ -11,9 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from zenoh_tf import StampedTransform, Transform, wire
-from zenoh_tf.errors import LimitExceeded, ServerBusy
+from zenoh_tf import StampedTransform, Transform, TransformTree, wire
+from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
+from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.waiters import Waiters
 
 from .conftest import ServerProcess, StartServer
 from .raw import Raw, raw
@@ -55,7 +59,7 @@ def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
     }
     assert "error" not in wires.query("commit", wire.pack(chain))
     with cost_of(server.process.pid) as cost:
-        error = wires.error("lookup", waiting(10_000, f"a{DEPTH}", f"b{DEPTH}", 60.0))
+        error = wires.error("lookup", waiting(10_000, f"a{DEPTH}", f"b{DEPTH}", 9.0))
         assert isinstance(error, LimitExceeded)
         assert (error.field, error.limit) == ("waiter_links", 1_000_000)
     assert cost.peak_mb < 150.0
@@ -63,7 +67,7 @@ def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
         # Few enough, they wait; then this client has had its share, and another one has not.
         fits = pool.submit(wires.query, "lookup", waiting(240, f"a{DEPTH}", f"b{DEPTH}", 5.0), 20.0)
         until_waiters(tf, 240)
-        busy = wires.error("lookup", waiting(100, f"a{DEPTH}", f"b{DEPTH}", 60.0))
+        busy = wires.error("lookup", waiting(100, f"a{DEPTH}", f"b{DEPTH}", 9.0))
         assert isinstance(busy, ServerBusy)
         assert (busy.field, busy.limit) == ("waiter_links", 1_000_000)
         assert busy.retry_after_s is not None and busy.retry_after_s > 0
@@ -102,6 +106,8 @@ def test_a_wait_has_a_limit(wires: Raw, start_server: StartServer) -> None:
 WAITER = """
 import sys
 from zenoh_tf_client import TransformClient
+from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.waiters import Waiters
 with TransformClient.connect(sys.argv[1], "main", 10.0) as tf, tf.batch() as batch:
     for row in range(50):
         batch.lookup_transform("nowhere", f"frame{row}", timeout_s=300.0)
@@ -124,9 +130,37 @@ def test_a_reply_that_cannot_be_made_is_an_error(start_server: StartServer) -> N
     server = start_server("--max-reply-bytes", "1000")
     with raw(server.endpoint) as wires, server.connect() as tf, ThreadPoolExecutor(1) as pool:
         for _ in range(3):
-            asked = pool.submit(wires.query, "lookup", waiting(100, "map", "late", 20.0), 30.0)
+            asked = pool.submit(wires.query, "lookup", waiting(100, "map", "late", 9.0), 30.0)
             until_waiters(tf, 100)
             tf.set_transform(StampedTransform("map", "late", 1, Transform()))
             error = wire.decode_error(asked.result(10)["error"])
             assert isinstance(error, LimitExceeded) and error.field == "reply_bytes"
             tf.remove_frame("late")
+
+
+def test_a_client_without_a_token_waits_for_a_short_time_only(server: ServerProcess) -> None:
+    """Nobody says when it has gone: what it waits for would stay."""
+    with raw(server.endpoint) as wires, server.connect() as tf:
+        error = wires.error("lookup", waiting(1, "a", "b", 11.0))
+        assert isinstance(error, ServerBusy)
+        assert (error.field, error.limit, error.value) == ("timeout_s", 10, 11.0)
+        assert tf.stats()["waiters"] == 0
+
+
+def test_lookups_of_a_client_that_has_gone_meanwhile_do_not_wait() -> None:
+    loop = asyncio.new_event_loop()
+    waiters = Waiters(TransformTree(), Limits(), loop)
+    waiters.is_connected = lambda client: client == "here"
+    lookups = [wire.parse_lookup(lookup(1, "a", "b", timeout_ns=10**9))]
+    try:
+        for client in ("here", "gone"):
+            with (
+                pytest.raises(ServerUnavailable, match="has gone")
+                if client == "gone"
+                else contextlib.nullcontext()
+            ):
+                waiters.ask(lookups, client, Limits().budget(), lambda _: None, lambda _: None)
+        assert len(waiters._waiting) == 1
+    finally:
+        waiters.close()
+        loop.close()

@@ -21,9 +21,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import zenoh
 from zenoh.handlers import RingChannel
@@ -37,8 +35,10 @@ from .errors import (
     TimeoutException,
     TransformException,
 )
+from .mirror_source import Source, State
 from .mirroring import MakeTree, Mirroring, Observer, Request, make_tree
 from .server_clock import COMPARISONS, ServerClock, now_ns
+from .stream_guard import Alarm, StreamSenders, is_ahead
 from .tree import TransformTree
 
 log = logging.getLogger("zenoh_tf.mirror")
@@ -57,48 +57,11 @@ _WATCH_PERIOD_S: Final = 1.0
 _MAX_SILENT_PERIODS: Final = 2
 #: The clocks are compared in each of the first periods, then now and then.
 _CLOCK_PERIODS: Final = 10
+#: The least time between two questions whether another server has come.
+_CHECK_PERIOD_S: Final = 0.1
 _JOIN_TIMEOUT_S: Final = 1.0
 #: Errors of requests for which the first copy waits on.
 _MAY_PASS: Final = (ServerBusy, ServerRestarted, ServerUnavailable, TimeoutException)
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """What a mirror has. The tree itself may be newer already, but never older."""
-
-    tree: TransformTree | None = None
-    instance: str = ""
-    seq: int = 0
-    clock_ns: int = 0
-    synced: bool = False
-
-    def has(self, instance: str, seq: int) -> bool:
-        """Whether it has a commit of an instance, and all before it."""
-        return self.instance == instance and self.seq >= seq
-
-
-class Source(Protocol):
-    """How a feed listens and asks. All raise ServerUnavailable once the connection is closed."""
-
-    @property
-    def tree(self) -> str:
-        """The tree's name."""
-
-    @property
-    def calls(self) -> AbstractContextManager[None]:
-        """To be entered while a message is waited for."""
-
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
-        """Listen to the stream."""
-
-    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
-        """Undeclare a subscriber; never raises. False: the process is forked."""
-
-    def ask(self, operation: str, body: wire.Message) -> wire.Message:
-        """Send a request, and return the reply, or raise its error."""
-
-    def clock(self) -> tuple[str, int]:
-        """Ask the server for its instance id and its clock, in nanoseconds."""
 
 
 class MirrorFeed:
@@ -134,6 +97,9 @@ class MirrorFeed:
         self._failures = 0  # since the last new copy
         self._next_snapshot_s = 0.0
         self._has_warned = False
+        self._alarm = Alarm(source.tree)
+        self._is_checking = False  # a thread asks who the server is
+        self._senders = StreamSenders(source.tree, interest.id if interest else "")
         self._is_silent = True  # since the last look; read and written without the lock
         self._clock = ServerClock()
         self._subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
@@ -147,6 +113,17 @@ class MirrorFeed:
     def snapshots(self) -> int:
         """How many snapshots were begun."""
         return self._mirroring.snapshots
+
+    @property
+    def contradictions(self) -> int:
+        """How often the copy was given up because the server says otherwise: somebody else has
+        put messages on its stream."""
+        return self._mirroring.contradictions
+
+    @property
+    def reach(self) -> int:
+        """The number of the last commit that a read may have seen until now."""
+        return self._mirroring.reach
 
     def age_s(self, state: State | None = None) -> float:
         """How old the copy, or what it was in a state, is at most; infinite before there is one."""
@@ -205,12 +182,14 @@ class MirrorFeed:
     def _listen_to(self, receiver: Any) -> None:
         while not self.closed:
             with self._source.calls:
-                batch = [receiver.recv().payload.to_bytes()]
+                batch = [receiver.recv()]
                 while len(batch) < _BATCH_MESSAGES and (sample := receiver.try_recv()):
-                    batch.append(sample.payload.to_bytes())
+                    batch.append(sample)
             self._is_silent = False
-            for data in batch:
-                self._received(data)
+            for sample in batch:
+                sender = self._senders.instance(str(sample.key_expr))
+                if sender is not None:
+                    self._received(sender, sample.payload.to_bytes())
 
     def _watch(self) -> None:
         """Compare the clocks now and then, and listen anew if the stream is silent."""
@@ -247,10 +226,14 @@ class MirrorFeed:
             if self.closed:  # meanwhile
                 self.close()
 
-    def _received(self, data: bytes) -> None:
+    def _received(self, sender: str, data: bytes) -> None:
         with self._changed:
+            if self._mirroring.followed not in ("", sender):
+                if not self._is_checking:  # it may be a new server, or anybody's
+                    self._is_checking = self._in_thread(self._check_server)
+                return
             try:
-                self._mirroring.received(data)
+                self._mirroring.received(data, sender)
             except ProtocolError as error:  # what follows it is a gap
                 level = logging.DEBUG if self._has_warned else logging.WARNING
                 self._has_warned = True
@@ -265,6 +248,7 @@ class MirrorFeed:
         if self.closed:
             return
         m = self._mirroring
+        self._alarm.note(m.contradictions)
         has_copy = self._take_copy()
         for request in m.requests():
             if not self._in_thread(self._ask, request):
@@ -368,10 +352,29 @@ class MirrorFeed:
 
     def _compare_clocks(self) -> bool:
         """Compare this machine's clock with the server's. False: it does not answer."""
-        begin_ns = now_ns()
+        state, begin_ns = self.state, now_ns()
         try:
-            instance, clock_ns = self._source.clock()
+            server = self._source.status()
         except TransformException:
             return False
-        self._clock.compared(instance, begin_ns, clock_ns)
+        self._clock.compared(server.instance, begin_ns, server.clock_ns)
+        if is_ahead(state, server):
+            with self._changed:
+                if self.state.tree is state.tree:
+                    self._mirroring.contradicted()
+                    self._proceed()
         return True
+
+    def _check_server(self) -> None:
+        """Follow the server that answers now, if it is another one."""
+        try:
+            instance = self._source.status().instance
+        except TransformException:
+            return
+        finally:
+            self._ended.wait(_CHECK_PERIOD_S)
+            self._is_checking = False
+        with self._changed:
+            if self._mirroring.followed not in ("", instance):
+                self._mirroring.restart()
+                self._proceed()

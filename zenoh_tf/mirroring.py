@@ -25,6 +25,7 @@ from typing import Any, Final, Protocol
 from . import wire
 from ._core import ChangeReplay
 from .errors import (
+    ProtocolError,
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
@@ -41,6 +42,8 @@ _TRANSIENT: Final = (ServerBusy, ServerUnavailable, TimeoutException)
 MAX_WAITING_BYTES: Final = 256 << 20
 #: What a message costs beside its bytes, roughly.
 _OVERHEAD_BYTES: Final = 1000
+#: No server draws so many commit numbers between two messages.
+_MAX_NUMBERS: Final = 1 << 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +109,11 @@ class _Copy:
         self.replay = ChangeReplay(tree)
         if plan.ever_reparented:
             self.replay.set_ever_reparented()
-        self.position = plan.seq
+        self.begin = plan.seq  # a snapshot may overtake messages of up to this number
+        #: The number of the last commit that `tree` has, and of the last that it may have in part.
+        self.position = self.reach = plan.seq
+        #: Of the last reply with missed messages: the hash of each by its last number.
+        self.repeats: dict[int, int] = {}
         self.complete_at = plan.seq
         self.clock_ns = plan.clock_ns
         bounds = [int(bound) for bound in plan.bounds]
@@ -135,11 +142,21 @@ class _Copy:
     def apply(self, message: wire.StreamMessage) -> None:
         """Apply a message that begins at most one after the last one."""
         if message.changes is not None and message.last > self.position:
+            self.reach = max(self.reach, message.last)
             self.replay.apply(message.last, *message.changes)
             if self.observer is not None:
                 self.observer.apply(message)
-        self.position = max(self.position, message.last)
+        self.position = self.reach = max(self.position, message.last)
         self.clock_ns = max(self.clock_ns, message.clock_ns)
+
+    def contradicts(self, message: wire.StreamMessage, data: bytes) -> bool:
+        """Whether a message cannot be of the server that the copy is of, if all others are: it
+        comes twice only if a reply with missed messages overtakes it, and then the same bytes."""
+        if not self.begin < message.first <= self.position:  # else it may have been overtaken
+            return False
+        if message.last < message.first:  # a heartbeat
+            return not self.repeats
+        return self.repeats.get(message.last) != hash(data)
 
 
 class Mirroring:
@@ -165,6 +182,9 @@ class Mirroring:
         self._wants_plan = True
         self._wants_missed = False
         self._snapshots = 0
+        self._contradictions = self._asked_for = (
+            0  # the latter: what missed messages were asked for
+        )
 
     # --- what the owner reads
 
@@ -184,6 +204,21 @@ class Mirroring:
         return self._live.instance if self._live else ""
 
     @property
+    def reach(self) -> int:
+        """The number of the last commit of which `tree` may have something."""
+        return self._live.reach if self._live else 0
+
+    @property
+    def followed(self) -> str:
+        """The server instance whose messages are expected; empty if any is."""
+        return self._copy.instance if self._copy else ""
+
+    @property
+    def contradictions(self) -> int:
+        """How often a message could not be of the server, and the copy was given up."""
+        return self._contradictions
+
+    @property
     def clock_ns(self) -> int:
         """The server's clock when `tree` was as it is: what the age is counted from."""
         return self._live.clock_ns if self._live else 0
@@ -200,14 +235,20 @@ class Mirroring:
 
     @property
     def snapshots(self) -> int:
-        """How many snapshots were begun."""
+        """How many were begun."""
         return self._snapshots
 
     # --- what the owner feeds in
 
-    def received(self, data: bytes) -> None:
-        """Take a message of the stream. Raises ProtocolError, and then nothing has changed."""
+    def received(self, data: bytes, sender: str | None = None) -> None:
+        """Take a message of the stream, of the instance `sender` if that is known. Raises
+        ProtocolError, and then nothing has changed."""
         message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
+        if sender not in (None, message.instance):
+            raise ProtocolError("the message names another server instance", field="instance")
+        if message.last - message.first >= _MAX_NUMBERS:
+            self.contradicted()
+            return
         copy = self._copy
         if copy is not None and message.instance != copy.instance:
             self.restart()  # of a server that has gone, or that has come
@@ -217,7 +258,12 @@ class Mirroring:
             and not self._waiting
             and message.first <= copy.position + 1
         ):
-            self._apply(copy, message)
+            if copy.repeats and message.first > max(copy.repeats):
+                copy.repeats.clear()  # all of them have come, or were lost
+            if copy.contradicts(message, data):
+                self.contradicted()
+            else:
+                self._apply(copy, message)
             return
         size = len(data) + _OVERHEAD_BYTES
         self._waiting.append((message, size))
@@ -242,6 +288,7 @@ class Mirroring:
             asked = wire.SnapshotRequest(copy.instance, piece.number, piece.after, piece.until)
             found.append(self._request("snapshot", piece, wire.snapshot_request(asked)))
         if self._wants_missed and not self._requests:
+            self._asked_for = max((m.last for m, _ in self._waiting), default=0)
             body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
             found.append(self._request("missed", None, body))
         return found
@@ -255,6 +302,9 @@ class Mirroring:
         if number not in self._requests:
             return  # of a copy that was given up
         try:
+            copy = self._copy
+            if copy is not None and wire.text(reply, "instance") != copy.instance:
+                raise ServerRestarted("another server instance has replied")
             if self._wants_plan:
                 self._begin(wire.text(reply, "instance"), wire.parse_snapshot_plan(reply))
             elif (piece := self._requests[number]) is not None:
@@ -262,7 +312,7 @@ class Mirroring:
                 assert self._copy is not None
                 self._copy.load(piece, loaded)
             else:
-                self._take_missed(wire.parse_missed_reply(reply)[0])
+                self._take_missed(*wire.parse_missed_reply(reply))
         except TransformException as error:
             self.failed(number, error)
             return
@@ -278,6 +328,11 @@ class Mirroring:
             self.restart()
         elif piece is not None and self._copy is not None:
             self._copy.pieces.appendleft(piece)
+
+    def contradicted(self) -> None:
+        """Begin anew because the copy has, or was sent, what the server has not sent."""
+        self._contradictions += 1
+        self.restart()
 
     def restart(self) -> None:
         """Begin anew with a snapshot; the last complete copy stays until the new one is."""
@@ -308,14 +363,20 @@ class Mirroring:
         self._waiting = deque(kept)
         self._waiting_bytes = sum(size for _, size in kept)
 
-    def _take_missed(self, messages: list[bytes]) -> None:
+    def _take_missed(self, messages: list[bytes], last: int) -> None:
+        """`last`: the last number that the server has sent."""
         copy = self._copy
         assert copy is not None
+        if self._asked_for > last:
+            self._contradictions += 1
+            raise ServerRestarted("a later message has come than the server has sent")
         if not messages:
             raise ServerRestarted("the missed messages are forgotten")
+        copy.repeats.clear()
         for data in messages:
             message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
             if message.first <= copy.position + 1:
+                copy.repeats[message.last] = hash(data)
                 copy.apply(message)
         self._wants_missed = False
 

@@ -132,7 +132,7 @@ class Connection:
     @property
     def last_receipt(self) -> Receipt | None:
         """Of the latest write that the server has replied to; None if there was none."""
-        return self.exchange.last_receipt
+        return self.exchange.seen.last_receipt
 
     def check_publish(self, authority: str) -> None:
         """Raise AccessDenied if this client may not publish as `authority`."""

@@ -12,7 +12,6 @@ import contextlib
 import itertools
 import os
 import random
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,8 +33,8 @@ from zenoh_tf.queries import NoReply
 
 from . import info_requests
 from .access import Access
-from .receipt import Receipt, later
 from .request import Request
+from .seen_states import SeenStates
 from .server_info import Replica, ServerInfo, parse_server_info
 from .steps import Ask, Pause, Steps
 
@@ -82,18 +81,11 @@ class Exchange:
         self.reads_may_be_old = False
         #: How old the last reply may be, in seconds; None if it was the server's own.
         self.replica_age_s: float | None = None
-        #: What reads of a replica must see; None if the client has written nothing.
-        self._least: Receipt | None = None
-        #: The replica may lack the client's last write, so its memory must not be read.
-        self.is_behind = False
-        #: Told when that changes.
-        self.on_behind: Callable[[], None] = lambda: None
+        #: What this client has seen of the server.
+        self.seen = SeenStates()
         self._next_greeting_s = 0.0  # of the replica
         #: What this client may do; None if the server has no access rules.
         self.access: Access | None = None
-        #: Of the latest write that the server has replied to.
-        self.last_receipt: Receipt | None = None
-        self._receipt_lock = threading.Lock()
         self._round_trip_ns: int | None = None  # of the last hello
         self._next_hello_s = 0.0
         # A request id: random per client, then counted.
@@ -123,10 +115,8 @@ class Exchange:
             )
         self._round_trip_ns = now_ns - begin_ns
         value = request.parse(reply)
-        access = value.get("access")
-        self.access = (
-            None if access is None else Access(self._tree, self._address, self._user, access)
-        )
+        if self.replica is None:  # which has the rules for its clients
+            self._take_access(value)
         server = parse_server_info(value, now_ns)
         self.server = server
         return server
@@ -160,9 +150,19 @@ class Exchange:
             if not isinstance(reply, NoReply) and "error" not in reply:
                 value = request.parse(reply)
                 self.reads_may_be_old = True
+                self._take_access(value)
                 found = Replica(near, parse_server_info(value, time.monotonic_ns()))
+        if found is not None and (self.replica is None or self.replica.keys != found.keys):
+            self.seen.await_replica()  # it may be new, and older than the one before
         self.replica = found
         return found
+
+    def _take_access(self, value: dict[str, Any]) -> None:
+        """Accept what a server or replica says that this client may do."""
+        access = value.get("access")
+        self.access = (
+            None if access is None else Access(self._tree, self._address, self._user, access)
+        )
 
     def _hello_request(self) -> Request[dict[str, Any]]:
         return info_requests.hello(self._user, self.client_id, time.time_ns(), self._round_trip_ns)
@@ -181,7 +181,6 @@ class Exchange:
     def _read(self, request: Request[T]) -> Steps[T]:
         timeout_s = self._timeout_s + request.wait_s
         deadline_s = time.monotonic() + timeout_s
-        least = self._least
         body = request.body()
         behind: wire.Message | None = None  # the replica's refusal
         if self.server is None or self.replica is not None:  # not the common case
@@ -192,7 +191,7 @@ class Exchange:
             behind = found
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
         key = self._keys[request.kind] if self.access is None else self._key(request.kind, body)
-        payload = self._pack(body)
+        payload = self._pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
         reply: wire.Message | NoReply = yield Ask(key, payload, timeout_s)
         if not self._is_final(reply):
             reply = yield from self._until_served(reply, key, payload, deadline_s)
@@ -203,8 +202,10 @@ class Exchange:
                     yield from self._check_new_rules(request.kind, body)
                 raise ServerUnavailable(reply.reason)
         self.replica_age_s = None
-        if least is not None and reply.get("instance") != least.instance:
-            self._caught_up(least, is_gone=True)
+        if self.reads_may_be_old and type(reply.get("seq")) is int:
+            self.seen.note_read(wire.text(reply, "instance"), reply["seq"])
+            if self.replica is not None:
+                self.seen.await_replica()
         if time.monotonic() >= self._next_hello_s:
             with contextlib.suppress(TransformException):  # the read itself was answered
                 yield from self.hello(_CLOCK_TIMEOUT_S)
@@ -236,7 +237,7 @@ class Exchange:
     ) -> Steps[wire.Message | NoReply]:
         """Ask the replica; its refusal is the outcome if it does not get what the client must
         see soon."""
-        least = self._least
+        awaited, least = self.seen.awaited, self.seen.least  # in this order
         if least is not None:
             body = body | wire.least(least.instance, least.seq)
         payload = self._pack(body)
@@ -253,27 +254,19 @@ class Exchange:
             if pause_s is None:
                 break
             yield Pause(pause_s)
-        if self.is_behind and not _is_behind(reply):
-            self._caught_up(least)
+        if awaited is not None and not _is_behind(reply):
+            self.seen.caught_up(awaited)
+        instance = reply.get("instance")
         told = wire.parse_replica(reply)
         self.replica_age_s = None if told is None else told[1] / 1e9
-        instance = reply.get("instance")
+        if told is not None and self.seen.is_news(instance, told[2]) and not _is_behind(reply):
+            self.seen.note_read(wire.text(reply, "instance"), told[2])
         if type(instance) is str and instance != replica.server.instance:  # it follows another one
             self.replica = replace(replica, server=replace(replica.server, instance=instance))
         if time.monotonic() >= self._next_greeting_s:
             with contextlib.suppress(TransformException):  # the read itself was answered
                 yield from self._find_replica(_CLOCK_TIMEOUT_S)
         return reply
-
-    def _caught_up(self, seen: Receipt | None, *, is_gone: bool = False) -> None:
-        """Note that the replica has the client's writes up to `seen`. `is_gone`: that the server
-        that had them was restarted."""
-        with self._receipt_lock:
-            if self._least is seen:  # nothing was written meanwhile
-                self.is_behind = False
-                if is_gone:
-                    self._least = None
-                self.on_behind()
 
     def _write(self, request: Request[T]) -> Steps[T]:
         """If the request names an instance, only that server instance may apply the write; another
@@ -307,12 +300,12 @@ class Exchange:
             deadline_s = now_ns * 1e-9 + self._timeout_s
             reply = yield from self._until_served(reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
+                if reply.at_once:
+                    yield from self._check_denied(request, server.instance)
                 raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
-        with self._receipt_lock:
-            self.last_receipt = self._least = later(self.last_receipt, reply)
-            if self.replica is not None:
-                self.is_behind = True
-                self.on_behind()
+        self.seen.note_write(reply)
+        if self.replica is not None:
+            self.seen.await_replica()
         if "error" in reply:
             wire.raise_error(reply)
         return reply
@@ -333,6 +326,16 @@ class Exchange:
             with contextlib.suppress(ServerUnavailable):
                 yield from self.hello()
                 self._key(operation, body)
+
+    def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
+        """Raise AccessDenied if the rules of a server instance, which never change, do not allow
+        a write that got no reply: then it has not run."""
+        if self.replica is not None:  # its rules may be others than this client knows
+            yield from self._find_replica(_CLOCK_TIMEOUT_S)
+        with contextlib.suppress(ServerUnavailable):
+            server = yield from self.hello(_CLOCK_TIMEOUT_S)
+            if server.instance == (request.instance or instance):
+                self._key(request.kind, request.body())
 
     def _until_served(
         self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float

@@ -12,6 +12,7 @@ import zenoh
 from zenoh.handlers import RingChannel
 
 from zenoh_tf import keys, wire
+from zenoh_tf.mirror_source import ServerStatus
 
 from .connection import Connection
 from .publisher import undeclare_unless_closed
@@ -60,7 +61,7 @@ class MirrorSource:
         """Send a request; see `Source`."""
         return self._connection.call(Call(operation, body, lambda reply: reply))
 
-    def clock(self) -> tuple[str, int]:
-        """Ask the server for its instance id and its clock."""
+    def status(self) -> ServerStatus:
+        """Ask the server for its instance id, its clock and its last commit."""
         server = self._connection.hello()
-        return server.instance, server.clock_ns
+        return ServerStatus(server.instance, server.clock_ns, server.seq)

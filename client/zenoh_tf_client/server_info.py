@@ -23,6 +23,7 @@ class ServerInfo:
     message_bytes: int
     rows: int  # transforms in one message
     offer: handover.Offer | None = None  # of its tree's memory
+    seq: int | None = None  # the number of its last commit, when it replied
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,4 +47,5 @@ def parse_server_info(value: dict[str, Any], now_ns: int) -> ServerInfo:
         wire.integer(limits, "message_bytes", wire.MAX_MESSAGE_BYTES),
         wire.integer(limits, "rows", _DEFAULT_ROWS),
         handover.parse_offer(value.get(handover.HELLO_FIELD)),
+        wire.integer(value, "seq") if "seq" in value else None,
     )

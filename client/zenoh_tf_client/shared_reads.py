@@ -116,7 +116,7 @@ class SharedReads:
             if reads is not None:
                 reads._hold()
 
-        connection.exchange.on_behind = on_behind
+        connection.exchange.seen.on_behind = on_behind
         _all.add(self)
         if not self._is_on:
             self._refused["not_chosen"] += 1
@@ -243,13 +243,13 @@ class SharedReads:
         with self._lock:
             if self._closed.is_set():
                 return
-            hold = tree is not NO_TREE and self._connection.exchange.is_behind
+            hold = tree is not NO_TREE and self._connection.exchange.seen.is_behind
             self._held = tree if hold else None
             self._install(NO_TREE if hold else tree)
 
     def _hold(self) -> None:
         """Read no memory of a replica that may lack what this client has written."""
-        is_behind = self._connection.exchange.is_behind
+        is_behind = self._connection.exchange.seen.is_behind
         with self._lock:
             if is_behind and self.tree is not NO_TREE:
                 self._held = self.tree

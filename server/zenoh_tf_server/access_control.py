@@ -19,6 +19,13 @@ from .access_rules import EVERYTHING, AccessRule
 READS: Final = ("lookup", "batch", "info", "snapshot", "missed")
 #: Query families whose keys name what is written, once there are rules.
 KEYED: Final = ("commit", "batch", "admin")
+#: What joins the two routers of a replica, and only these.
+PRIMARY_PROTOCOL: Final = "unixsock-stream"
+#: All that Zenoh's access control knows.
+_MESSAGES: Final = (
+    *("put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"),
+    *("liveliness_token", "liveliness_query", "declare_liveliness_subscriber"),
+)
 
 
 def zenoh_settings(tree: str, rules: Sequence[AccessRule]) -> dict[str, Any]:
@@ -30,6 +37,22 @@ def zenoh_settings(tree: str, rules: Sequence[AccessRule]) -> dict[str, Any]:
     return builder.settings()
 
 
+def replica_settings(tree: str, rule: AccessRule) -> dict[str, Any]:
+    """The same of a replica's router for clients. `rule`: what each of them may do."""
+    builder = _Builder(tree)
+    builder.add(AccessRule(), [*_for_all(tree), *_rights(tree, rule, keyed=True)])
+    near = {name: keys.near_operation(tree, "*", name) for name in keys.NEAR_OPERATIONS}
+    queries = [near.pop("hello")]
+    if "read" in rule.may:
+        queries += near.values()
+    if rule == EVERYTHING:  # the primary may have no rules, and so take writes on plain keys
+        queries += (keys.operation(tree, family) for family in KEYED)
+    builder.add(AccessRule(), [_right("ingress", ["query"], queries)])
+    everything = [_right(flow, _MESSAGES, ["**"]) for flow in ("ingress", "egress")]
+    builder.add(AccessRule(), everything, [PRIMARY_PROTOCOL])
+    return builder.settings()
+
+
 class _Builder:
     """Collects rules, subjects and policies under ids of their own."""
 
@@ -38,11 +61,15 @@ class _Builder:
         self._subjects: list[dict[str, Any]] = []
         self._policies: list[dict[str, Any]] = []
 
-    def add(self, rule: AccessRule, rights: Sequence[dict[str, Any]]) -> None:
-        """Allow the rights to the clients of a rule."""
+    def add(
+        self, rule: AccessRule, rights: Sequence[dict[str, Any]], protocols: Sequence[str] = ()
+    ) -> None:
+        """Allow the rights to the clients of a rule, if not empty only with these protocols."""
         subject: dict[str, Any] = {"id": f"subject {len(self._subjects)}"}
         if rule.users:
             subject["usernames"] = list(rule.users)
+        if protocols:
+            subject["link_protocols"] = list(protocols)
         if rule.certificates:
             subject["cert_common_names"] = list(rule.certificates)
         ids = []

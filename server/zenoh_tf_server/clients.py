@@ -61,6 +61,10 @@ class Clients:
         """The client's id if it is connected, or this server itself, else UNKNOWN."""
         return client if client in self.connected or client == self.own else UNKNOWN
 
+    def is_connected(self, client: str) -> bool:
+        """True if the client's token is there, or for this server itself."""
+        return self.known(client) != UNKNOWN
+
     def has_been_known(self, client: str) -> bool:
         """True if the client is or was connected, though its link may still be there."""
         return client in self.connected or client in self._gone

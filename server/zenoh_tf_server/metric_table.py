@@ -88,6 +88,11 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "replica_snapshots": _counter(
         "replica_snapshots", "of a replica: copies of the primary's tree that were begun"
     ),
+    "replica_contradictions": _counter(
+        "replica_contradictions",
+        "of a replica: copies given up because the primary says otherwise: somebody forges its "
+        "messages",
+    ),
     "stream_messages": _counter("stream_messages", "messages published for mirrors"),
     "stream_message_bytes": _counter("stream_message_bytes", "bytes of these messages"),
     "stream_gaps": _counter(

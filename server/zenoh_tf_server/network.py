@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -18,10 +17,10 @@ from .security import OPEN, Security
 
 #: How long a server waits for the router that it joins, which may be starting beside it.
 CONNECT_TIMEOUT_S: Final = 10.0
-_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 #: Messages of up to this many times the limit are received, so that the server can refuse them
 #: with a reply. Zenoh closes the connection of a client that sends a larger one.
-_RECEIVE_MARGIN: Final = 4
+RECEIVE_MARGIN: Final = 4
 #: Where Zenoh reads the sizes of its thread pools.
 _RUNTIME: Final = "ZENOH_RUNTIME"
 #: Zenoh's receive threads. A publisher that outruns the server occupies one of them while it is
@@ -56,13 +55,13 @@ def open_session(
     Raises:
         NetworkError: The endpoints cannot be reached or listened on.
     """
-    max_message_bytes = _RECEIVE_MARGIN * limits.message_bytes
+    max_message_bytes = RECEIVE_MARGIN * limits.message_bytes
     try:
         if connect:
             config = zenoh_config.client(
                 connect,
                 CONNECT_TIMEOUT_S,
-                retry=_RETRY,
+                retry=RETRY,
                 max_message_bytes=max_message_bytes,
                 credentials=security.credentials,
             )
@@ -86,36 +85,7 @@ def open_session(
             )
             if isinstance(failure, AccessDenied):
                 raise NetworkError(f"cannot connect: {failure}") from error
-        raise NetworkError(_message(str(error), listen, connect)) from error
-
-
-def open_replica_session(
-    listen: Sequence[str], primary: Sequence[str], limits: Limits, security: Security
-) -> zenoh.Session:
-    """Open a router on `listen` that links itself to that at `primary`, now and whenever it has
-    lost the link.
-
-    Raises:
-        NetworkError: The endpoints cannot be listened on.
-    """
-    try:
-        config = zenoh_config.router(
-            listen,
-            max_sessions=limits.connections,
-            max_message_bytes=_RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES),
-            security=security.replica_settings(),
-        )
-        for key, value in {
-            "connect/endpoints": list(primary),
-            "connect/exit_on_failure": False,
-            "connect/timeout_ms": -1,
-            "connect/retry": _RETRY,
-            "scouting/delay": 0,
-        }.items():
-            config.insert_json5(key, json.dumps(value))
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        raise NetworkError(_message(str(error), listen, ())) from error
+        raise NetworkError(explain(str(error), listen, connect)) from error
 
 
 def open_client_session(
@@ -126,12 +96,12 @@ def open_client_session(
     Raises:
         zenoh.ZError: Nobody answered within `timeout_s`.
     """
-    max_bytes = _RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES)
+    max_bytes = RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES)
     return zenoh.open(
         zenoh_config.client(
             [endpoint],
             timeout_s,
-            retry=_RETRY,
+            retry=RETRY,
             max_message_bytes=max_bytes,
             credentials=credentials,
         )
@@ -157,7 +127,7 @@ def addresses(session: zenoh.Session) -> Callable[[], dict[str, str]]:
     return lambda: {str(link.zid): link.dst for link in session.info.links()}
 
 
-def _message(reason: str, listen: Sequence[str], connect: Sequence[str]) -> str:
+def explain(reason: str, listen: Sequence[str], connect: Sequence[str] = ()) -> str:
     """Zenoh's reason in terms of the flags, without the paths into its sources."""
     if connect:
         where = ", ".join(map(zenoh_config.address, connect))

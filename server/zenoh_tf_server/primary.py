@@ -17,6 +17,7 @@ from zenoh.handlers import RingChannel
 from zenoh_tf import connect_failure, keys, wire, zenoh_config
 from zenoh_tf.credentials import Credentials
 from zenoh_tf.errors import AccessDenied, ServerUnavailable
+from zenoh_tf.mirror_source import ServerStatus
 from zenoh_tf.queries import NoReply, Queries
 
 from .network import CONNECT_TIMEOUT_S, NetworkError
@@ -30,8 +31,15 @@ _EXPLAIN_TIMEOUT_S: Final = 1.0
 class Primary:
     """The `zenoh_tf.mirror_feed.Source` of a server."""
 
-    def __init__(self, session: zenoh.Session, tree: str, name: str | None = None) -> None:
-        """Say to the primary that its client is there. `name`: what messages call it."""
+    def __init__(
+        self,
+        session: zenoh.Session,
+        tree: str,
+        name: str | None = None,
+        user: str | None = None,
+    ) -> None:
+        """Say to the primary that its client is there. `name`: what messages call it. `user`: as
+        whom the session connects."""
         self._session = session
         self._tree = tree
         own_id = str(session.zid())
@@ -39,6 +47,9 @@ class Primary:
         self._queries = Queries(
             session, self._calls, own_id, name or f"the primary of tree {tree!r}"
         )
+        #: What its rules allow this server, as it said last; None if it has no rules.
+        self.access: dict[str, Any] | None = None
+        self._hello = wire.call_body("hello", user=user, client=own_id)
         self._token = session.liveliness().declare_token(keys.client(tree, own_id))
 
     @property
@@ -60,7 +71,7 @@ class Primary:
         deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
         while True:
             try:
-                self._ask("hello", {"v": wire.VERSION, "what": "hello"}, 1.0)
+                self._say_hello(1.0)
                 return
             except ServerUnavailable as error:
                 if time.monotonic() < deadline_s:
@@ -92,10 +103,23 @@ class Primary:
         """Send a request; see `Source`."""
         return self._ask(operation, body, _REPLY_TIMEOUT_S)
 
-    def clock(self) -> tuple[str, int]:
-        """Ask the primary for its instance id and its clock."""
-        reply = self._ask("hello", {"v": wire.VERSION, "what": "hello"}, _REPLY_TIMEOUT_S)
-        return wire.text(reply, "instance"), wire.integer(wire.mapping(reply, "value"), "clock_ns")
+    def status(self) -> ServerStatus:
+        """Ask the primary for its instance id, its clock and its last commit."""
+        reply = self._say_hello(_REPLY_TIMEOUT_S)
+        value = wire.mapping(reply, "value")
+        return ServerStatus(
+            wire.text(reply, "instance"),
+            wire.integer(value, "clock_ns"),
+            wire.integer(value, "seq") if "seq" in value else None,
+        )
+
+    def _say_hello(self, timeout_s: float) -> wire.Message:
+        reply = self._ask("hello", self._hello, timeout_s)
+        access = wire.mapping(reply, "value").get("access")
+        if access is not None:
+            access = {field: list(wire.texts(access, field)) for field in ("may", "publish")}
+        self.access = access
+        return reply
 
     def _ask(self, operation: str, body: wire.Message, timeout_s: float) -> wire.Message:
         key = zenoh.KeyExpr(keys.operation(self._tree, operation))

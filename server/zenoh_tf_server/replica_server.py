@@ -11,11 +11,13 @@ from __future__ import annotations
 import asyncio
 import functools
 import secrets
+from collections.abc import Mapping
 from contextlib import ExitStack
+from typing import Any
 
 from zenoh_tf import keys
 
-from . import network
+from . import access_rules
 from .abandoned_keys import AbandonedKeys
 from .clients import Clients
 from .free_memory import FreeMemory
@@ -23,6 +25,7 @@ from .link_sockets import LinkSockets
 from .outbox_links import OutboxLinks
 from .primary import Primary
 from .replica_service import ReplicaService
+from .replica_sessions import ReplicaSessions
 from .replies import Replies
 from .server import Settings
 from .shared_copies import SharedCopies
@@ -36,20 +39,23 @@ class ReplicaServer:
         limits = settings.limits
         # Closed in reverse order: first the queries, then the copy, then the session.
         with ExitStack() as stack:
-            self.session = session = network.open_replica_session(
-                settings.listen, settings.replica_of, limits, settings.security
-            )
-            stack.callback(session.close)
+            security = settings.security
+            sessions = ReplicaSessions(settings.listen, settings.replica_of, limits, security)
+            stack.callback(sessions.close)
+            primary = Primary(sessions.primary, settings.tree, user=security.credentials.user)
+            primary.wait(settings.replica_of, security.credentials)
+            enforced = primary.access
+            self.session = session = sessions.open_clients(settings.tree, enforced)
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
             sockets = LinkSockets()
             stack.callback(sockets.close)
             sockets.start(session)
-            primary = Primary(session, settings.tree)
-            primary.wait(settings.replica_of, settings.security.credentials)
             own_id = secrets.token_hex(8)
             copies = SharedCopies(settings.sharing, settings.tree, own_id)
             self.service = service = ReplicaService(settings.tree, own_id, limits, loop, copies)
+            service.access = lambda: _told(enforced, primary.access, security.credentials.user)
+            service.is_connected = clients.is_connected
             stack.callback(service.close)
             service.start(primary)
             replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
@@ -85,3 +91,12 @@ class ReplicaServer:
     def close(self) -> None:
         """Serve no more."""
         self._stack.close()
+
+
+def _told(
+    enforced: Mapping[str, Any] | None, primary: Mapping[str, Any] | None, user: str | None
+) -> dict[str, Any] | None:
+    """What `hello` says that clients may do: what both the replica's rules, which are made when it
+    starts, and those of the primary allow."""
+    access = access_rules.common(enforced, primary)
+    return None if access is None else {**access, "replica_user": user}

@@ -18,7 +18,8 @@ from typing import Any, Final, NoReturn
 
 from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind, ServerUnavailable
-from zenoh_tf.mirror_feed import MirrorFeed, Source, State
+from zenoh_tf.mirror_feed import MirrorFeed
+from zenoh_tf.mirror_source import Source, State
 from zenoh_tf.text import quoted
 
 from .clock_offsets import ClockOffsets
@@ -56,6 +57,10 @@ class ReplicaService:
         self.limits = limits
         self.guard = RequestGuard()
         self.requests = RequestCounters()
+        #: What the clients may do, as the reply to `hello` says it; None: everything.
+        self.access: Callable[[], dict[str, Any] | None] = lambda: None
+        #: Whether a client's token is there.
+        self.is_connected: Callable[[str], bool] = lambda client: True
         self._own_id = own_id
         self._copies = copies
         self._loop = loop
@@ -107,7 +112,7 @@ class ReplicaService:
         if service is None:
             reply_to(self.error(ServerUnavailable("the replica is stopping")), True)
         else:
-            service.handle(operation, payload, _Dated(reply_to, state, self._age_s), chunk)
+            service.handle(operation, payload, _Dated(reply_to, state, self), chunk)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
@@ -157,6 +162,7 @@ class ReplicaService:
             return
         service = _CopyService(self, tree, instance)
         service.requests = self.requests
+        service.waiters.is_connected = self.is_connected
         service.add_counters(self._counters)
         # From here on no client reads the copy before this one in memory.
         service.offer = self._copies.share(tree, self.limits)
@@ -181,6 +187,7 @@ class ReplicaService:
             "replica_age_s": self.age_s,
             "replica_seq": self.state.seq,
             "replica_snapshots": 0 if feed is None else feed.snapshots,
+            "replica_contradictions": 0 if feed is None else feed.contradictions,
         }
         for more in self._more_counters:
             counters |= more()
@@ -189,6 +196,11 @@ class ReplicaService:
     def _age_s(self, state: State) -> float:
         feed = self._feed
         return _MAX_AGE_S if feed is None else min(feed.age_s(state), _MAX_AGE_S)
+
+    def dates(self, state: State) -> dict[str, int]:
+        """What the reply to a read says that began in a state and has ended."""
+        reach = state.seq if self._feed is None else max(state.seq, self._feed.reach)
+        return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
 
     def check_least(self, tree: TransformTree, instance: str, seq: int) -> None:
         """Check that a read in a copy sees a commit.
@@ -210,18 +222,16 @@ class ReplicaService:
 class _Dated:
     """The ReplyCallback of a request: adds to its reply of what it is, and how old."""
 
-    __slots__ = ("_age_s", "_reply_to", "_state", "client")
+    __slots__ = ("_replica", "_reply_to", "_state", "client")
 
-    def __init__(
-        self, reply_to: ReplyCallback, state: State, age_s: Callable[[State], float]
-    ) -> None:
+    def __init__(self, reply_to: ReplyCallback, state: State, replica: ReplicaService) -> None:
         self.client = reply_to.client
         self._reply_to = reply_to
         self._state = state
-        self._age_s = age_s
+        self._replica = replica
 
     def __call__(self, reply: bytes, failed: bool) -> None:
-        told = {"seq": self._state.seq, "age_ns": int(self._age_s(self._state) * 1e9)}
+        told = self._replica.dates(self._state)
         self._reply_to(wire.with_field(reply, wire.REPLICA, told), failed)
 
 
@@ -229,7 +239,10 @@ class _CopyService(Service):
     """The service of one copy: it takes no writes."""
 
     def __init__(self, replica: ReplicaService, tree: TransformTree, instance: str) -> None:
-        guard = _Guard(lambda least, seq: replica.check_least(tree, least, seq))
+        guard = _Guard(
+            lambda least, seq: replica.check_least(tree, least, seq),
+            lambda: replica.access(),  # noqa: PLW0108
+        )
         super().__init__(tree, replica.name, instance, replica.limits, replica._loop, guard=guard)
         self._identity["replica"] = replica._own_id
 
@@ -246,10 +259,19 @@ class _CopyService(Service):
 class _Guard(RequestGuard):
     """Refuses reads that must see more than there is."""
 
-    def __init__(self, check_least: Callable[[str, int], None]) -> None:
+    def __init__(
+        self,
+        check_least: Callable[[str, int], None],
+        rights: Callable[[], dict[str, Any] | None],
+    ) -> None:
         super().__init__()
         self.checked = frozenset(keys.OPERATIONS)
         self._check_least = check_least
+        self._access = rights
+
+    def access(self, message: wire.Message) -> dict[str, Any] | None:
+        """The same for every client: what the primary allows to the replica's user."""
+        return self._access()
 
     def check(self, operation: str, chunk: str | None, message: wire.Message) -> None:
         """Check a request, and take from it what it must see at least."""

@@ -15,6 +15,7 @@ from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException
 
 from . import access_control
+from .access_control import PRIMARY_PROTOCOL
 from .access_rules import AccessRule
 
 
@@ -42,6 +43,13 @@ class Security:
 
     def router_settings(self, tree: str) -> dict[str, object]:
         """The settings of the embedded router that they stand for."""
+        settings = self.listen_settings()
+        if self.authenticates:
+            settings["access_control"] = access_control.zenoh_settings(tree, self.rules)
+        return settings
+
+    def listen_settings(self) -> dict[str, object]:
+        """The settings of a router for its own endpoints: who may connect there."""
         settings: dict[str, object] = {}
         if self.tls_certificate is not None:
             tls: dict[str, object] = {
@@ -54,24 +62,15 @@ class Security:
             settings["transport/link/tls"] = tls
         if self.users is not None:
             settings["transport/auth/usrpwd/dictionary_file"] = self.users
-        if self.authenticates:
-            settings["access_control"] = access_control.zenoh_settings(tree, self.rules)
         return settings
 
-    def replica_settings(self) -> dict[str, object]:
-        """The settings of a replica's router, which links itself to the primary's as a client
-        would, and has no rules of its own."""
+    def open_replica_settings(self) -> dict[str, object]:
+        """The settings of the only router of a replica that anybody may use."""
         settings = credentials.zenoh_settings(self.credentials)
-        tls = dict(cast(dict[str, object], settings["transport/link/tls"]))
-        if self.tls_certificate is not None:
-            tls |= {
-                "listen_certificate": self.tls_certificate,
-                "listen_private_key": self.tls_key,
-                "close_link_on_expiration": True,
-            }
-        if self.users is not None:
-            settings["transport/auth/usrpwd/dictionary_file"] = self.users
-        return settings | {"transport/link/tls": tls}
+        listening = self.listen_settings()
+        tls = cast(dict[str, object], settings["transport/link/tls"])
+        tls |= cast(dict[str, object], listening.get("transport/link/tls", {}))
+        return settings
 
 
 #: Anyone may connect and do everything.
@@ -143,6 +142,8 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
         for endpoint in joins:
             zenoh_config.check_encrypted(endpoint, given)
         if options.replica_of:  # its clients get the same certificate
+            if any(zenoh_config.protocol(e) == PRIMARY_PROTOCOL for e in options.listen):
+                _reject("listen", f"cannot be {PRIMARY_PROTOCOL}/... with --replica-of")
             if options.users:
                 check_users(options.users)
             listening = options.tls_certificate, options.tls_key, options.tls_ca, options.users

@@ -134,6 +134,7 @@ class Server:
             stack.callback(replies.close)
             clients.when_gone(replies.forget)
             stack.callback(service.close)
+            service.waiters.is_connected = clients.is_connected
             clients.when_gone(service.client_gone)
             service.add_counters(replies.counters)
             ingest = Ingest(

@@ -25,6 +25,7 @@ from .future_stamps import FutureStamps
 from .info_requests import InfoRequests
 from .ingest import PutCounters
 from .limits import Limits
+from .numbered_reply import NumberedReply
 from .reads import Reads
 from .refusals import Refusals
 from .reply_cache import ReplyCache, ReplyCallback
@@ -111,10 +112,21 @@ class Service:
             message = self.limits.unpack(payload, operation == "batch")
             if operation in self.guard.checked:
                 self.guard.check(operation, chunk, message)
+            if wire.WITH_SEQ in message:
+                reply_to = self._numbered(message, reply_to)
             self._operations[operation](self, message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
         counts.end(operation)
+
+    def _numbered(self, message: wire.Message, reply_to: ReplyCallback) -> ReplyCallback:
+        """Take the wish for a number from a read, and add it to the reply."""
+        last_seq = self.last_seq
+        is_wanted = wire.flag(message, wire.WITH_SEQ)
+        del message[wire.WITH_SEQ]
+        if last_seq is None or not is_wanted:
+            return reply_to
+        return NumberedReply(reply_to, last_seq)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
@@ -320,6 +332,8 @@ class Service:
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
         known = self._identity | {"clock_ns": time.monotonic_ns()}
+        if self.last_seq is not None:
+            known["seq"] = self.last_seq()
         if self.offer is not None and (access is None or "read" in access["may"]):
             known[handover.HELLO_FIELD] = self.offer.fields()
         return known if access is None else known | {"access": access}

@@ -24,10 +24,12 @@ from zenoh_tf._core import Budget, ParkedLookups, WakeQueue, park_lookups
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
+    ServerBusy,
     ServerUnavailable,
     TransformException,
 )
 
+from .clients import UNKNOWN
 from .fair_share import FairShare
 from .limits import Limits
 
@@ -38,6 +40,10 @@ log = logging.getLogger("zenoh_tf.server")
 
 _JOIN_TIMEOUT_S: Final = 1.0
 _RETRY_AFTER_S: Final = 1.0
+#: How long lookups of a client may wait that has no token, whose end would end them. A new
+#: client's token may arrive after its first query: it asks again soon.
+UNKNOWN_WAIT_S: Final = 10
+_UNKNOWN_RETRY_S: Final = 0.05
 
 
 class _Request:
@@ -96,6 +102,8 @@ class Waiters:
         self._tree = tree
         self._limits = limits
         self._loop = loop
+        #: Whether a client's token is there; the server that follows the tokens sets it.
+        self.is_connected: Callable[[str], bool] = lambda client: True
         self._queue = WakeQueue()
         self._tokens = itertools.count()
         self._lock = threading.Lock()
@@ -126,11 +134,12 @@ class Waiters:
 
         Raises:
             LimitExceeded: A time-out is too long, or the lookups never fit.
-            ServerBusy: The client's share of waiting lookups is used up.
-            ServerUnavailable: The server is stopping.
+            ServerBusy: The client's share of waiting lookups is used up, or it has no token and
+                wants to wait for longer than UNKNOWN_WAIT_S.
+            ServerUnavailable: The server is stopping, or the client has gone.
         """
         for lookup in lookups:
-            self._check(lookup)
+            self._check(lookup, client)
         with self._lock:  # before anything is made for the rows
             self._rows.check(client, sum(lookup.rows for lookup in lookups), _RETRY_AFTER_S)
         request = _Request(client, wait_id, budget, len(lookups), settle, fail)
@@ -187,7 +196,7 @@ class Waiters:
             if waiting := self._take(token):
                 waiting.request.fail(ServerUnavailable(reason))
 
-    def _check(self, lookup: wire.Lookup) -> None:
+    def _check(self, lookup: wire.Lookup, client: str) -> None:
         if lookup.atomic or lookup.versions:
             raise InvalidArgumentException(
                 "a lookup with `atomic` or `versions` cannot wait: leave out timeout_ns",
@@ -202,6 +211,16 @@ class Waiters:
                 field="timeout_s",
                 limit=longest_s,
                 value=timeout_s,
+            )
+        if client == UNKNOWN and lookup.timeout_ns > UNKNOWN_WAIT_S * 1_000_000_000:
+            raise ServerBusy(
+                f"a lookup waits for more than {UNKNOWN_WAIT_S} s only for a client that is known "
+                "to be there: by its liveliness token, whose id the query's attachment has "
+                "(docs/protocol.md)",
+                field="timeout_s",
+                limit=UNKNOWN_WAIT_S,
+                value=lookup.timeout_ns * 1e-9,
+                retry_after_s=_UNKNOWN_RETRY_S,
             )
 
     def _rows_of(self, lookup: wire.Lookup, token: int) -> ParkedLookups:
@@ -227,6 +246,9 @@ class Waiters:
         with self._lock:
             if self._stopping:
                 raise ServerUnavailable("the server is stopping")
+            # A client that goes later finds the lookups: `client_gone` takes the lock after that.
+            if client != UNKNOWN and not self.is_connected(client):
+                raise ServerUnavailable("the client has gone")
             self._rows.check(client, rows, _RETRY_AFTER_S)
             self._links.check(client, links, _RETRY_AFTER_S)
             self._rows.take(client, rows)

@@ -181,9 +181,26 @@ def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
     time.sleep(600)
 
 
+def known_waiters(opened: zenoh.Session, queries: str, timeout_s: str) -> None:
+    """Queries that wait, of a client with a token, which keeps asking until it is killed."""
+    _ = opened.liveliness().declare_token(keys.client(messages.TREE, str(opened.zid())))
+    messages.send(opened, "info", messages.pack({"v": 1, "what": "hello"}))
+    body = messages.same_lookup(1, "probe_map", "probe_never")
+    body["timeout_ns"] = int(float(timeout_s) * 1e9)
+    payload = messages.pack(body)
+    ready()
+    held = [messages.ask(opened, "lookup", payload, 3600.0) for _ in range(int(queries))]
+    print("asked", flush=True)
+    while True:  # so that some are under way when it is killed
+        held.append(messages.ask(opened, "lookup", payload, 3600.0))
+        time.sleep(0.001)
+        del held[1000:]
+
+
 def main() -> None:
     kind, endpoint, *arguments = sys.argv[1:]
-    kinds = (frozen, local_frozen, lookups, local_flood, remembered, puts, region, waiters)
+    busy = (frozen, local_frozen, lookups, local_flood, remembered, puts, region)
+    kinds = (*busy, waiters, known_waiters)
     play = {each.__name__: each for each in kinds}[kind]
     with messages.session(endpoint) as opened:
         play(opened, *arguments)

@@ -64,6 +64,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     period = certificate_files.period_of(1.0)
     authority = certificate_files.Authority(folder, period)
     authority.issue("server", ["127.0.0.1", "localhost"], period)
+    authority.issue("arm-server", ["127.0.0.1"], period)
     authority.issue("elsewhere", ["other.example"], period)
     now = datetime.datetime.now(datetime.UTC)
     past = certificate_files.Period(now - datetime.timedelta(9), now - datetime.timedelta(2))

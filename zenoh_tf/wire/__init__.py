@@ -46,6 +46,7 @@ from .fields import (
     pack_in_steps,
     raw,
     text,
+    texts,
     unpack,
 )
 from .interest import Interest, parse_interest
@@ -75,6 +76,7 @@ from .replica import (
     LEAST_INSTANCE,
     LEAST_SEQ,
     REPLICA,
+    WITH_SEQ,
     least,
     parse_replica,
     with_field,
@@ -119,6 +121,7 @@ __all__ = [
     "OP_LATEST_XACT",
     "REPLICA",
     "VERSION",
+    "WITH_SEQ",
     "AnswerRow",
     "Changes",
     "Commit",
@@ -183,6 +186,7 @@ __all__ = [
     "snapshot_request",
     "stream_body",
     "text",
+    "texts",
     "unpack",
     "with_field",
     "write_fields",

@@ -6,18 +6,21 @@ from typing import Any, Final
 
 from .fields import Message, integer, mapping, pack
 
-#: Of a reply: a map with `seq`, the number of a commit that the read has seen, and `age_ns`.
+#: Of a reply: a map with `seq`, the number of a commit that the read has seen; `reach`, the number
+#: after which it has seen nothing; and `age_ns`.
 REPLICA: Final = "replica"
 #: Of a request: the commit that the read must see, and the instance of the server that numbered it.
 LEAST_SEQ: Final = "least_seq"
 LEAST_INSTANCE: Final = "least_instance"
+#: Of a request: true if the server's reply shall have `seq`, after which the read saw nothing.
+WITH_SEQ: Final = "with_seq"
 
 _FIXED_MAP: Final = 0x80  # with up to 15 entries
 _MAP_16: Final = 0xDE
 _MOST_FIXED: Final = 15
 
 
-def with_field(packed: bytes, name: str, value: dict[str, Any]) -> bytes:
+def with_field(packed: bytes, name: str, value: Any) -> bytes:
     """A packed map of less than 2^16 - 1 entries with one more, which it must not have."""
     entry = pack({name: value})[1:]
     first = packed[0]
@@ -37,10 +40,11 @@ def least(instance: str, seq: int) -> Message:
     return {LEAST_INSTANCE: instance, LEAST_SEQ: seq}
 
 
-def parse_replica(reply: Message) -> tuple[int, int] | None:
-    """The number of a commit that a replica's reply has seen, and its age in nanoseconds. None: it
-    is not a replica's. Raises ProtocolError."""
+def parse_replica(reply: Message) -> tuple[int, int, int] | None:
+    """The number of a commit that a replica's reply has seen, its age in nanoseconds, and the
+    number after which it has seen nothing. None: it is not a replica's. Raises ProtocolError."""
     if REPLICA not in reply:
         return None
     told = mapping(reply, REPLICA)
-    return integer(told, "seq", low=0), integer(told, "age_ns", low=0)
+    seq = integer(told, "seq", low=0)
+    return seq, integer(told, "age_ns", low=0), integer(told, "reach", seq, low=0)

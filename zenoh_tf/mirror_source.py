@@ -1,0 +1,66 @@
+"""What the feed of a mirror needs from its owner, and what it tells: states and sources.
+
+Thread safety: `Source` says what its implementations must promise; the rest is immutable.
+
+Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from . import wire
+from .tree import TransformTree
+
+
+@dataclass(frozen=True, slots=True)
+class ServerStatus:
+    """What a server says of itself in the reply to `hello`."""
+
+    instance: str
+    clock_ns: int
+    seq: int | None  # the number of its last commit; None if it does not say
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What a mirror has. The tree itself may be newer already, but never older."""
+
+    tree: TransformTree | None = None
+    instance: str = ""
+    seq: int = 0
+    clock_ns: int = 0
+    synced: bool = False
+
+    def has(self, instance: str, seq: int) -> bool:
+        """Whether it has a commit of an instance, and all before it."""
+        return self.instance == instance and self.seq >= seq
+
+
+class Source(Protocol):
+    """How a feed listens and asks. All raise ServerUnavailable once the connection is closed."""
+
+    @property
+    def tree(self) -> str:
+        """The tree's name."""
+
+    @property
+    def calls(self) -> AbstractContextManager[None]:
+        """To be entered while a message is waited for."""
+
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
+        """Listen to the stream."""
+
+    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
+        """Undeclare a subscriber; never raises. False: the process is forked."""
+
+    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+        """Send a request, and return the reply, or raise its error."""
+
+    def status(self) -> ServerStatus:
+        """Ask the server who it is, and for its clock and its last commit."""
