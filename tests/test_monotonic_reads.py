@@ -77,6 +77,18 @@ def test_a_read_of_the_primary_binds_reads_of_a_replica() -> None:
     assert exchange.seen.least == Receipt("one", 9)
 
 
+def test_a_forged_number_does_not_stay() -> None:
+    """The server's own reply corrects what a replica was made to say."""
+    exchange = Exchange("main", "nowhere", None, 5.0)
+    exchange.router = lambda: "abc"
+    peers = Peers(exchange)
+    peers.read({"near": {"replica": {"seq": 4, "reach": 1 << 62, "age_ns": 1}}})
+    exchange.replica = None
+    exchange.server = parse_server_info(LIMITS, 0)
+    peers.read({"far": {"seq": 9}})
+    assert exchange.seen.least == Receipt("one", 9)
+
+
 def test_a_client_without_a_replica_asks_for_no_number() -> None:
     exchange = Exchange("main", "nowhere", None, 5.0)
     exchange.server = parse_server_info(LIMITS, 0)

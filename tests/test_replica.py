@@ -240,6 +240,8 @@ def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformCli
     near._connection.exchange.seen.least = Receipt(receipt.instance, receipt.seq + 1000)
     assert seen(near) == 1
     assert near.replica_age_s is None  # the primary's own reply
+    assert near._connection.exchange.seen.least == receipt  # it knows best
+    near._connection.exchange.seen.least = Receipt(receipt.instance, receipt.seq + 1000)
     primary.kill()
     with pytest.raises(ReplicaBehind, match=r"commit 1001 .* it has 1") as refusal:
         seen(near)

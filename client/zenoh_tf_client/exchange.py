@@ -191,6 +191,7 @@ class Exchange:
             behind = found
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
         key = self._keys[request.kind] if self.access is None else self._key(request.kind, body)
+        seen = self.seen.least
         payload = self._pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
         reply: wire.Message | NoReply = yield Ask(key, payload, timeout_s)
         if not self._is_final(reply):
@@ -203,7 +204,7 @@ class Exchange:
                 raise ServerUnavailable(reply.reason)
         self.replica_age_s = None
         if self.reads_may_be_old and type(reply.get("seq")) is int:
-            self.seen.note_read(wire.text(reply, "instance"), reply["seq"])
+            self.seen.note_server(wire.text(reply, "instance"), reply["seq"], seen)
             if self.replica is not None:
                 self.seen.await_replica()
         if time.monotonic() >= self._next_hello_s:

@@ -48,6 +48,14 @@ class SeenStates:
             if self.is_news(instance, seq):
                 self.least = Receipt(instance, seq)
 
+    def note_server(self, instance: str, seq: int, before: Receipt | None) -> None:
+        """Accept the number of a read by the server itself, which was sent after `before` was
+        seen. A higher one is forged: the server knows best."""
+        with self._lock:
+            if before is self.least and before is not None and before.instance == instance:
+                self.least = Receipt(instance, seq)
+        self.note_read(instance, seq)
+
     def note_write(self, reply: wire.Message) -> None:
         """Accept the reply to a write."""
         with self._lock:
