@@ -9,7 +9,8 @@ from typing import Any
 from zenoh_tf_client import AsyncTransformClient
 from zenoh_tf_client.aio.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
 
-from .conftest import Main, ServerProcess
+from .conftest import Main
+from .servers import ServerProcess
 from .test_client import LINKS
 
 Run = Callable[[Main], None]

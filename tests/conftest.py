@@ -1,19 +1,11 @@
-"""Real servers for the tests: processes on free ports."""
+"""Fixtures for all tests: servers, replicas, clients and event loops."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
-import queue
-import random
 import signal
-import socket
-import subprocess
 import sys
 import tempfile
-import threading
-import time
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,15 +14,13 @@ import pytest
 import uvloop
 
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.connection import Connection
 from zenoh_tf_client.shared_reads import Mode
 
 from .both_clients import Blocking, LoopThread
+from .ports import free_endpoint
+from .servers import Pool, ServerProcess, starts
 
-#: Only a server that hangs takes so long: pytest gives up on the test soon after.
-START_TIMEOUT_S = 50.0
-#: Below all ports that systems give to outgoing connections.
-_PORTS = range(10_000, 30_000)
+__all__ = ["ServerProcess", "free_endpoint"]
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -38,117 +28,34 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def free_port() -> int:
-    """A port of 127.0.0.1 that nothing listens on.
-
-    A port that the system chooses could be taken by any outgoing connection before the server
-    listens on it, or while the server restarts: even by a client that tries to reconnect to it,
-    and so is connected to itself.
-    """
-    while True:
-        port = random.SystemRandom().choice(_PORTS)  # Hypothesis seeds the shared one
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", port))
-            return port
+def pytest_addoption(parser: pytest.Parser) -> None:
+    help = "print how many servers the tests have started"
+    parser.addoption("--count-servers", action="store_true", help=help)
 
 
-def free_endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
+#: How many servers the workers of pytest-xdist have started, for the process that prints it.
+_of_workers: list[int] = []
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output["server_starts"] = starts()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    _of_workers.append(getattr(node, "workeroutput", {}).get("server_starts", 0))
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    if config.getoption("--count-servers"):
+        total = starts() + sum(_of_workers)
+        terminalreporter.write_line(f"{total} servers were started")
 
 
 #: What runs on an event loop.
 Main = Callable[[], Coroutine[Any, Any, None]]
-
-
-class ServerProcess:
-    """A running ``zenoh-tf-server``."""
-
-    #: How Python starts it.
-    START: tuple[str, ...] = ("-m", "zenoh_tf_server")
-    #: Clients send queries through the server's socket.
-    LOCAL = False
-
-    def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
-        self.endpoint = endpoint
-        self.tree = tree
-        self._log = log
-        where = () if "--connect" in flags else ("--listen", endpoint)
-        with log.open("a") as errors:
-            self.process = subprocess.Popen(
-                [sys.executable, *self.START, *where, "--tree", tree, *flags],
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-            )
-        self.greeting = self._first_line()
-
-    def _first_line(self) -> str:
-        lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        assert self.process.stdout is not None
-        reader = threading.Thread(
-            target=lambda output: lines.put(output.readline()), args=(self.process.stdout,)
-        )
-        reader.start()
-        try:
-            line = lines.get(timeout=START_TIMEOUT_S)
-        except queue.Empty:
-            line = ""
-        if not line:
-            self.process.kill()
-        reader.join()
-        if not line:
-            self.process.wait()
-            self.process.stdout.close()
-            raise AssertionError(f"the server did not start:\n{self.log}")
-        return line.strip()
-
-    @property
-    def log(self) -> str:
-        """Return what it has logged so far."""
-        return self._log.read_text()
-
-    def wait_for_log(self, text: str) -> None:
-        """Wait until it has logged this text."""
-        deadline_s = time.monotonic() + START_TIMEOUT_S
-        while text not in self.log:
-            assert time.monotonic() < deadline_s, f"no {text!r} in the log:\n{self.log}"
-            time.sleep(0.01)
-
-    def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
-        """A client; most tests are about queries, so these are the default."""
-        if self.LOCAL and reads == "query":
-            return TransformClient(Connection(self.endpoint, self.tree, timeout_s), reads)
-        return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
-
-    def send_signal(self, number: signal.Signals) -> None:
-        self.process.send_signal(number)
-
-    def freeze(self) -> None:
-        """Stop all of its threads, and return when they have stopped."""
-        self.process.send_signal(signal.SIGSTOP)
-        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
-
-    def kill(self) -> None:
-        """As ``kill -9``."""
-        self.process.kill()
-        self._end()
-
-    def stop(self) -> int:
-        """Stop it as an init system does (SIGTERM); return its exit status."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGCONT)
-            self.process.terminate()
-        return self._end()
-
-    def _end(self) -> int:
-        try:
-            return self.process.wait(10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait()
-        finally:
-            if self.process.stdout is not None:
-                self.process.stdout.close()
 
 
 StartServer = Callable[..., ServerProcess]
@@ -187,10 +94,29 @@ def start_sharing(start_server: StartServer, socket_folder: Path) -> StartServer
     return start
 
 
+@pytest.fixture(scope="session")
+def server_pool(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pool]:
+    pool = Pool(tmp_path_factory.mktemp("servers"))
+    yield pool
+    pool.stop()
+
+
+#: ``lend_server(*flags)``: a server that is shared with other tests, with an empty tree.
+LendServer = Callable[..., ServerProcess]
+
+
 @pytest.fixture
-def server(start_server: StartServer) -> ServerProcess:
-    """A server with the defaults, on an endpoint of its own."""
-    return start_server()
+def lend_server(server_pool: Pool) -> LendServer:
+    return server_pool.lend
+
+
+@pytest.fixture
+def server(
+    request: pytest.FixtureRequest, lend_server: LendServer, start_server: StartServer
+) -> ServerProcess:
+    """A server with the defaults; one of its own for a test that is marked ``own_server``."""
+    own = request.node.get_closest_marker("own_server") is not None
+    return start_server() if own else lend_server()
 
 
 @pytest.fixture
@@ -224,9 +150,9 @@ def near(replica: ServerProcess) -> Iterator[TransformClient]:
 
 
 @pytest.fixture(params=["optimistic", "2pl", "giant"])
-def any_server(request: pytest.FixtureRequest, start_server: StartServer) -> ServerProcess:
+def any_server(request: pytest.FixtureRequest, lend_server: LendServer) -> ServerProcess:
     """A server for each concurrency control in turn."""
-    return start_server("--concurrency", request.param)
+    return lend_server("--concurrency", request.param)
 
 
 @pytest.fixture

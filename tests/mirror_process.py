@@ -8,7 +8,6 @@ is one of this pair of frames.
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -20,16 +19,17 @@ from zenoh_tf import TransformException
 from zenoh_tf.mirroring import Mirroring
 from zenoh_tf_client import Mirror, TransformClient
 
+from . import forks
+
 
 class MirrorProcess:
     """A running one."""
 
     def __init__(self, endpoint: str, *arguments: str) -> None:
-        self.process = subprocess.Popen(
+        self.process = forks.Popen(
             [sys.executable, "-m", "tests.mirror_process", endpoint, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
         self.first = self._read()
 
@@ -63,7 +63,7 @@ class MirrorProcess:
     def freeze(self) -> None:
         """Stop all of its threads, and return when they have stopped."""
         self.process.send_signal(signal.SIGSTOP)
-        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
+        forks.wait_until_stopped(self.process.pid)
 
     def go_on(self) -> None:
         self.process.send_signal(signal.SIGCONT)

@@ -14,7 +14,8 @@ import zenoh
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf_server.abandoned_keys import AbandonedKeys
 
-from .attack.processes import free_endpoint
+from . import forks
+from .ports import free_endpoint
 
 COUNT = 3000
 #: A publisher of each name, in a process that is then killed.
@@ -64,9 +65,7 @@ def router() -> Iterator[tuple[str, zenoh.Session]]:
 
 def publish_and_die(endpoint: str, session: zenoh.Session) -> None:
     command = [sys.executable, "-c", PUBLISH, endpoint, str(COUNT)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
+    with forks.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.kill()

@@ -14,7 +14,9 @@ from zenoh_tf_client import Broadcaster, TransformClient
 from zenoh_tf_client.announcer import Announcer
 from zenoh_tf_client.publisher import message
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
+from .servers import ServerProcess
 
 DEADLINE_S = 30
 

@@ -12,7 +12,7 @@ from zenoh_tf.errors import (
 )
 
 from .asynchronous import Run, assert_idle, connected, fill, idle
-from .conftest import ServerProcess
+from .servers import ServerProcess
 from .test_client import link
 
 

@@ -25,7 +25,8 @@ from zenoh_tf_client import AsyncTransformClient
 from zenoh_tf_client.aio.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
 
 from .asynchronous import Run, assert_idle, connected, fill, sent_by
-from .conftest import ServerProcess, free_endpoint
+from .ports import free_endpoint
+from .servers import ServerProcess
 from .test_client import S, link
 
 

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from tests.conftest import ServerProcess
+from tests.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf_client import (

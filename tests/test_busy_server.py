@@ -17,7 +17,8 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_server.lanes import Budget, Lane, Request
 from zenoh_tf_server.limits import Limits
 
-from .conftest import StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
 
 QUERY: Any = None  # lanes never look at it
 

@@ -23,7 +23,8 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf_client import Broadcaster, TransformClient
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
+from .servers import ServerProcess
 
 pytestmark = pytest.mark.usefixtures("either_client")
 

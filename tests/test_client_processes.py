@@ -12,7 +12,9 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer
+from . import forks
+from .conftest import StartServer
+from .servers import ServerProcess
 
 COUNTER = """
 import json, sys
@@ -70,11 +72,10 @@ print(json.dumps(calls))
 def run_together(code: str, *arguments: tuple[str, ...]) -> list[int]:
     """Run a client process per tuple of arguments, all at once; return what they print."""
     processes = [
-        subprocess.Popen(
+        forks.Popen(
             [sys.executable, "-c", code, *args],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
         for args in arguments
     ]
@@ -123,11 +124,10 @@ def test_a_client_killed_in_a_write_leaves_no_torn_state(
     client.set_transforms_xact(
         [StampedTransform(f"l{i}", f"l{i + 1}", 1, Transform()) for i in range(8)]
     )
-    process = subprocess.Popen(
+    process = forks.Popen(
         [sys.executable, "-c", CHAIN, server.endpoint, "30", "write"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        text=True,
     )
     assert process.stdout is not None
     process.stdout.readline()

@@ -4,7 +4,6 @@ The recording is replayed into a running server by the command line; the questio
 from this process, in batches.
 """
 
-import subprocess
 import sys
 
 import pytest
@@ -12,7 +11,8 @@ import pytest
 from zenoh_tf import StampedTransform, TransformException
 from zenoh_tf_client import Batch, Handle, TransformClient
 
-from .conftest import StartServer
+from . import forks
+from .conftest import LendServer
 from .recorded import RUN, Question, needs_recording, questions
 
 
@@ -22,10 +22,10 @@ def answer(handle: Handle[StampedTransform]) -> StampedTransform | TransformExce
 
 @needs_recording
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
-def test_every_recorded_answer_agrees(start_server: StartServer, concurrency: str) -> None:
-    server = start_server("--cache-time", "1000", "--concurrency", concurrency)
+def test_every_recorded_answer_agrees(lend_server: LendServer, concurrency: str) -> None:
+    server = lend_server("--cache-time", "1000", "--concurrency", concurrency)
     replay = [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, "replay"]
-    subprocess.run([*replay, str(RUN)], check=True, timeout=50)
+    forks.run([*replay, str(RUN)], check=True)
     with TransformClient.connect(server.endpoint) as tf:
         assert len(questions()) > 1700
         for start in range(0, len(questions()), 250):

@@ -12,7 +12,7 @@ from zenoh_tf.errors import (
     TransactionConflict,
 )
 
-from .conftest import ServerProcess
+from .servers import ServerProcess
 from .test_client import S, fill, link
 
 pytestmark = pytest.mark.usefixtures("either_client")

@@ -20,7 +20,8 @@ from zenoh_tf import (
 from zenoh_tf_client import TransformClient, exchange
 from zenoh_tf_server.clock_offsets import WINDOW_NS, ClockOffsets
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
+from .servers import ServerProcess
 from .test_metrics import until, value
 
 YEAR_S = 365 * 86_400.0

@@ -24,7 +24,8 @@ from zenoh_tf import (
 )
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
+from .servers import ServerProcess
 
 pytestmark = pytest.mark.filterwarnings("error")
 

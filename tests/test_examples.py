@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -13,26 +12,23 @@ import pytest
 
 from zenoh_tf_client import TransformClient
 
+from . import forks
+
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
 
 
 def run(name: str, endpoint: str) -> str:
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, EXAMPLES / name, "--connect", endpoint],
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_sensor_and_client(server: Any) -> None:
-    sensor = subprocess.Popen(
-        [sys.executable, EXAMPLES / "sensor.py", "--connect", server.endpoint]
-    )
+    sensor = forks.Popen([sys.executable, EXAMPLES / "sensor.py", "--connect", server.endpoint])
     try:
         with TransformClient.connect(server.endpoint) as tf:
             while not tf.can_transform("map", "camera"):

@@ -11,7 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
+from .servers import ServerProcess
+
+pytestmark = pytest.mark.slow
 
 #: Zenoh looks for signals ten times a second in every thread that waits, so a script has to run
 #: for longer than that. Under load the interpreter takes longer to end, which widens the race.

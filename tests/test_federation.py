@@ -14,8 +14,10 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server import flags, metric_table
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
 from .replicas import wait
+from .servers import ServerProcess
 
 S = 1_000_000_000
 ROBOTS = ("robot1", "robot2")

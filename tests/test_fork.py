@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from .conftest import ServerProcess
+from .servers import ServerProcess
 
 SCRIPT = """
 import os, sys

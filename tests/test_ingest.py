@@ -14,8 +14,12 @@ import zenoh
 from zenoh_tf import AuthorityInfo, StampedTransform, Transform, keys, wire
 from zenoh_tf_client import TransformClient, columns
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
 from .raw import raw
+from .servers import ServerProcess
+
+pytestmark = pytest.mark.own_server
 
 TIMEOUT_S = 60.0
 

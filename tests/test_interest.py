@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.conftest import ServerProcess, StartServer
+from tests.conftest import StartServer
+from tests.servers import ServerProcess
 from tests.small_robot import DEADLINE_S, robot, stamped, wait
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
@@ -232,6 +233,7 @@ def test_bad_arguments(client: TransformClient) -> None:
     assert client.stats()["interests"] == 0
 
 
+@pytest.mark.slow
 def test_limits(start_server: StartServer) -> None:
     server = start_server(
         *("--max-interests", "4", "--max-interest-pairs", "2", "--max-interest-frames", "5"),

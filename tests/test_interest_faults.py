@@ -10,9 +10,10 @@ import time
 import numpy as np
 import pytest
 
-from tests.conftest import ServerProcess, StartServer
+from tests.conftest import StartServer
 from tests.mirror_process import MirrorProcess
 from tests.raw import raw
+from tests.servers import ServerProcess
 from tests.small_robot import DEADLINE_S, robot, stamped, wait
 from tests.tcp_proxy import TcpProxy
 from tests.test_mirror_equal import NAMES, Traffic, wait_until_quiet

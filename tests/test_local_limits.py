@@ -18,8 +18,9 @@ from zenoh_tf_server.lanes import Budget
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.local_requests import _Turns
 
-from .conftest import START_TIMEOUT_S, ServerProcess, StartServer, linux
+from .conftest import StartServer, linux
 from .server_costs import commit, lookup
+from .servers import START_TIMEOUT_S, ServerProcess
 from .test_local_requests import connect, eventually, link, through_socket
 
 pytestmark = linux
@@ -115,6 +116,7 @@ def test_half_a_request_holds_up_nobody(server: ServerProcess, client: Transform
     assert "closed the connection" not in server.log
 
 
+@pytest.mark.slow
 def test_a_client_that_reads_nothing_is_cut_off_alone(
     server: ServerProcess, client: TransformClient
 ) -> None:

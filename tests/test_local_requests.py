@@ -32,7 +32,10 @@ from zenoh_tf_client.connection import Connection
 from zenoh_tf_client.local_requests import LocalRequests
 from zenoh_tf_client.server_info import ServerInfo
 
-from .conftest import START_TIMEOUT_S, ServerProcess, StartServer, free_endpoint, linux
+from . import forks
+from .conftest import StartServer, linux
+from .ports import free_endpoint
+from .servers import START_TIMEOUT_S, ServerProcess
 
 pytestmark = linux
 
@@ -135,9 +138,7 @@ def test_the_server_forgets_clients_that_end(server: ServerProcess) -> None:
         "assert tf._connection.local.replies; print('ready', flush=True); time.sleep(600)"
     )
     with server.connect() as watching:
-        ended = subprocess.Popen(
-            [sys.executable, "-c", script, server.endpoint], stdout=subprocess.PIPE
-        )
+        ended = forks.Popen([sys.executable, "-c", script, server.endpoint], stdout=subprocess.PIPE)
         assert ended.stdout is not None and ended.stdout.readline()
         assert watching.stats()["local_connections"] == 1
         ended.kill()

@@ -24,8 +24,11 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_server import logs
 from zenoh_tf_server.log_handler import DescriptorHandler
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint
 from .raw import raw
+from .servers import ServerProcess
 
 HOSTILE = "\n2026-01-01 INFO root: forged\r\x1b[31m\x00\x7f\x85\x9b\u2028\u2029\u202e\u2066"
 FORMATS = ("text", "json")
@@ -202,7 +205,7 @@ def test_a_log_that_nobody_reads_stops_no_server() -> None:
     read, write = os.pipe()
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     endpoint = free_endpoint()
-    process = subprocess.Popen(
+    process = forks.Popen(
         [sys.executable, "-m", "zenoh_tf_server", "--listen", endpoint],
         stdout=subprocess.DEVNULL,
         stderr=write,
@@ -231,9 +234,7 @@ def test_uncaught_exceptions_and_warnings_are_records() -> None:
         "thread.start(); thread.join()\n"
         "raise ValueError('\\x1b at the end')\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = forks.run([sys.executable, "-c", code], timeout=60)
     warning, in_thread, at_end = map(json.loads, done.stderr.splitlines())
     assert "\x1b" not in done.stderr
     assert warning["logger"] == "py.warnings" and "red" in warning["message"]

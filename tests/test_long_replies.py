@@ -13,7 +13,8 @@ from zenoh_tf._core import join_buffers
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_server.limits import Limits
 
-from .conftest import ServerProcess, free_endpoint
+from .ports import free_endpoint
+from .servers import ServerProcess
 
 ROWS = 3000
 

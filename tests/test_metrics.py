@@ -25,8 +25,11 @@ from zenoh_tf_server.authority_series import OTHER, AuthoritySeries
 from zenoh_tf_server.request_counters import RequestCounters, buckets
 from zenoh_tf_server.status_port import parse_address
 
-from .conftest import ServerProcess, StartServer, free_endpoint, free_port
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint, free_port
 from .raw import raw
+from .servers import ServerProcess
 from .test_server_process import refused
 
 HOSTILE = 'lidar"\n\x1b[31m\\{}'
@@ -186,7 +189,7 @@ def test_health_and_readiness(server: ServerProcess) -> None:
 def test_a_server_that_waits_for_its_network_is_not_ready(start_server: StartServer) -> None:
     port = free_port()
     where = ["--connect", free_endpoint(), "--metrics", f"127.0.0.1:{port}"]
-    process = subprocess.Popen(
+    process = forks.Popen(
         [sys.executable, "-m", "zenoh_tf_server", *where],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -224,13 +227,10 @@ def test_a_port_in_use_is_said_in_a_line(server: ServerProcess) -> None:
 
 def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "prometheus_client.py").write_text("raise ImportError('not here')\n")
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", "--metrics", "127.0.0.1:0"],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
     )
     assert done.returncode == 2
     assert done.stderr.strip() == (
@@ -238,6 +238,7 @@ def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_silent_connections_do_not_use_up_the_server(server: ServerProcess) -> None:
     """Connections that ask nothing are closed, and their number is bounded."""
     host, port = parse_address(metrics_url(server).removeprefix("http://"))

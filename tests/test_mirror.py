@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 import zenoh
 
-from tests.conftest import ServerProcess, StartServer
+from tests.conftest import StartServer
 from tests.raw import raw
+from tests.servers import ServerProcess
 from tests.tcp_proxy import TcpProxy
 from zenoh_tf import StampedTransform, Transform, keys, wire
 from zenoh_tf.errors import (

@@ -10,7 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from tests.conftest import ServerProcess, StartServer
+from tests.conftest import StartServer
+from tests.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Mirror, TransformClient

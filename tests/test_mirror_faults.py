@@ -10,8 +10,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from tests.conftest import ServerProcess, StartServer
+from tests.conftest import StartServer
 from tests.mirror_process import MirrorProcess, versions
+from tests.servers import ServerProcess
 from tests.tcp_proxy import TcpProxy
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
@@ -69,6 +70,7 @@ def check_whole(mirror: Mirror) -> int:
     return stamps.pop()
 
 
+@pytest.mark.slow
 def test_a_stopped_mirror(server: ServerProcess) -> None:
     """Others go on meanwhile, and it is right again soon."""
     with (
@@ -115,6 +117,7 @@ def test_a_mirror_behind_a_broken_link(server: ServerProcess, fault: str) -> Non
         wait(lambda: m.age_s < 1, "it stays old")
 
 
+@pytest.mark.slow
 def test_a_mirror_that_is_too_slow(start_server: StartServer) -> None:
     """It cannot apply the stream as fast as it comes; others are not held up."""
     server = start_server("--max-stream-bytes", "1000000")

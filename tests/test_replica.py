@@ -24,9 +24,11 @@ from zenoh_tf_server.replica_service import ReplicaService
 from zenoh_tf_server.shared_copies import SharedCopies
 from zenoh_tf_server.sharing import Settings
 
-from .conftest import ServerProcess, StartServer, free_port, linux
+from .conftest import StartServer, linux
+from .ports import free_port
 from .raw import raw
 from .replicas import DEADLINE_S, FRAMES, reads_near, seen, step, wait
+from .servers import ServerProcess
 
 READS = 30
 FAMILIES = ("lookup", "batch", "info", "commit")

@@ -14,8 +14,12 @@ from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer, free_port
+from .conftest import StartServer
+from .ports import free_port
 from .replicas import reads_near, seen, step, wait
+from .servers import ServerProcess
+
+pytestmark = pytest.mark.slow
 
 # --- the primary goes and comes
 

@@ -12,9 +12,10 @@ from zenoh_tf.credentials import Credentials
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind
 from zenoh_tf_client import TransformClient, columns
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
 from .raw import raw
 from .replicas import FRAMES, reads_near, seen, step, wait
+from .servers import ServerProcess
 
 # --- messages and flags
 

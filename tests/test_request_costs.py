@@ -15,11 +15,15 @@ import pytest
 from zenoh_tf import wire
 from zenoh_tf.errors import LimitExceeded, LookupException, ProtocolError, TransformException
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
 from .raw import Raw, raw
 from .server_costs import commit, cost_of, fill_chain, fill_star, lookup
+from .servers import ServerProcess
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+pytestmark = [
+    pytest.mark.own_server,
+    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
+]
 
 #: Most that any request may take beyond its own reply.
 MOST_MB = 150.0

@@ -21,7 +21,7 @@ from zenoh_tf import (
 )
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess
+from .servers import ServerProcess
 
 S = 1_000_000_000
 MS = 1_000_000

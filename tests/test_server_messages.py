@@ -25,8 +25,9 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
 from .raw import Raw, raw
+from .servers import ServerProcess
 
 OPERATIONS = ("lookup", "commit", "batch", "info", "admin")
 
@@ -85,6 +86,7 @@ def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
     assert "seq" not in wires.query("commit", wire.pack(commit(child="map")))  # refused
 
 
+@pytest.mark.own_server
 def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: TransformClient) -> None:
     rows = 50_000
     names = ["root", *(f"f{row}" for row in range(rows))]
@@ -268,6 +270,7 @@ def test_a_bad_put_names_authority_and_field(
     assert client.frames() == []
 
 
+@pytest.mark.own_server
 def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient) -> None:
     """In transforms, with the last reason, and also for authorities with nothing but refusals."""
     two_rows = {

@@ -26,7 +26,10 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server import flags
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint
+from .servers import ServerProcess
 
 LINK = StampedTransform("map", "base", 1, Transform())
 #: So many calls are beyond a test's time-out if each takes Zenoh's 10 s instead of its own time.
@@ -35,12 +38,9 @@ UNTIL_TIMEOUT = 7
 
 def refused(*flags: str) -> str:
     """Run a server that must not start. Returns what it wrote to standard error."""
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", *flags],
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
     )
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
@@ -108,11 +108,10 @@ def test_sigterm_under_a_flood_of_large_puts(server: ServerProcess) -> None:
     with ExitStack() as stack:
         for number in range(3):
             flood = stack.enter_context(
-                subprocess.Popen(
+                forks.Popen(
                     [sys.executable, "-c", FLOOD, server.endpoint, str(number)],
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
-                    text=True,
                 )
             )
             stack.callback(flood.kill)
@@ -179,8 +178,7 @@ def test_of_two_servers_at_once_one_stays() -> None:
     command = [sys.executable, "-m", "zenoh_tf_server", "--connect", endpoint]
     with zenoh.open(zenoh_config.router([endpoint])):
         servers = [
-            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-            for _ in range(3)
+            forks.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(3)
         ]
         try:
             with TransformClient.connect(endpoint, timeout_s=20.0) as tf:

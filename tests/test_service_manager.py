@@ -26,7 +26,8 @@ from zenoh_tf_server.clients import Clients
 from zenoh_tf_server.link_sockets import LinkSocket, LinkSockets
 from zenoh_tf_server.outbox_links import OutboxLinks
 
-from .conftest import StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
 
 UNIT = Path(__file__).resolve().parent.parent / "server/systemd/zenoh-tf-server.service"
 

@@ -23,7 +23,10 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_server.network import NetworkError
 from zenoh_tf_server.sharing import Settings, Sharing
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint
+from .servers import ServerProcess
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -158,12 +161,9 @@ def test_a_server_that_cannot_start_leaves_no_socket(
 ) -> None:
     server = start_sharing()
     flags = ("--share-dir", str(socket_folder), "--listen", server.endpoint)
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", *flags],
-        capture_output=True,
-        text=True,
         timeout=60,
-        check=False,
     )
     assert (done.returncode, "already in use" in done.stderr) == (2, True)
     assert len(list(socket_folder.glob("*"))) == 1
@@ -181,12 +181,9 @@ def test_a_server_that_cannot_start_leaves_no_socket(
 )
 def test_what_was_asked_for_and_cannot_be_is_an_error(flags: tuple[str, ...], error: str) -> None:
     where = () if "--connect" in flags else ("--listen", free_endpoint())
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", *where, *flags],
-        capture_output=True,
-        text=True,
         timeout=60,
-        check=False,
     )
     assert done.returncode == 2
     assert error in done.stderr and "Traceback" not in done.stderr

@@ -20,7 +20,9 @@ from zenoh_tf import (
 )
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from .conftest import StartServer
+from .ports import free_endpoint
+from .servers import ServerProcess
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 

@@ -8,7 +8,6 @@ import mmap
 import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests import torn
+from tests import forks, torn
 from zenoh_tf import (
     LookupException,
     StampedTransform,
@@ -46,7 +45,7 @@ class Owner:
     def __init__(self) -> None:
         mine, its = socket.socketpair()
         with mine, its:
-            self.process = subprocess.Popen(
+            self.process = forks.Popen(
                 [sys.executable, "-m", "tests.shared_owner"], stdin=its.fileno(), cwd=ROOT
             )
             mine.settimeout(60)
@@ -272,7 +271,7 @@ else:
     del tree
     os._exit(0)
 """
-    subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=60)
+    forks.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=60)
 
 
 def test_a_region_can_be_read_but_not_written() -> None:

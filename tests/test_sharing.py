@@ -6,7 +6,6 @@ import gc
 import logging
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -28,7 +27,9 @@ from zenoh_tf import (
 )
 from zenoh_tf_client import TransformClient
 
-from .conftest import StartServer, free_endpoint
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -275,12 +276,9 @@ with TransformClient.connect(sys.argv[1]) as tf:
     assert not tf.can_transform("map", "base")
     print(tf.reads, tf.stats()["reads_refused_no_permission"])
 """
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-c", script, server.endpoint, str(socket_folder)],
-        capture_output=True,
-        text=True,
         timeout=60,
-        check=False,
     )
     assert done.stdout.split() == ["query", "1"], done.stderr
 
@@ -331,7 +329,7 @@ if child == 0:
 assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
 assert tf.reads == "shared" and not tf.can_transform("map", "base")
 """
-    subprocess.run(
+    forks.run(
         [
             sys.executable,
             "-W",

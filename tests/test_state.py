@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import sqlite3
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -16,7 +15,10 @@ from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import LookupException, NoDataForExtrapolationException, NotDurable
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer, free_endpoint
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint
+from .servers import ServerProcess
 
 POSE = Transform((0.1, -0.0, 1e-300), (0.5, -0.5, 0.5, 0.5))
 START_TIMEOUT_S = 30
@@ -40,15 +42,12 @@ def start(start_server: StartServer, folder: Path) -> Callable[..., ServerProces
 
 def refusal(folder: Path, *flags: str) -> str:
     """The line of a server that cannot start."""
-    done = subprocess.run(
+    done = forks.run(
         [
             *(sys.executable, "-m", "zenoh_tf_server", "--listen", free_endpoint()),
             *("--state-dir", str(folder), *flags),
         ],
-        capture_output=True,
-        text=True,
         timeout=START_TIMEOUT_S,
-        check=False,
     )
     assert done.returncode == 2, done.stderr
     line = done.stderr.splitlines()[-1]
@@ -320,12 +319,9 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 def test_remember_needs_a_folder() -> None:
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", "--remember", "base"],
-        capture_output=True,
-        text=True,
         timeout=START_TIMEOUT_S,
-        check=False,
     )
     assert done.returncode == 2
     assert "--remember 'base' needs --state-dir" in done.stderr

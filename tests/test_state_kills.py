@@ -20,8 +20,12 @@ from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import LookupException, OutcomeUnknown, ServerUnavailable
 from zenoh_tf_client import TransformClient
 
-from .conftest import StartServer, free_endpoint
+from . import forks
+from .conftest import StartServer
+from .ports import free_endpoint
 from .seed import seed
+
+pytestmark = pytest.mark.slow
 
 KILLS = int(os.environ.get("STATE_KILLS", "10"))
 WRITERS = 3
@@ -132,7 +136,7 @@ def test_acknowledged_statics_survive_kills(start_server: StartServer, tmp_path:
 
 
 def kill_at_start(endpoint: str, flags: tuple[str, ...], after_s: float) -> None:
-    process = subprocess.Popen(
+    process = forks.Popen(
         [sys.executable, "-m", "zenoh_tf_server", "--listen", endpoint, *flags],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -12,8 +12,9 @@ from typing import Any, cast
 import pytest
 import zenoh
 
-from tests.conftest import ServerProcess, StartServer
+from tests.conftest import StartServer
 from tests.raw import Raw, raw
+from tests.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform, TransformTree, keys, wire
 from zenoh_tf._core import ChangeReplay
 from zenoh_tf.errors import LimitExceeded, ProtocolError, ServerRestarted
@@ -177,6 +178,7 @@ def test_a_silent_server_sends_heartbeats(server: ServerProcess) -> None:
         assert clocks == sorted(set(clocks))
 
 
+@pytest.mark.own_server
 def test_nothing_is_published_while_nobody_listens(server: ServerProcess) -> None:
     with server.connect() as tf:
         assert tf.set_transform(stamped("base", 1))

@@ -123,6 +123,7 @@ def test_a_connection_to_nothing_ends() -> None:
             assert connection.recv(1) == b""
 
 
+@pytest.mark.slow
 def test_a_proxy_closes_while_connections_begin() -> None:
     with socket.create_server(("127.0.0.1", 0)) as target:
         for _ in range(20):

@@ -18,14 +18,14 @@ import pytest
 
 from zenoh_tf import TransformTree
 
-from . import torn
+from . import forks, torn
 from .conftest import StartServer
 
 SECONDS = float(os.environ.get("ZTF_TORN_SECONDS", "3"))
 TRANSACTIONAL = ["lookup_latest_transform_xact", "lookup_transform"]
 PLAIN = ["lookup_latest_transform"]
 
-pytestmark = pytest.mark.timeout(60 + 4 * SECONDS)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(60 + 4 * SECONDS)]
 
 
 def counted(seen: Counter[tuple[str, bool]], was_torn: bool) -> int:
@@ -74,7 +74,7 @@ def in_processes(
 ) -> tuple[list[int], list[Counter[tuple[str, bool]]]]:
     def start(role: str, what: str) -> subprocess.Popen[str]:
         command = [sys.executable, str(Path(torn.__file__)), role, endpoint, str(SECONDS), what]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        return forks.Popen(command, stdout=subprocess.PIPE)
 
     writers = [start("write", str(seed)) for seed in (1, 2)]
     readers = [start("read", ",".join(lookups)) for _ in range(2)]

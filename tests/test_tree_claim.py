@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from tests.conftest import ServerProcess
+from tests.servers import ServerProcess
 from tests.tcp_proxy import TcpProxy
 from zenoh_tf import zenoh_config
 from zenoh_tf_server import tree_claim

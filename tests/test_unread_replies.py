@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -15,8 +14,12 @@ from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LimitExceeded
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess, StartServer
+from . import forks
+from .conftest import StartServer
 from .raw import raw
+from .servers import ServerProcess
+
+pytestmark = pytest.mark.slow
 
 #: The time-out of the other clients: far above what a loaded machine needs, and below the 5 to
 #: 10 s for which everything stood still when a reply blocked.
@@ -30,11 +33,10 @@ class ReaderProcess:
 
     def __init__(self, endpoint: str, rows: int, count: int) -> None:
         script = Path(__file__).with_name("reader_process.py")
-        self.process = subprocess.Popen(
+        self.process = forks.Popen(
             [sys.executable, str(script), endpoint, str(rows), str(count)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
         assert self._line() == "ready"
 
@@ -45,12 +47,12 @@ class ReaderProcess:
     def ask_and_freeze(self) -> None:
         """Ask, and read nothing of the replies."""
         self._say("ask and freeze")
-        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
+        forks.wait_until_stopped(self.process.pid)
         assert self._line() == "sent"
 
     def freeze(self) -> None:
         self.process.send_signal(signal.SIGSTOP)
-        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED)
+        forks.wait_until_stopped(self.process.pid)
 
     def thaw(self) -> None:
         self.process.send_signal(signal.SIGCONT)

@@ -19,7 +19,7 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf_client import TransformClient
 
-from .conftest import ServerProcess
+from .servers import ServerProcess
 
 S = 1_000_000_000
 

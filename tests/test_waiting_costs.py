@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -19,9 +18,13 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.waiters import Waiters
 
-from .conftest import ServerProcess, StartServer
+from . import forks
+from .conftest import StartServer
 from .raw import Raw, raw
 from .server_costs import cost_of, fill_chain, lookup
+from .servers import ServerProcess
+
+pytestmark = pytest.mark.own_server
 
 DEPTH = 999
 
@@ -75,6 +78,7 @@ def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
         assert len(fits.result()["status"]) == 240
 
 
+@pytest.mark.slow
 def test_frames_that_move_below_waiting_lookups(start_server: StartServer) -> None:
     """The tree counts what is watched in fact: a chain that grows after the lookups were parked
     does not make them watch more than is allowed."""
@@ -117,7 +121,7 @@ with TransformClient.connect(sys.argv[1], "main", 10.0) as tf, tf.batch() as bat
 def test_waiters_of_a_killed_client_are_released(server: ServerProcess) -> None:
     with server.connect() as tf:
         command = [sys.executable, "-c", WAITER, server.endpoint]
-        with subprocess.Popen(command) as process:
+        with forks.Popen(command) as process:
             try:
                 until_waiters(tf, 50)
             finally:

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import Main, ServerProcess, StartServer, free_endpoint
+from tests.conftest import Main, StartServer
+from tests.ports import free_endpoint
+from tests.servers import ServerProcess
 from tests.small_robot import DEADLINE_S, wait
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import (

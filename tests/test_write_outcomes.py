@@ -20,9 +20,10 @@ from zenoh_tf_server.service import Service
 from zenoh_tf_server.state_file import Stored
 from zenoh_tf_server.static_links import StaticLinks
 
-from .conftest import ServerProcess, StartServer
+from .conftest import StartServer
 from .raw import Raw, raw
 from .server_costs import commit, cost_of, lookup
+from .servers import ServerProcess
 
 READ = wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP)
 
@@ -54,6 +55,7 @@ def error_of(reply: wire.Message) -> TransformException:
     return wire.decode_error(reply["error"])
 
 
+@pytest.mark.own_server
 def test_a_repeated_batch_reads_anew_and_writes_once(wires: Raw) -> None:
     payload = mixed(4, 5)
     first = wires.query("batch", payload)["replies"]
@@ -69,6 +71,7 @@ def test_a_repeated_batch_reads_anew_and_writes_once(wires: Raw) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.own_server
 def test_an_outcome_holds_the_writes_part_only(server: ServerProcess, wires: Raw) -> None:
     """Replies of 2 MB each, of which a few bytes are remembered."""
     with cost_of(server.process.pid) as cost:

@@ -82,7 +82,7 @@ def test_a_fault_still_fits_the_server(fault: Fault) -> None:
     assert faulty_text(fault)
 
 
-@pytest.mark.skipif(not LONG, reason="only with CHAOS set")
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_a_faulty_server_is_found(fault: Fault, tmp_path: Path) -> None:
     command = faulty_server(fault, tmp_path / "server")

@@ -18,7 +18,9 @@ from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient, environment
 from zenoh_tf_client.cli.main import main
 
-from ..conftest import ServerProcess, free_endpoint
+from .. import forks
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 
 Done = subprocess.CompletedProcess[str]
 Run = Callable[..., Done]
@@ -33,12 +35,9 @@ def zenoh_tf() -> Run:
     """``zenoh_tf(*args)``: one command, to its end. ``start``: another way to start it."""
 
     def run(*args: str, start: tuple[str, ...] = MODULE) -> Done:
-        return subprocess.run(
+        return forks.run(
             [sys.executable, *start, *args],
-            capture_output=True,
-            text=True,
             timeout=40,
-            check=False,
         )
 
     return run
@@ -51,7 +50,7 @@ def in_terminal() -> Callable[..., str]:
     def run(*args: str, **environment: str) -> str:
         ours, theirs = pty.openpty()
         inherited = {name: value for name, value in os.environ.items() if name != "NO_COLOR"}
-        with subprocess.Popen(
+        with forks.Popen(
             [sys.executable, *MODULE, *args],
             stdout=theirs,
             stderr=theirs,

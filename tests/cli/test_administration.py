@@ -37,6 +37,7 @@ def refusal(done: subprocess.CompletedProcess[str]) -> str:
     return done.stderr
 
 
+@pytest.mark.own_server
 def test_authorities_shows_refusals(run: Run, client: TransformClient) -> None:
     """Also those of an authority that never had a transform accepted."""
     with client.broadcaster("broken driver") as broken:

@@ -12,7 +12,7 @@ from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli import calibration_diff, calibration_files
 
-from ..conftest import ServerProcess
+from ..servers import ServerProcess
 from .conftest import Run, document, refusal, succeeds
 
 PAGE = (Path(__file__).parents[2] / "docs/calibration.md").read_text()

@@ -16,7 +16,10 @@ import pytest
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.main import _parser
 
+from .. import forks
 from .conftest import Run, document, refusal, succeeds
+
+pytestmark = pytest.mark.own_server
 
 
 @pytest.mark.usefixtures("chain")
@@ -311,11 +314,10 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
 
 @pytest.mark.usefixtures("chain")
 def test_a_reader_that_goes_away_is_no_error(server: Any) -> None:
-    with subprocess.Popen(
+    with forks.Popen(
         [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, "frames"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.close()

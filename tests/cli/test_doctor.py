@@ -15,6 +15,7 @@ from .conftest import Run, document, refusal, succeeds
 
 
 @pytest.mark.usefixtures("chain")
+@pytest.mark.own_server
 def test_a_healthy_tree(run_here: Run) -> None:
     """Its stamps are of another clock, so nothing gets old while the command starts."""
     assert succeeds(run_here("doctor", "--for", "0")) == "no faults in 3 frames\n"
@@ -25,6 +26,7 @@ def test_a_healthy_tree(run_here: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+@pytest.mark.own_server
 def test_faults_are_reported(run_here: Run, client: TransformClient) -> None:
     for n, authority in enumerate(["old", "wheels"]):
         row = StampedTransform("map", "base", 2_000_000_001 + n, Transform())
@@ -43,6 +45,7 @@ def test_faults_are_reported(run_here: Run, client: TransformClient) -> None:
     assert all(finding[key] for key in ("title", "evidence", "explanation", "remedy"))
 
 
+@pytest.mark.own_server
 def test_what_a_server_refused(run_here: Run, client: TransformClient) -> None:
     with client.broadcaster("driver") as broadcaster:
         broadcaster.send([StampedTransform("a", "b", 1, Transform())])

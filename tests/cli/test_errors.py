@@ -16,6 +16,7 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
+from .. import forks
 from .conftest import Run, document, refusal, succeeds
 
 
@@ -131,10 +132,9 @@ def test_interrupted() -> None:
     """Ctrl-C while it waits for a server that does not answer."""
     with socket.create_server(("127.0.0.1", 0)) as mute:
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
-        with subprocess.Popen(
+        with forks.Popen(
             [sys.executable, "-m", "zenoh_tf_client", "--connect", endpoint, "frames"],
             stderr=subprocess.PIPE,
-            text=True,
         ) as process:
             mute.settimeout(20)
             mute.accept()[0].close()

@@ -13,7 +13,9 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from ..conftest import StartServer, free_endpoint
+from .. import forks
+from ..conftest import StartServer
+from ..ports import free_endpoint
 from .conftest import MODULE, Run
 
 
@@ -51,11 +53,10 @@ def test_echo_reports_as_json(robot: TransformClient, command: Run) -> None:
 
 def test_echo_prints_changes(robot: TransformClient) -> None:
     arguments = ["--on-change", "--json", "--count", "2"]
-    with subprocess.Popen(
+    with forks.Popen(
         [sys.executable, *MODULE, "echo", "map", "gate", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         assert process.stdout is not None and process.stderr is not None
         assert json.loads(process.stderr.readline())["type"] == "LookupException"
@@ -87,11 +88,10 @@ def test_wait_in_vain(robot: TransformClient, command: Run) -> None:
 
 def test_wait_for_a_server(start_server: StartServer) -> None:
     endpoint = free_endpoint()
-    with subprocess.Popen(
+    with forks.Popen(
         [sys.executable, *MODULE, "wait", "a", "b", "--connect", endpoint, "--for", "50"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         time.sleep(0.5)
         with start_server(endpoint=endpoint).connect() as tf:

@@ -20,10 +20,12 @@ from zenoh_tf import LatestTransform, LookupException, StampedTransform, Transfo
 from zenoh_tf.recordings import RecordingError, open_recording
 from zenoh_tf_client import TransformClient
 
-from ..conftest import ServerProcess, StartServer
+from .. import forks
+from ..conftest import StartServer
 from ..recorded import RUN, needs_recording, questions
 from ..recordings.readers import read_with_foxglove, read_with_rosbags, rows
 from ..recordings.test_from_recording import ask
+from ..servers import ServerProcess
 from .conftest import Run, document, refusal
 
 TIMEOUT_S = 40.0
@@ -35,11 +37,10 @@ class RecorderProcess:
     def __init__(self, endpoint: str, path: Path, *flags: str) -> None:
         self.path = path
         options = ("--connect", endpoint, "--json")
-        self.process = subprocess.Popen(
+        self.process = forks.Popen(
             [sys.executable, "-m", "zenoh_tf_client", *options, "record", str(path), *flags],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
         )
 
     def wait_for(self, size: int) -> None:
@@ -342,7 +343,7 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
         "from zenoh_tf_client.cli.main import main; sys.exit(main())"
     )
     command = [sys.executable, "-c", code, "--connect", server.endpoint, "record", str(path)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with forks.Popen(command, stderr=subprocess.PIPE) as process:
         deadline_s = time.monotonic() + TIMEOUT_S
         client.set_transform(StampedTransform("a", "b", 0, pose(1.0)))
         while recorded(path) < 1:

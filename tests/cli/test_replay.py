@@ -21,6 +21,7 @@ from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.ingest import Feed
 
+from .. import forks
 from ..recordings.files import Log, write
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -97,11 +98,10 @@ def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -
     """The stamps go on after the last turn's: the tree would take no older ones."""
     path = str(write(tmp_path / "log"))
     options = ("--connect", server.endpoint, "replay", path, "--loop", "--rate", "10")
-    with subprocess.Popen(
+    with forks.Popen(
         [sys.executable, "-m", "zenoh_tf_client", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         while not client.can_transform("odom", "camera", 10_500_000_000):
             assert process.poll() is None
@@ -216,11 +216,10 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
         "--rate",
         "1",
     )
-    with subprocess.Popen(
+    with forks.Popen(
         [sys.executable, *command],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         ask = ("lookup", "a", "b")
         while run(*ask).returncode != 0:
@@ -353,11 +352,10 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
     path = write(tmp_path / "log", log)
     server = start_server()
     command = ("-m", "zenoh_tf_client", "--connect", server.endpoint, "--timeout", "2")
-    with subprocess.Popen(
+    with forks.Popen(
         [sys.executable, *command, "replay", str(path), "--rate", "30"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         with server.connect() as tf:
             while not tf.can_transform("a", "b"):

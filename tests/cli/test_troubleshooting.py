@@ -12,7 +12,7 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from ..conftest import ServerProcess
+from ..servers import ServerProcess
 from .conftest import Run
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/troubleshooting.md"

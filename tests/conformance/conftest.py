@@ -18,10 +18,11 @@ from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.server import Server, Settings
 from zenoh_tf_server.sharing import Settings as Sharing
 
-from ..conftest import free_endpoint
+from ..ports import free_endpoint
+from ..servers import count_start
 from .shorthand import MODES, Tree
 
-Concurrency = Literal["optimistic", "2pl"]
+Concurrency = Literal["optimistic", "2pl", "giant"]
 
 
 class LiveServer:
@@ -60,6 +61,7 @@ class LiveServer:
         """Start with an empty tree, after `stop` at the same endpoint again."""
         assert self._server is None
         self._server = Server(self.settings, self._loop)
+        count_start()
 
     def stop(self) -> None:
         server, self._server = self._server, None

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
@@ -17,14 +19,23 @@ Tree = TransformTree | TransformClient
 #: x, y, z or a quaternion's x, y, z, w.
 Numbers = Sequence[float] | NDArray[np.float64]
 
-#: How the tree is reached, and its concurrency control.
-MODES = (
-    *("embedded-optimistic", "embedded-2pl"),
-    *("remote-optimistic", "remote-2pl"),  # by queries
-    *("shared-optimistic", "shared-2pl"),  # from the server's memory
-)
+#: How the tree is reached: in this process, by queries, or from the server's memory.
+REACHES = ("embedded", "remote", "shared")
+
+
+def _modes(*reaches: str) -> list[Any]:
+    """Parameters that name a reach and a concurrency control; all but the default are slow."""
+    slow = (
+        pytest.param(f"{reach}-{control}", marks=pytest.mark.slow)
+        for reach in reaches
+        for control in ("2pl", "giant")
+    )
+    return [*(f"{reach}-optimistic" for reach in reaches), *slow]
+
+
+MODES = _modes(*REACHES)
 #: For tests about the network: ``@pytest.mark.parametrize("mode", REMOTE, indirect=True)``.
-REMOTE = tuple(mode for mode in MODES if mode.startswith("remote"))
+REMOTE = _modes("remote")
 
 ORIGIN = (0.0, 0.0, 0.0)
 NO_ROTATION = (0.0, 0.0, 0.0, 1.0)

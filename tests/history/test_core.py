@@ -25,7 +25,7 @@ from .history import (
 )
 
 MODES: tuple[Concurrency, ...] = ("optimistic", "2pl", "giant")
-HISTORIES = ceil(int(os.environ.get("ANOMALIES", "96000")) / TRANSACTIONS / len(MODES))
+HISTORIES = ceil(int(os.environ.get("ANOMALIES", "48000")) / TRANSACTIONS / len(MODES))
 
 pytestmark = pytest.mark.timeout(400 + 10 * HISTORIES)
 
@@ -49,7 +49,10 @@ NEEDS_MEMFD = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
 
 @pytest.mark.parametrize("reads", ["tree", pytest.param("shared", marks=NEEDS_MEMFD), "mirror"])
-@pytest.mark.parametrize("concurrency", MODES)
+@pytest.mark.parametrize(
+    "concurrency",
+    [MODES[0], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:])],
+)
 def test_histories_are_strictly_serializable(
     driver: Path, concurrency: Concurrency, reads: Reads, tmp_path: Path
 ) -> None:

@@ -1,9 +1,5 @@
-"""The checker finds the fault in every faulty core, and none in the same core without it.
+"""The checker finds the fault in every faulty core, and none in the same core without it."""
 
-If ``ANOMALIES`` is set, all faults are built; otherwise the two that are hardest to hit.
-"""
-
-import os
 from pathlib import Path
 
 import pytest
@@ -13,18 +9,11 @@ from .checker import describe, find_anomaly
 from .faults import FAULTS, HISTORIES, SOUND, Fault
 from .history import record, runs
 
-ALL = "ANOMALIES" in os.environ
-SHORT = {
-    "a lookup is not validated",
-    "what was read is checked before the locks are held",
-}
-
 pytestmark = pytest.mark.timeout(600)
 
 
-@pytest.mark.parametrize(
-    "fault", [f for f in FAULTS if ALL or f.name in SHORT], ids=lambda f: f.name
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.name)
 def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
     driver = build_faulty_driver(fault)
     for concurrency in fault.modes:
@@ -44,7 +33,7 @@ def test_a_fault_still_fits_the_core(fault: Fault) -> None:
     assert faulty_text(fault)
 
 
-@pytest.mark.skipif(not ALL, reason="only with ANOMALIES set")
+@pytest.mark.slow
 @pytest.mark.parametrize("sound", SOUND, ids=lambda f: f.name)
 def test_without_a_fault_none_is_found(sound: Fault, tmp_path: Path) -> None:
     driver = build_faulty_driver(sound)

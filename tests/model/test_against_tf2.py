@@ -23,6 +23,8 @@ from .differences import DECISIONS, AsTf2, reasons
 from .histories import CACHE_NS, DEEP, SEEDS, History, history
 from .oracle import Answer, Oracle, Row
 
+pytestmark = pytest.mark.slow
+
 PYTHON_WITH_TF2 = "/usr/bin/python3"
 START_NS = 100_000_000_000  # tf2 has no times below 0, and its 0 means the latest
 QUESTIONS = {

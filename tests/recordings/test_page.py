@@ -18,6 +18,7 @@ import pytest
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client.cli.main import _parser
 
+from .. import forks
 from .files import Log, write
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,12 +50,9 @@ def test_every_command_runs(server: Any, folder: Path) -> None:
             command, _, out = line.partition(" > ")
             program, *arguments = shlex.split(command)
             assert program == "zenoh-tf"
-            done = subprocess.run(
+            done = forks.run(
                 [sys.executable, "-m", "zenoh_tf_client", *arguments],
-                capture_output=True,
-                text=True,
                 timeout=50,
-                check=False,
                 cwd=folder,
                 env=environment,
             )
@@ -89,11 +87,10 @@ def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str)
     examples = [line for line in examples_of(command) if line[0] == command]
     assert len(examples) >= 2
     for line in examples:
-        with subprocess.Popen(
+        with forks.Popen(
             [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, *line],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
             cwd=folder,
         ) as process:
             if command == "record" or "--loop" in line:

@@ -17,7 +17,9 @@ import pytest
 from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf_client import TransformClient
 
-from ..conftest import START_TIMEOUT_S, ServerProcess, free_endpoint
+from .. import forks
+from ..ports import free_endpoint
+from ..servers import START_TIMEOUT_S, ServerProcess
 
 #: No rotation, one metre ahead.
 AHEAD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -29,12 +31,11 @@ class Peer:
     def __init__(self, endpoint: str, mode: str = "peer", path: Path | None = None) -> None:
         """`path`: a folder with packages that come before the installed ones."""
         environment = dict(os.environ) if path is None else os.environ | {"PYTHONPATH": str(path)}
-        self.process = subprocess.Popen(
+        self.process = forks.Popen(
             [sys.executable, Path(__file__).with_name("peer.py"), endpoint, mode],
             env=environment,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
         self._answer()
 

@@ -9,8 +9,9 @@ import pytest
 
 from zenoh_tf_client import TransformClient
 
-from ..conftest import ServerProcess, StartServer
+from ..conftest import StartServer
 from ..recorded import needs_recording, questions, transforms
+from ..servers import ServerProcess
 from ..test_client_recorded import answer, ask
 from .conftest import AHEAD, Peer, StartPeer, authorities, make_server, position, wait_for
 

@@ -1,6 +1,6 @@
 """Peers that share no code with this project: an old Zenoh, and other projects' packages.
 
-Each is skipped, with the reason, where its package cannot be installed or is not.
+Each is skipped, with the reason, where its package is missing.
 """
 
 from __future__ import annotations
@@ -20,13 +20,18 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform
 
-from ..conftest import ServerProcess
+from ..servers import ServerProcess
 from .conftest import AHEAD, Peer, make_server, position, wait_for, wait_for_authority
 
 OLD = "1.5.1"  # the Zenoh of ROS 2 Jazzy's and Kilted's first packages
 FOREIGN = Path(__file__).with_name("foreign.py")
+BUILD = Path(__file__).resolve().parents[2] / "build"
 #: Where pyzeros keeps what it compiles.
-COMPILED = Path(__file__).resolve().parents[2] / "build" / "cydr"
+COMPILED = BUILD / "cydr"
+#: Where `make test-packages` installs the old Zenoh.
+OLD_ZENOH = BUILD / f"packages/eclipse-zenoh-{OLD}"
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -37,23 +42,14 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
 
 
 @pytest.fixture(scope="module")
-def start_old_peer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Peer]]:
+def start_old_peer() -> Iterator[Callable[..., Peer]]:
     """``start(endpoint, mode)``: a peer on an old Zenoh."""
-    folder = tmp_path_factory.mktemp("old")
-    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target"]
-    done = subprocess.run(
-        [*install, str(folder), f"eclipse-zenoh=={OLD}"],
-        capture_output=True,
-        text=True,
-        timeout=50,
-        check=False,
-    )
-    if done.returncode != 0:
-        pytest.skip(f"pip cannot install eclipse-zenoh {OLD}: {done.stderr.strip()[-200:]}")
+    if not OLD_ZENOH.exists():
+        pytest.skip(f"no {OLD_ZENOH}: make test-packages installs it")
     running: list[Peer] = []
 
     def start(endpoint: str, mode: str = "peer") -> Peer:
-        running.append(Peer(endpoint, mode, path=folder))
+        running.append(Peer(endpoint, mode, path=OLD_ZENOH))
         return running[-1]
 
     yield start

@@ -15,7 +15,9 @@ from zenoh_tf.ros2.cdr import JointState, TfMessage, encode_joint_state, encode_
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE
 from zenoh_tf_client import TransformClient
 
-from ..conftest import ServerProcess, StartServer, free_endpoint
+from ..conftest import StartServer
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 from .conftest import (
     AHEAD,
     Peer,

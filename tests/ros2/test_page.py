@@ -16,7 +16,8 @@ from ruamel.yaml import YAML
 
 from zenoh_tf_server import flags
 
-from ..conftest import ServerProcess
+from .. import forks
+from ..servers import ServerProcess
 from ..test_demo import endpoint_of, processes_of
 from .conftest import make_server, position
 
@@ -30,9 +31,7 @@ LINES = [
 
 
 def start(*command: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    return forks.Popen([sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +54,9 @@ def test_the_first_five_minutes(server: ServerProcess) -> None:
             found = {}
             for line in questions:
                 arguments = [*shlex.split(line)[1:], "--connect", server.endpoint]
-                done = subprocess.run(
+                done = forks.run(
                     [sys.executable, "-m", "zenoh_tf_client", *arguments],
-                    capture_output=True,
-                    text=True,
                     timeout=50,
-                    check=False,
                 )
                 assert done.returncode == 0, done.stderr
                 found[line] = done.stdout

@@ -13,7 +13,8 @@ from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_client.cli import certificate_files
 from zenoh_tf_client.shared_reads import Mode
 
-from ..conftest import ServerProcess, free_endpoint
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 
 CLIENTS = (
     *("reader", "listener", "wheels", "arm"),

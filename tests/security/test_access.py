@@ -18,7 +18,7 @@ from zenoh_tf.errors import AccessDenied
 from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_client import columns as client_columns
 
-from ..conftest import ServerProcess
+from ..servers import ServerProcess
 from .conftest import Files, Serve, connect
 
 LINK = StampedTransform("map", "base", 1, Transform())

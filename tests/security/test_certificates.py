@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from .. import forks
 from ..conftest import StartServer
 from .conftest import tls_endpoint
 
@@ -19,12 +20,9 @@ pytest.importorskip("cryptography")
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+    return forks.run(
         [sys.executable, "-m", "zenoh_tf_client", *arguments],
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
     )
 
 

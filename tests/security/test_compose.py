@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
+from .. import forks
 from ..conftest import StartServer
 from .conftest import tls_endpoint
 
@@ -66,13 +67,10 @@ def test_the_services_work_together(
             variable: str(value).replace(FOLDER, str(folder))
             for variable, value in services[service]["environment"].items()
         }
-        return subprocess.run(
+        return forks.run(
             [sys.executable, "-m", *command],
             env={"PATH": os.environ["PATH"], **environment, "ZENOH_TF_CONNECT": endpoint},
-            capture_output=True,
-            text=True,
             timeout=50,
-            check=False,
         )
 
     def command_of(service: str) -> list[str]:

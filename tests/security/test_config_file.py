@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf_server import config_file, flags
 
+from .. import forks
 from ..conftest import StartServer
 
 
@@ -138,12 +138,9 @@ def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None
             tf.lookup_transforms("a", "b", [1, 2, 3, 4])
         assert caught.value.limit == 3
     path.write_text("[limits]\nrow = 3\n")
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", "--config", str(path)],
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
     )
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith("did you mean 'max-rows'?")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -16,7 +15,9 @@ from zenoh_tf_server.access_control import KEYED, READS
 from zenoh_tf_server.access_rules import AccessRule, authority_chunk, granted
 from zenoh_tf_server.security import Security
 
-from ..conftest import StartServer, free_endpoint
+from .. import forks
+from ..conftest import StartServer
+from ..ports import free_endpoint
 from .conftest import Files
 
 TLS = "tls/0.0.0.0:1"
@@ -144,6 +145,7 @@ def test_the_server_logs_the_warning(start_server: StartServer) -> None:
     assert "WARNING" in public.log and "ANYONE WHO REACHES" in public.log
 
 
+@pytest.mark.slow
 def test_a_server_that_joins_a_secured_network(
     start_server: StartServer, files: Files, tmp_path: Path
 ) -> None:
@@ -153,15 +155,12 @@ def test_a_server_that_joins_a_secured_network(
     password.write_text("guessed\n")
     password.chmod(0o600)
     user = ("--user", "reader", "--password-file", str(password))
-    done = subprocess.run(
+    done = forks.run(
         [
             *(sys.executable, "-m", "zenoh_tf_server", "--connect", router.endpoint),
             *(*user, "--tree", "other"),
         ],
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
     )
     assert done.returncode == 2 and "guessed" not in done.stderr
     assert "refuses user 'reader'" in done.stderr.splitlines()[-1]

@@ -19,7 +19,10 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf_client import Credentials, TransformClient
 
-from ..conftest import ServerProcess, StartServer, free_endpoint
+from .. import forks
+from ..conftest import StartServer
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 from .conftest import PASSWORDS, Files, Serve, connect, tls_endpoint
 
 TIMEOUT_S = 1.5
@@ -226,12 +229,9 @@ def test_passwords_are_not_shown(by_user: ServerProcess, files: Files) -> None:
 
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+    return forks.run(
         [sys.executable, "-m", "zenoh_tf_client", *arguments],
-        capture_output=True,
-        text=True,
         timeout=50,
-        check=False,
         env=environment,
     )
 

@@ -11,7 +11,8 @@ import pytest
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
 
-from ..conftest import ServerProcess, free_endpoint
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 
 #: Modules with ROS's names and plain classes, for the scripts of these tests.
 FAKE_ROS = Path(__file__).with_name("fake_ros")

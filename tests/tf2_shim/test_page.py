@@ -11,6 +11,8 @@ from typing import Any
 
 from zenoh_tf import StampedTransform, Transform
 
+from .. import forks
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/from-tf2.md").read_text()
 CODE = [code.strip() for code in re.findall(r"`([^`\n]+)`", PAGE)]
@@ -19,9 +21,7 @@ FILTER_EXAMPLE = ROOT / "examples/message_filter.py"
 
 
 def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *command], capture_output=True, text=True, timeout=50, check=False
-    )
+    return forks.run([sys.executable, *command], timeout=50)
 
 
 def test_the_example_runs(shared_server: Any) -> None:

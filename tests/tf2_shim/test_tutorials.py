@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from .. import forks
 from .conftest import FAKE_ROS
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples/tf2_tutorials"
@@ -25,11 +26,10 @@ def node(shared_server: Any) -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
     def start(script: str, *arguments: str) -> subprocess.Popen[str]:
         running.append(
-            subprocess.Popen(
+            forks.Popen(
                 [sys.executable, FOLDER / script, *arguments],
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                text=True,
                 env=os.environ
                 | {"ZENOH_TF_CONNECT": shared_server.endpoint, "PYTHONPATH": str(FAKE_ROS)},
             )

@@ -13,7 +13,9 @@ import pytest
 
 from zenoh_tf_client import TransformClient
 
-from ..conftest import ServerProcess, free_endpoint
+from .. import forks
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 FLOATING = b"""<robot name="hover"><link name="world"/><link name="base"/><link name="mast"/>
@@ -38,12 +40,9 @@ def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
 
 
 def run(*args: str | Path) -> Done:
-    return subprocess.run(
+    return forks.run(
         [sys.executable, "-m", "zenoh_tf_client", "urdf", *map(str, args)],
-        capture_output=True,
-        text=True,
         timeout=40,
-        check=False,
     )
 
 

@@ -29,7 +29,9 @@ from zenoh_tf_client.urdf import reader
 from zenoh_tf_client.urdf.joint_states import JointStateFeed
 from zenoh_tf_client.urdf.kinematics import JointTransforms
 
-from ..conftest import ServerProcess, free_endpoint
+from .. import forks
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 CASES: list[dict[str, Any]] = json.loads(Path(__file__).with_name("poses.json").read_text())
@@ -217,11 +219,10 @@ class Command:
     """The command as a process."""
 
     def __init__(self, *args: str) -> None:
-        self.process = subprocess.Popen(
+        self.process = forks.Popen(
             [sys.executable, "-m", "zenoh_tf_client", "urdf", str(ARM), *args],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
         )
         assert self.process.stderr is not None
         self.errors = self.process.stderr
@@ -303,12 +304,9 @@ def test_a_restarted_server_gets_everything_again(start_server: Any, command: An
 
 
 def test_print_and_joint_states_exclude_each_other() -> None:
-    done = subprocess.run(
+    done = forks.run(
         [sys.executable, "-m", "zenoh_tf_client", "urdf", str(ARM), "--print", "--joint-states"],
-        capture_output=True,
-        text=True,
         timeout=40,
-        check=False,
     )
     assert done.returncode == 2
     assert "--print asks no server" in done.stderr

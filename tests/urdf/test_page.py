@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from ..conftest import ServerProcess, free_endpoint
+from .. import forks
+from ..ports import free_endpoint
+from ..servers import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/urdf.md").read_text()
@@ -46,11 +48,10 @@ def start(line: str, endpoint: str, folder: Path) -> subprocess.Popen[str]:
     shutil.copy(ROOT / "examples/arm.urdf", folder / "robot.urdf")
     with contextlib.suppress(FileExistsError):
         (folder / "examples").symlink_to(ROOT / "examples")
-    return subprocess.Popen(
+    return forks.Popen(
         [sys.executable, *arguments, "--connect", endpoint],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
         cwd=folder,
     )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ..conftest import free_port
+from ..ports import free_port
 from ..recordings.files import write
 from .test_view_command import started
 

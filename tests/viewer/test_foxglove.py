@@ -22,7 +22,8 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.foxglove import _EXAMPLES
 from zenoh_tf_client.cli.main import main
 
-from ..conftest import ServerProcess, free_endpoint, free_port
+from ..ports import free_endpoint, free_port
+from ..servers import ServerProcess
 from .test_view_command import PAGE, WITHOUT, run, started
 
 S = 10**9

@@ -23,8 +23,9 @@ from zenoh_tf_client.plotting.figure import save
 from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
 from zenoh_tf_client.viewer.recorded import RecordedSource
 
-from ..conftest import ServerProcess, free_endpoint
+from ..ports import free_endpoint
 from ..recordings.files import write
+from ..servers import ServerProcess
 from .test_view_command import PAGE, WITHOUT, run
 
 S = 10**9

@@ -16,7 +16,7 @@ from zenoh_tf_client.viewer.panel import Panel
 from zenoh_tf_client.viewer.source import Link
 from zenoh_tf_client.viewer.viewer import Options, Viewer, close_server, open_server
 
-from ..conftest import free_port
+from ..ports import free_port
 
 S = 10**9
 QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)

@@ -14,8 +14,8 @@ from zenoh_tf_client.viewer.live import LiveSource
 from zenoh_tf_client.viewer.recorded import RecordedSource
 from zenoh_tf_client.viewer.source import Link
 
-from ..conftest import ServerProcess
 from ..recordings.files import write
+from ..servers import ServerProcess
 
 S = 10**9
 

@@ -19,8 +19,10 @@ import pytest
 from zenoh_tf_client.cli.main import main
 from zenoh_tf_client.cli.viewer import _EXAMPLES
 
-from ..conftest import ServerProcess, free_endpoint, free_port
+from .. import forks
+from ..ports import free_endpoint, free_port
 from ..recordings.files import write
+from ..servers import ServerProcess
 
 PAGE = (Path(__file__).parents[2] / "docs/view.md").read_text()
 MODULE = ("-m", "zenoh_tf_client")
@@ -31,9 +33,7 @@ Done = subprocess.CompletedProcess[str]
 
 
 def run(*args: str, start: tuple[str, ...] = MODULE) -> Done:
-    return subprocess.run(
-        [sys.executable, *start, *args], capture_output=True, text=True, timeout=40, check=False
-    )
+    return forks.run([sys.executable, *start, *args], timeout=40)
 
 
 @contextmanager
@@ -43,8 +43,8 @@ def started(*args: str, cwd: Path | None = None) -> Iterator[tuple[subprocess.Po
         [sys.executable, *MODULE, *args],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
         cwd=cwd,
+        text=True,
     ) as process:
         assert process.stdout is not None
         assert process.stderr is not None

@@ -1,0 +1,167 @@
+"""Real servers for the tests: processes on ports of their own."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.connection import Connection
+from zenoh_tf_client.shared_reads import Mode
+
+from . import forks
+from .ports import free_endpoint
+
+#: Only a server that hangs takes so long: pytest gives up on the test soon after.
+START_TIMEOUT_S = 50.0
+
+_starts = 0
+
+
+def count_start() -> None:
+    global _starts  # noqa: PLW0603
+    _starts += 1
+
+
+def starts() -> int:
+    """How many servers this process has started so far."""
+    return _starts
+
+
+class ServerProcess:
+    """A running ``zenoh-tf-server``."""
+
+    #: How Python starts it.
+    START: tuple[str, ...] = ("-m", "zenoh_tf_server")
+    #: Clients send queries through the server's socket.
+    LOCAL = False
+
+    def __init__(self, log: Path, endpoint: str, tree: str, flags: tuple[str, ...]) -> None:
+        self.endpoint = endpoint
+        self.tree = tree
+        self._log = log
+        self._log_from = 0
+        where = () if "--connect" in flags else ("--listen", endpoint)
+        with log.open("a") as errors:
+            # Code of a subclass may change what an import does.
+            start = forks.Popen if self.START[0] == "-m" else subprocess.Popen
+            self.process = start(
+                [sys.executable, *self.START, *where, "--tree", tree, *flags],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            )
+        self.greeting = self._first_line()
+        count_start()
+
+    def _first_line(self) -> str:
+        lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        assert self.process.stdout is not None
+        reader = threading.Thread(
+            target=lambda output: lines.put(output.readline()), args=(self.process.stdout,)
+        )
+        reader.start()
+        try:
+            line = lines.get(timeout=START_TIMEOUT_S)
+        except queue.Empty:
+            line = ""
+        if not line:
+            self.process.kill()
+        reader.join()
+        if not line:
+            self.process.wait()
+            self.process.stdout.close()
+            raise AssertionError(f"the server did not start:\n{self.log}")
+        return line.strip()
+
+    @property
+    def log(self) -> str:
+        """Return what it has logged so far, or since it was emptied."""
+        return self._log.read_text()[self._log_from :]
+
+    def wait_for_log(self, text: str) -> None:
+        """Wait until it has logged this text."""
+        deadline_s = time.monotonic() + START_TIMEOUT_S
+        while text not in self.log:
+            assert time.monotonic() < deadline_s, f"no {text!r} in the log:\n{self.log}"
+            time.sleep(0.01)
+
+    def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
+        """A client; most tests are about queries, so these are the default."""
+        if self.LOCAL and reads == "query":
+            return TransformClient(Connection(self.endpoint, self.tree, timeout_s), reads)
+        return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
+
+    def empty(self) -> None:
+        """Make it as good as new for another test: its tree is empty, and so is its log."""
+        self.process.send_signal(signal.SIGCONT)
+        with TransformClient.connect(
+            self.endpoint, self.tree, START_TIMEOUT_S, reads="query"
+        ) as tf:
+            tf.reset()
+        self._log_from = len(self._log.read_text())
+
+    def send_signal(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def freeze(self) -> None:
+        """Stop all of its threads, and return when they have stopped."""
+        self.process.send_signal(signal.SIGSTOP)
+        forks.wait_until_stopped(self.process.pid)
+
+    def kill(self) -> None:
+        """As ``kill -9``."""
+        self.process.kill()
+        self._end()
+
+    def stop(self) -> int:
+        """Stop it as an init system does (SIGTERM); return its exit status."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+            self.process.terminate()
+        return self._end()
+
+    def _end(self) -> int:
+        try:
+            return self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+        finally:
+            if self.process.stdout is not None:
+                self.process.stdout.close()
+
+
+class Pool:
+    """One server for each set of flags, for all tests of this process.
+
+    Each test that asks gets it with an empty tree. A test may kill it: the next one gets a new one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._servers: dict[tuple[str | None, ...], ServerProcess] = {}
+
+    def lend(self, *flags: str) -> ServerProcess:
+        # A server shares its tree through a socket in this folder.
+        key = (os.environ.get("XDG_RUNTIME_DIR"), *flags)
+        server = self._servers.get(key)
+        if server is not None and server.process.poll() is not None:
+            server.stop()
+            server = None
+        if server is None:
+            log = self._folder / f"server-{len(self._servers)}.log"
+            server = self._servers[key] = ServerProcess(log, free_endpoint(), "main", flags)
+        else:
+            server.empty()
+        return server
+
+    def stop(self) -> None:
+        for server in self._servers.values():
+            server.stop()
