@@ -15,7 +15,8 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 test histories anomalies anomalies-service chaos fuzz soak attack coverage mutants mutants-client lint format docs bench figures core-test platforms \
+.PHONY: help native demo demo-ros2 test test-ci test-slow test-packages test-all histories anomalies anomalies-service chaos fuzz soak attack \
+	coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
 help: ## list the targets
@@ -45,9 +46,42 @@ demo: .venv/native.stamp ## a server, sensors and clients, in under 20 s (after 
 demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in under 20 s
 	@$(BIN)/python examples/demo_ros2.py
 
-test: native ## the C++ tests of the core, then pytest
+# Side by side by file, and then alone what looks at a clock. Status 5 is that of no test at all.
+WORKERS ?= 3
+# Where a system asks Python to keep no bytecode, each process of a test would compile the project.
+PYTEST := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/python -m pytest
+define run_tests
+	@$(PYTEST) -n $(WORKERS) --dist loadfile -m "$(strip $(1)) not serial" $(ARGS) || [ $$? = 5 ]
+	@$(PYTEST) -m "$(strip $(1)) serial" $(ARGS) || [ $$? = 5 ]
+endef
+
+test: native ## what every change must pass, under 5 minutes; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
 	@$(LOCK) sh scripts/core_test.sh plain
-	@$(BIN)/python -m pytest $(ARGS)
+	$(call run_tests, not slow and)
+
+# With `make lint docs test` it fits into 25 minutes; faulty copies of core and server are for nights.
+test-ci: export ANOMALIES ?= 48000
+test-ci: export CHAOS ?= 2000
+test-ci: export FUZZ ?= 5000
+test-ci: ARGS += -k "not test_a_fault_is_found and not test_a_faulty_server_is_found"
+test-ci: native test-packages ## what of `make test-slow` fits into continuous integration
+	$(call run_tests, slow and)
+
+test-slow: native test-packages ## what is long or statistical: all histories, chaos, fuzz, exits, replicas, browser, other packages
+	$(call run_tests, slow and)
+
+test-slow test-all: export ANOMALIES ?= 96000
+test-slow test-all: export CHAOS ?= 10000
+test-slow test-all: export FUZZ ?= 20000
+test-all: core-test test-packages ## all tests, and those of the core under the sanitizers
+	$(call run_tests)
+
+# Outside of .venv, which has a newer one.
+OLD_ZENOH := build/packages/eclipse-zenoh-1.5.1
+test-packages: $(OLD_ZENOH) ## other projects' packages, which some tests need and otherwise skip
+$(OLD_ZENOH): | .venv/requirements.stamp
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $@ \
+		eclipse-zenoh==1.5.1
 
 histories: native ## 10,000 random histories against the oracle, and against tf2 where it is installed
 	@HISTORIES=10000 $(BIN)/python -m pytest tests/model/test_histories.py \
