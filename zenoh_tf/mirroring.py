@@ -179,8 +179,7 @@ class Mirroring:
         self._waiting_bytes = 0
         self._requests: dict[int, _Piece | None] = {}  # under way; None: the plan, or missed ones
         self._number = 0
-        self._wants_plan = True
-        self._wants_missed = False
+        self._wants_plan, self._wants_missed = True, False
         self._snapshots = 0
         self._contradictions = self._asked_for = (
             0  # the latter: what missed messages were asked for
@@ -241,8 +240,7 @@ class Mirroring:
     # --- what the owner feeds in
 
     def received(self, data: bytes, sender: str | None = None) -> None:
-        """Take a message of the stream, of the instance `sender` if that is known. Raises
-        ProtocolError, and then nothing has changed."""
+        """Take a message of `sender`'s stream. ProtocolError: nothing has changed."""
         message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
         if sender not in (None, message.instance):
             raise ProtocolError("the message names another server instance", field="instance")
