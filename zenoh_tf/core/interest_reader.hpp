@@ -11,10 +11,11 @@
 // past ways may differ, all of its ancestors in all of its samples.
 //
 // Failures: a lookup of a pair fails in the mirror if it fails in the tree, and with the same code.
-// There is one exception. If several links have no sample at the time, the tree reports the first
+// There are two exceptions. If several links have no sample at the time, the tree reports the first
 // one on the target's path to its root (Reader::report_failure), which may be above the common
 // ancestor. The mirror does not have that link and reports the next. The codes are then `no_data`,
-// `backward` or `forward` both, but perhaps not the same one.
+// `backward` or `forward` both, but perhaps not the same one. Past links above the ancestor may
+// also form a loop or lead back to the pair: then the tree's code is `lookup`, or it finds a path.
 //
 // Thread safety: all functions, from any thread.
 // Invariants
