@@ -24,6 +24,8 @@ from .conftest import StartServer
 from .servers import ServerProcess
 from .test_metrics import until, value
 
+pytestmark = pytest.mark.own_server
+
 YEAR_S = 365 * 86_400.0
 TIMEOUT_S = 30.0
 

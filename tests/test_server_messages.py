@@ -29,6 +29,8 @@ from .conftest import StartServer
 from .raw import Raw, raw
 from .servers import ServerProcess
 
+pytestmark = pytest.mark.own_server
+
 OPERATIONS = ("lookup", "commit", "batch", "info", "admin")
 
 
@@ -86,7 +88,6 @@ def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
     assert "seq" not in wires.query("commit", wire.pack(commit(child="map")))  # refused
 
 
-@pytest.mark.own_server
 def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: TransformClient) -> None:
     rows = 50_000
     names = ["root", *(f"f{row}" for row in range(rows))]
@@ -270,7 +271,6 @@ def test_a_bad_put_names_authority_and_field(
     assert client.frames() == []
 
 
-@pytest.mark.own_server
 def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient) -> None:
     """In transforms, with the last reason, and also for authorities with nothing but refusals."""
     two_rows = {
