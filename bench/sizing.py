@@ -7,8 +7,8 @@ import time
 from contextlib import ExitStack
 
 from bench.machine import cpu_s, resident_mb
-from bench.process import connect, server
-from bench.queries import wait
+from bench.process import server
+from bench.queries import wait, wait_for_waiters, waiting_client
 from bench.report import Cell, Report, Trial
 from bench.robots import FRAMES, RATE_HZ, robots
 from zenoh_tf_client import TransformClient
@@ -80,13 +80,16 @@ def _client(endpoint: str) -> TransformClient:
 
 def _lookups(report: Report) -> dict[str, Trial]:
     waiting, lookups = (100, 100) if report.quick else (WAITING, LOOKUPS)
-    with server() as (process, endpoint), _client(endpoint) as tf, connect(endpoint) as session:
+    with (
+        server() as (process, endpoint),
+        _client(endpoint) as tf,
+        waiting_client(endpoint) as session,
+    ):
         used_mb = []
         for half in (range(waiting // 2), range(waiting // 2, waiting)):  # the first warms up
             for row in half:
                 wait(session, "map", f"f{row}", lambda reply: None)
-            while tf.stats()["waiters"] < half.stop:
-                time.sleep(0.05)
+            wait_for_waiters(tf, half.stop)
             used_mb.append(resident_mb(process.pid))
         kb = 1e3 * (used_mb[1] - used_mb[0]) / (waiting // 2)
         begun_s = cpu_s(process.pid)
