@@ -97,6 +97,7 @@ def test_a_state_ahead_of_its_server() -> None:
     assert not is_ahead(State(None, "i", 11, 100), ServerStatus("i", 100, None))
 
 
+@pytest.mark.own_server
 def test_a_mirror_recovers_from_forged_messages(
     server: ServerProcess, client: TransformClient, caplog: pytest.LogCaptureFixture
 ) -> None:
