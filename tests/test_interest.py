@@ -195,6 +195,7 @@ def test_equal_interests_share_a_stream_that_ends(
 ) -> None:
     robot(client, 1)
     pair = ("map", "gripper")
+    wait(lambda: client.stats()["interests"] == 0, "interests of another test are left")
     with server.connect() as one, server.connect() as two:
         first = one.mirror([pair, ("camera", "arm")])
         second = two.mirror([("arm", "camera"), pair[::-1]])
