@@ -1,4 +1,4 @@
-// How the frames on the ways are found, copied and told.
+// How the frames on the ways are copied and told. interest_paths.cpp finds them.
 #include "interest_reader.hpp"
 
 #include <algorithm>
@@ -72,6 +72,12 @@ bool InterestReader::has_changed() const {
   // A frame that is removed gets another version, too.
   for (const auto& [id, told] : told_)
     if (tree_.version(id) != told.version) return true;
+  for (const auto& [id, before] : watched_) {
+    const Link now = read_link(id);
+    if (now.parent != before.parent || now.has_several_parents ||
+        now.is_removed != before.is_removed)
+      return true;
+  }
   for (std::size_t i = 0; i < refs_.size(); ++i)
     if (refs_[i].id == 0 && tree_.find(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) != 0)
       return true;
@@ -155,105 +161,6 @@ void InterestReader::check_frames(std::size_t max_frames) const {
                  .field = "interest_frames",
                  .limit = static_cast<std::int64_t>(max_frames),
                  .value = static_cast<std::int64_t>(frames_.size())};
-}
-
-// Lists the frames on the ways, until there are more than that.
-void InterestReader::find_frames(std::size_t max_frames) {
-  if (pairs_.empty()) {
-    size_ = tree_.size();
-    for (FrameId id = 1; id <= size_; ++id) {
-      // Before it is known whether the frame has a name: one that gets or loses it gets a version.
-      reads_.push_back({id, tree_.frames_[id].version.read_begin()});
-      if (!tree_.removed(id)) frames_.push_back(id);
-    }
-    return;
-  }
-  for (const auto& [target, source] : pairs_) {
-    new_refs_.push_back(tree_.find_ref(target));
-    new_refs_.push_back(tree_.find_ref(source));
-  }
-  for (std::size_t i = 0; i < new_refs_.size() && frames_.size() <= max_frames; i += 2)
-    add_ways(new_refs_[i].id, new_refs_[i + 1].id);
-  for (const FrameId id : frames_) reads_.push_back({id, link(id).version});
-}
-
-void InterestReader::add_ways(FrameId a, FrameId b) {
-  const auto add = [&](FrameId id) {
-    if (wanted_.try_emplace(id, false).second) frames_.push_back(id);
-  };
-  if (a == 0 || b == 0) {
-    if (a + b != 0) add(a + b);
-    return;
-  }
-  std::vector<FrameId> from_a, from_b;
-  list_path(a, from_a);
-  list_path(b, from_b);
-  // Both end at the root, so what they have in common are their ends.
-  std::size_t common = 0;
-  while (common < std::min(from_a.size(), from_b.size()) &&
-         from_a.rbegin()[static_cast<std::ptrdiff_t>(common)] ==
-             from_b.rbegin()[static_cast<std::ptrdiff_t>(common)])
-    ++common;
-  if (common > 1) {  // all but the lowest
-    from_a.resize(from_a.size() - (common - 1));
-    from_b.resize(from_b.size() - (common - 1));
-  }
-  bool has_several_parents = false;
-  for (const std::vector<FrameId>* path : {&from_a, &from_b})
-    for (const FrameId id : *path) {
-      add(id);
-      has_several_parents |= link(id).has_several_parents;
-    }
-  if (!has_several_parents) return;
-  add_all_ancestors(a);
-  add_all_ancestors(b);
-}
-
-// Adds a frame and its ancestors at all times.
-void InterestReader::add_all_ancestors(FrameId start) {
-  std::vector<FrameId> open{start};
-  while (!open.empty()) {
-    const FrameId id = open.back();
-    open.pop_back();
-    const auto [at, is_new] = wanted_.try_emplace(id, false);
-    if (is_new) frames_.push_back(id);
-    if (std::exchange(at->second, true)) continue;  // its parents are there already
-    const Link& found = link(id);
-    if (found.parent != 0) open.push_back(found.parent);
-    if (!found.has_several_parents) continue;
-    const Frame& frame = tree_.frames_[id];
-    const Ring ring = frame.ring.load(kAcquire);
-    const std::uint32_t first = frame.first.load(kAcquire), count = frame.count.load(kAcquire);
-    if (!ring) continue;  // a torn read, as is an id below that no frame has
-    std::unordered_set<FrameId> parents;
-    for (std::uint32_t i = 0; i < std::min(count, ring.capacity()); ++i)
-      if (const FrameId parent = ring.parent(first + i); parent != 0 && parent <= tree_.size())
-        parents.insert(parent);
-    for (const FrameId parent : parents)
-      if (!tree_.removed(parent)) open.push_back(parent);
-  }
-}
-
-// The frame's newest link, read once.
-const InterestReader::Link& InterestReader::link(FrameId id) {
-  const auto [at, is_new] = links_.try_emplace(id);
-  if (is_new) {
-    const Frame& frame = tree_.frames_[id];
-    at->second = frame.version.read_consistent([&](Version version) noexcept {
-      return Link{version, frame.parent.load(kAcquire),
-                  frame.count.load(kAcquire) > 1 && frame.parent_changes.load(kAcquire) != 0};
-    });
-  }
-  return at->second;
-}
-
-// Lists a frame and its ancestors along the newest links.
-void InterestReader::list_path(FrameId id, std::vector<FrameId>& path) {
-  // A frame that moves meanwhile may be met twice, so the length is bounded.
-  for (std::size_t left = tree_.options_.max_path() + std::size_t{1}; id != 0 && left > 0; --left) {
-    path.push_back(id);
-    id = link(id).parent;
-  }
 }
 
 void InterestReader::copy_frames(bool with_all) {
@@ -379,6 +286,9 @@ void InterestReader::remember() {
   told_reparented_ |= ever_reparented_ && !copies_.empty();
   told_seq_ = seq_;
   refs_ = new_refs_;
+  watched_.clear();
+  for (const auto& [id, link] : links_)
+    if (!wanted_.contains(id)) watched_.emplace_back(id, link);
   told_frames_.store(told_.size(), std::memory_order_relaxed);
 }
 

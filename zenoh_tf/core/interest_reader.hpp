@@ -7,15 +7,15 @@
 // takes the frames' writer locks.
 //
 // The ways: for each pair the frames up to the lowest common ancestor, that one included; all
-// ancestors of both if they have none. If a frame of them has samples of several parents, so that
-// past ways may differ, all of its ancestors in all of its samples.
+// ancestors of both if they have none. If a frame on the paths from the pair to the root has
+// samples of several parents, all ancestors of both in all of their samples: past paths may differ,
+// and may lead from above the common ancestor back to the pair or into a loop.
 //
-// Failures: a lookup of a pair fails in the mirror if it fails in the tree, and with the same code.
-// There are two exceptions. If several links have no sample at the time, the tree reports the first
+// Failures: a lookup of a pair answers in the mirror as in the tree, and fails with the same code.
+// There is one exception. If several links have no sample at the time, the tree reports the first
 // one on the target's path to its root (Reader::report_failure), which may be above the common
-// ancestor. The mirror does not have that link and reports the next. The codes are then `no_data`,
-// `backward` or `forward` both, but perhaps not the same one. Past links above the ancestor may
-// also form a loop or lead back to the pair: then the tree's code is `lookup`, or it finds a path.
+// ancestor. If the mirror does not have that link, it reports the next. The codes are then
+// `no_data`, `backward` or `forward` both, but perhaps not the same one.
 //
 // Thread safety: all functions, from any thread.
 // Invariants
@@ -68,7 +68,8 @@ class InterestReader {
   // next read() tells the same changes.
   Result read(bool with_all, std::size_t max_frames);
 
-  // Returns whether read() would tell anything. Always true without pairs.
+  // Returns whether read() may tell anything. False only if it would not. Always true without
+  // pairs.
   [[nodiscard]] bool has_changed() const;
   // The number of frames as of the last read(). Does not wait for one in progress.
   [[nodiscard]] std::size_t frames() const noexcept {
@@ -87,7 +88,7 @@ class InterestReader {
   struct Link {
     Version version;
     FrameId parent;
-    bool has_several_parents;
+    bool has_several_parents, is_removed;
   };
   struct CopiedSample {
     Stamp stamp;
@@ -118,6 +119,7 @@ class InterestReader {
   void add_ways(FrameId a, FrameId b);
   void add_all_ancestors(FrameId id);
   const Link& link(FrameId id);
+  [[nodiscard]] Link read_link(FrameId id) const;
   void list_path(FrameId id, std::vector<FrameId>& path);
   void copy_frames(bool with_all);
   void copy_frame(Copy& copy, const Told* told, bool with_all);
@@ -134,6 +136,9 @@ class InterestReader {
   mutable std::mutex mutex_;  // guards what follows
   std::unordered_map<FrameId, Told> told_;
   std::vector<NameRef> refs_;  // of the pairs' names, as of the last read
+  // Frames that the mirror does not have, but may need as soon as they get another parent or their
+  // name back: those above the common ancestors, and past parents that were removed.
+  std::vector<std::pair<FrameId, Link>> watched_;
   bool told_reparented_ = false;
   Seq told_seq_ = 0;
 
