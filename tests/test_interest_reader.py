@@ -245,6 +245,31 @@ def test_past_links_above_the_common_ancestor() -> None:
     check("NoneType")
 
 
+@pytest.mark.parametrize("removed", [True, False])
+def test_a_frame_without_samples_has_no_authority(removed: bool) -> None:
+    """It has lost them by a clear, or was removed and came back as a parent between two reads."""
+    tree, log = logged()
+    position = log.start()
+    tree.set_transform(StampedTransform("map", "a", 1, Transform()), "sensor")
+    reader = InterestReader(tree, [("map", "a")], False)
+    early, late, full = Mirror(), Mirror(), Mirror()
+    follow(early, reader, begin=True)
+    assert early.tree.frame("a").authority == "sensor"
+    if removed:
+        tree.remove_frame("a")
+        tree.set_transform(StampedTransform("a", "b", 1, Transform()), "other")
+    else:
+        tree.clear(keep_static=False)
+    follow(early, reader)
+    follow(late, InterestReader(tree, [("map", "a")], False), begin=True)
+    first, last, lost, changes = log.take(MANY)
+    assert (first, lost) == (position + 1, False)
+    assert changes is not None
+    full.replay.apply(last, *changes)
+    for each in (tree, early.tree, late.tree, full.tree):
+        assert each.frame("a").authority == ""
+
+
 def test_a_past_parent_that_comes_back() -> None:
     """Its name comes back, and so do links at past times, while no frame of the mirror changes."""
     tree, _ = logged()

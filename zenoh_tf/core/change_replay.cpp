@@ -141,9 +141,10 @@ void ChangeReplay::add_step(const ChangeColumns& changes, Target& target, Step s
       break;
     case ChangeKind::removed:
       target.is_live = false;
+      [[fallthrough]];
+    case ChangeKind::cleared:
       target.authority = 0;
       break;
-    case ChangeKind::cleared:
     case ChangeKind::new_version:
     case ChangeKind::orphaned:
       break;

@@ -53,6 +53,7 @@ void Tree::list_frames(FrameList& all) const {
 
 void Tree::clear_frame(FrameId id) noexcept {
   clear_history(frames_[id]);
+  frames_[id].authority.store(0, std::memory_order_release);  // it is the link's
   increment(edits_[id]);
 }
 
@@ -140,7 +141,6 @@ void Tree::drop_frames(const FrameList& frames, std::int64_t expires_ns) {
   for (const FrameId id : frames) {
     Frame& frame = frames_[id];
     clear_frame(id);
-    frame.authority.store(0, std::memory_order_release);
     if (const Ring ring = frame.ring.load(std::memory_order_relaxed)) {
       rings.push_back(ring);
       frame.ring.store(Ring(), std::memory_order_release);
