@@ -59,13 +59,11 @@ test: native ## what every change must pass, under 5 minutes; ARGS="-k wire -x",
 	@$(LOCK) sh scripts/core_test.sh plain
 	$(call run_tests, not slow and)
 
-# With `make lint docs test` it fits into 25 minutes; faulty copies of core and server are for nights.
+# With `make lint docs test` it fits into 25 minutes.
 test-ci: export ANOMALIES ?= 48000
 test-ci: export CHAOS ?= 2000
 test-ci: export FUZZ ?= 5000
-test-ci: ARGS += -k "not test_a_fault_is_found and not test_a_faulty_server_is_found"
-test-ci: native test-packages ## what of `make test-slow` fits into continuous integration
-	$(call run_tests, slow and)
+test-ci: test-slow ## `make test-slow` with less of what is statistical, for continuous integration
 
 test-slow: native test-packages ## what is long or statistical: all histories, chaos, fuzz, exits, replicas, browser, other packages
 	$(call run_tests, slow and)

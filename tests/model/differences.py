@@ -64,13 +64,13 @@ class AsTf2(Oracle):
         return rows
 
     def lookup_transform(self, target: str, source: str, stamp_ns: int | None = None) -> Answer:
-        self.fired |= {"A10"} if self.ghosts & {target, source} else set()
         if target == source and target not in self.names:
             self.fired.add("E08")
             return Answer(stamp_ns or 0, None, IDENTITY)
         return super().lookup_transform(target, source, stamp_ns)
 
     def known(self, *frames: str) -> None:
+        self.fired |= {"A10"} if self.ghosts & set(frames) else set()
         faults = []
         for frame in frames:
             try:

@@ -1,4 +1,4 @@
-// How the frames on the ways are found.
+// How the frames on the paths are found.
 #include <algorithm>
 #include <unordered_set>
 
@@ -6,13 +6,7 @@
 
 namespace ztf {
 
-namespace {
-
-constexpr auto kAcquire = std::memory_order_acquire;
-
-}  // namespace
-
-// Lists the frames on the ways, until there are more than that.
+// Lists the frames on the paths, until there are more than that.
 void InterestReader::find_frames(std::size_t max_frames) {
   if (pairs_.empty()) {
     size_ = tree_.size();
@@ -82,8 +76,9 @@ void InterestReader::add_all_ancestors(FrameId start) {
     if (found.parent != 0) open.push_back(found.parent);
     if (!found.has_several_parents) continue;
     const Frame& frame = tree_.frames_[id];
-    const Ring ring = frame.ring.load(kAcquire);
-    const std::uint32_t first = frame.first.load(kAcquire), count = frame.count.load(kAcquire);
+    const Ring ring = frame.ring.load(std::memory_order_acquire);
+    const std::uint32_t first = frame.first.load(std::memory_order_acquire),
+                        count = frame.count.load(std::memory_order_acquire);
     if (!ring) continue;  // a torn read, as is an id below that no frame has
     std::unordered_set<FrameId> parents;
     for (std::uint32_t i = 0; i < std::min(count, ring.capacity()); ++i)
@@ -104,8 +99,9 @@ const InterestReader::Link& InterestReader::link(FrameId id) {
 InterestReader::Link InterestReader::read_link(FrameId id) const {
   const Frame& frame = tree_.frames_[id];
   return frame.version.read_consistent([&](Version version) noexcept {
-    return Link{version, frame.parent.load(kAcquire),
-                frame.count.load(kAcquire) > 1 && frame.parent_changes.load(kAcquire) != 0,
+    return Link{version, frame.parent.load(std::memory_order_acquire),
+                frame.count.load(std::memory_order_acquire) > 1 &&
+                    frame.parent_changes.load(std::memory_order_acquire) != 0,
                 tree_.removed(id)};  // a frame that gets or loses its name gets a version
   });
 }
