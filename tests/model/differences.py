@@ -39,7 +39,6 @@ class AsTf2(Oracle):
         self.static: dict[str, bool] = {}  # by child, set at its first write
         self.marks: dict[str, set[str]] = {}  # by child: decisions that affect its history
         self.fired: set[str] = set()  # decisions that affect the last answers
-        self.ghosts: set[str] = set()  # frames that a dropped sample created
 
     def closes_cycle(self, rows: Sequence[Row], static: bool) -> bool:
         """True if these rows would close a cycle. Changes nothing."""
@@ -58,9 +57,6 @@ class AsTf2(Oracle):
         return super().insert(links, row, as_static)
 
     def creating(self, rows: Sequence[Row], *, any_dropped: bool) -> Sequence[Row]:
-        if any_dropped:
-            self.ghosts |= {name for row in rows for name in (row.parent, row.child)}
-            self.ghosts -= set(self.names)
         return rows
 
     def lookup_transform(self, target: str, source: str, stamp_ns: int | None = None) -> Answer:
@@ -70,7 +66,6 @@ class AsTf2(Oracle):
         return super().lookup_transform(target, source, stamp_ns)
 
     def known(self, *frames: str) -> None:
-        self.fired |= {"A10"} if self.ghosts & set(frames) else set()
         faults = []
         for frame in frames:
             try:
@@ -118,7 +113,10 @@ def reasons(ours: Oracle, theirs: AsTf2, call: Call) -> set[str]:
         for frame in oracle.path(name, stamp_ns).frames
     }
     differing = {f for f in frames if ours.links.get(f) != theirs.links.get(f)}
-    return theirs.fired.union(*(theirs.marks.get(frame, set()) for frame in differing))
+    # Frames of samples that only this tree dropped (A10).
+    ghosts = {name for name in names if name in theirs.names and name not in ours.names}
+    fired = theirs.fired | ({"A10"} if ghosts else set())
+    return fired.union(*(theirs.marks.get(frame, set()) for frame in differing))
 
 
 def _newest(oracle: Oracle, names: Iterable[str]) -> list[Sample]:
