@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf._core import ChangeLog, ChangeReplay
+from zenoh_tf._core import ChangeLog, ChangeReplay, InterestReader
 from zenoh_tf.errors import TransformException
 
 CACHE_S = 1e-7  # 100 ns: histories are pruned soon
 LOG_BYTES = 64 << 20
+#: More frames than any test has.
+MANY = 1 << 20
 FRAMES = [f"f{i}" for i in range(12)]
 #: A tree of so few frees ids all the time, if VISITORS come and go beside FRAMES.
 FEW_FRAMES = 14
@@ -177,3 +179,16 @@ class Writer:
         parent = FRAMES[(FRAMES.index(child) - 1) // 2]
         for stamp in (1, 2):
             self.tree.set_transform(StampedTransform(parent, child, stamp, Transform()))
+
+
+def follow(mirror: Mirror, reader: InterestReader, *, begin: bool = False) -> int:
+    """Bring the mirror of an interest to the reader's state. Returns its number."""
+    seq, reparented, changes, everything = reader.read(begin, MANY)
+    if begin:
+        assert everything is not None
+        if reparented:
+            mirror.replay.set_ever_reparented()
+        mirror.replay.apply(seq, *everything)
+    elif changes is not None:
+        mirror.replay.apply(seq, *changes)
+    return seq
