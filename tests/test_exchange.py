@@ -70,7 +70,8 @@ class Script:
                 (str(step.key).removeprefix("tf/v1/main/"), wire.unpack(step.payload))
             )
             self.timeouts_s.append(step.timeout_s)
-            outcome = self._replies.pop(0)
+            reply = self._replies.pop(0)
+            outcome = wire.pack(reply) if isinstance(reply, dict) else reply
 
     @property
     def keys(self) -> list[str]:

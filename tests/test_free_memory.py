@@ -52,9 +52,9 @@ def test_freed_memory_goes_back() -> None:
 # Threads that allocate at the same time, so that each would get a heap of its own.
 HEAPS = """
 import ctypes, sys, threading
-from zenoh_tf_server.free_memory import limit_heaps
+from zenoh_tf_server.free_memory import set_up_heaps
 if {limit}:
-    limit_heaps()
+    set_up_heaps()
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
 started = threading.Barrier(32)
@@ -85,3 +85,41 @@ def _heaps(*, limit: bool) -> int:
 def test_threads_share_few_heaps() -> None:
     assert _heaps(limit=False) > 4  # otherwise this tests nothing
     assert _heaps(limit=True) <= 4
+
+
+# Requests of 800 kB, one after the other. Several copies of a reply are alive at a time.
+LONG_REQUESTS = """
+import resource, threading
+from zenoh_tf_server.free_memory import set_up_heaps
+if {set_up}:
+    set_up_heaps()
+def serve():
+    for _ in range(300):
+        request = bytes(800_000)
+        parts = [bytes(100_000) for _ in range(8)]
+        reply = b"".join(parts)
+        copies = [bytearray(reply) for _ in range(2)]
+def run():
+    thread = threading.Thread(target=serve)
+    thread.start()
+    thread.join()
+run()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+run()
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+def _page_faults(*, set_up: bool) -> int:
+    environment = {name: value for name, value in os.environ.items() if "MALLOC" not in name}
+    command = [sys.executable, "-c", LONG_REQUESTS.format(set_up=set_up)]
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, timeout=60, env=environment
+    )
+    return int(done.stdout)
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="needs glibc")
+def test_long_requests_use_the_same_pages_again() -> None:
+    assert _page_faults(set_up=False) > 20_000  # otherwise this tests nothing
+    assert _page_faults(set_up=True) < 2_000

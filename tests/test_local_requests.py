@@ -227,13 +227,14 @@ def test_what_another_server_says_of_a_lost_write_counts_for_nothing(
     socket_folder: Path, shared_instance: bool
 ) -> None:
     """The server dies after it has got the write, and its successor answers the repeat."""
-    answer = {"v": 1, "instance": "one" if shared_instance else "two", "stored": b"\1"}
+    instance = "one" if shared_instance else "two"
+    answer = wire.pack({"v": 1, "instance": instance, "stored": b"\1"})
 
     class OverZenoh(Queries):
         def __init__(self) -> None:
             self._server = "the server"
 
-        def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> wire.Message:
+        def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes:
             return answer
 
     path = str(socket_folder / "main.sock")

@@ -51,10 +51,11 @@ class Peers:
                 chunks = str(step.key).split("/")
                 where = "near" if "at" in chunks else "far"
                 if chunks[-1] == "hello":
-                    outcome = {"v": 1, "instance": "one", "value": LIMITS}
+                    outcome = wire.pack({"v": 1, "instance": "one", "value": LIMITS})
                     continue
                 self.asked.append(wire.unpack(step.payload))
-                outcome = {"v": 1, "instance": "one", "value": {}} | replies[where]
+                reply = {"v": 1, "instance": "one", "value": {}} | replies[where]
+                outcome = wire.pack(reply)
         except StopIteration as end:
             return end.value
 

@@ -56,6 +56,7 @@ def test_golden_lookup() -> None:
         "a6736f75726365c40401000000a57374616d70c4080700000000000000"
     )
     assert wire.pack(wire.one_read("map", "base", wire.OP_AT, 7)).hex() == golden
+    assert wire.pack_one_read("map", "base", wire.OP_AT, 7).hex() == golden
     lookup = wire.parse_lookup(wire.unpack(bytes.fromhex(golden)))
     assert wire.pack(wire.lookup_body(lookup)).hex() == golden
     assert lookup.names == ["map", "base"]

@@ -43,6 +43,13 @@ NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 
+# A lookup of one row. None: the message is not of the plain form, or the lookup fails.
+def pack_single_lookup(target: str, source: str, op: int, stamp_ns: int) -> bytes | None: ...
+def reply_to_lookup(tree: Tree, message: bytes, instance: str) -> bytes | None: ...
+def parse_single_answer(  # (stamp, newest stamp, pose), of a reply of this server instance
+    reply: bytes, instance: str
+) -> tuple[int, int, Transform] | None: ...
+
 class Budget:
     """What one message to the server may still cost. To take more than is left raises
     `LimitExceeded`, which names the limit."""

@@ -15,7 +15,7 @@ from typing import Final
 import zenoh
 from zenoh.handlers import Callback
 
-from . import keys, wire
+from . import keys
 from .errors import ServerUnavailable
 
 #: The error reply that Zenoh makes up when no server replies in time.
@@ -48,12 +48,11 @@ class Queries:
         self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         self._server = server
 
-    def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> wire.Message | NoReply:
-        """Send a request, and return the first reply, or why there is none.
+    def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | NoReply:
+        """Send a request, and return the bytes of the first reply, or why there is none.
 
         Raises:
             ServerUnavailable: The session is closed.
-            ProtocolError: The reply is malformed.
         """
         parts: ReplyParts | None = None
         data: bytes | None = None
@@ -76,7 +75,7 @@ class Queries:
                         break
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._server}: {error}") from error
-        return self.message(data, timeout_s)
+        return self.outcome(data, timeout_s)
 
     def send(
         self,
@@ -111,18 +110,14 @@ class Queries:
         except zenoh.ZError as error:
             raise ServerUnavailable(f"{self._server}: {error}") from error
 
-    def message(self, data: bytes | None, timeout_s: float) -> wire.Message | NoReply:
-        """Return the message in a reply's payload; None stands for a query without a reply.
-
-        Raises:
-            ProtocolError: The reply is malformed.
-        """
+    def outcome(self, data: bytes | None, timeout_s: float) -> bytes | NoReply:
+        """Return a reply's payload, or why there is none; None stands for a query without one."""
         if data is None:
             # Zenoh ends a query at once if no server is there, or when the server goes away.
             return self.went_away()
         if data == ZENOH_TIMEOUT:
             return self.timed_out(timeout_s)
-        return wire.unpack(data, wire.MAX_REPLY_BYTES)
+        return data
 
     def went_away(self) -> NoReply:
         """Return what a request ends with if the server goes away before it answers."""

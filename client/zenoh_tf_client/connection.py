@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from typing import Final, TypeVar
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import keys, zenoh_config
 from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf.queries import NoReply, Queries
@@ -158,7 +158,7 @@ class Connection:
 
     def _take(self, steps: Steps[T]) -> T:
         """Take the steps one after another, and return their result."""
-        outcome: wire.Message | NoReply | None = None
+        outcome: bytes | NoReply | None = None
         error: TransformException | None = None
         while True:
             try:

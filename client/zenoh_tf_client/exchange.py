@@ -23,7 +23,6 @@ from zenoh_tf import keys, wire
 from zenoh_tf.errors import (
     LimitExceeded,
     OutcomeUnknown,
-    ReplicaBehind,
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
@@ -36,7 +35,7 @@ from .access import Access
 from .request import Request
 from .seen_states import SeenStates
 from .server_info import Replica, ServerInfo, parse_server_info
-from .steps import Ask, Pause, Steps
+from .steps import Ask, Pause, Steps, decode
 
 T = TypeVar("T")
 
@@ -101,9 +100,7 @@ class Exchange:
         request = self._hello_request()
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
-        if timeout_s is None:
-            timeout_s = self._timeout_s
-        reply = yield Ask(self._keys["hello"], payload, timeout_s)
+        reply = decode((yield Ask(self._keys["hello"], payload, timeout_s or self._timeout_s)))
         self._note(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
@@ -126,8 +123,7 @@ class Exchange:
 
         Raises ServerUnavailable if neither answers within `timeout_s`, or the usual time-out.
         """
-        if timeout_s is None:
-            timeout_s = self._timeout_s
+        timeout_s = timeout_s or self._timeout_s
         deadline_s = time.monotonic() + timeout_s
         replica = yield from self._find_replica(timeout_s)
         if replica is not None:
@@ -146,7 +142,7 @@ class Exchange:
             }
             request = self._hello_request()
             # Zenoh ends the query at once if nobody has this key.
-            reply = yield Ask(near["hello"], wire.pack(request.body()), timeout_s)
+            reply = decode((yield Ask(near["hello"], wire.pack(request.body()), timeout_s)))
             if not isinstance(reply, NoReply) and "error" not in reply:
                 value = request.parse(reply)
                 self.reads_may_be_old = True
@@ -181,52 +177,65 @@ class Exchange:
     def _read(self, request: Request[T]) -> Steps[T]:
         timeout_s = self._timeout_s + request.wait_s
         deadline_s = time.monotonic() + timeout_s
-        body = request.body()
         behind: wire.Message | None = None  # the replica's refusal
         if self.server is None or self.replica is not None:  # not the common case
-            found = yield from self._read_replica(request.kind, body, deadline_s)
-            if found is not None and not _is_behind(found):
+            found = yield from self._read_replica(request, deadline_s)
+            if found is not None and not wire.is_behind(found):
                 wire.raise_error(found)
                 return request.parse(found)
             behind = found
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
-        key = self._keys[request.kind] if self.access is None else self._key(request.kind, body)
+        key = self._key(request)
         seen = self.seen.least
-        payload = self._pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
-        reply: wire.Message | NoReply = yield Ask(key, payload, timeout_s)
-        if not self._is_final(reply):
-            reply = yield from self._until_served(reply, key, payload, deadline_s)
-            if isinstance(reply, NoReply):
+        if self.reads_may_be_old:
+            payload = wire.pack(request.body() | {wire.WITH_SEQ: True})
+        else:
+            payload = request.payload()
+        self._check_size(payload)
+        reply: bytes | NoReply = yield Ask(key, payload, timeout_s)
+        server = self.server
+        if server is not None and type(reply) is bytes:
+            plain = request.parse_plain(reply, server.instance)
+            if plain is not None:  # the common case
+                self.replica_age_s = None
+                yield from self._keep_in_touch()
+                return plain[0]
+        message = decode(reply)
+        if not self._is_final(message):
+            message = yield from self._until_served(message, key, payload, deadline_s)
+            if isinstance(message, NoReply):
                 if behind is not None:
                     wire.raise_error(behind)
-                if reply.at_once:
-                    yield from self._check_new_rules(request.kind, body)
-                raise ServerUnavailable(reply.reason)
+                if message.at_once:
+                    yield from self._check_new_rules(request)
+                raise ServerUnavailable(message.reason)
         self.replica_age_s = None
-        if self.reads_may_be_old and type(reply.get("seq")) is int:
-            self.seen.note_server(wire.text(reply, "instance"), reply["seq"], seen)
+        if self.reads_may_be_old and type(message.get("seq")) is int:
+            self.seen.note_server(wire.text(message, "instance"), message["seq"], seen)
             if self.replica is not None:
                 self.seen.await_replica()
-        if time.monotonic() >= self._next_hello_s:
-            with contextlib.suppress(TransformException):  # the read itself was answered
-                yield from self.hello(_CLOCK_TIMEOUT_S)
-                if self.replica is None:  # one may have come
-                    yield from self._find_replica(_CLOCK_TIMEOUT_S)
-        if "error" in reply:
-            wire.raise_error(reply)
-        return request.parse(reply)
+        yield from self._keep_in_touch()
+        wire.raise_error(message)
+        return request.parse(message)
 
-    def _read_replica(
-        self, operation: str, body: wire.Message, deadline_s: float
-    ) -> Steps[wire.Message | None]:
+    def _keep_in_touch(self) -> Steps[None]:
+        """Say hello again if it is time for it, after a read that was answered."""
+        if time.monotonic() < self._next_hello_s:
+            return
+        with contextlib.suppress(TransformException):
+            yield from self.hello(_CLOCK_TIMEOUT_S)
+            if self.replica is None:  # one may have come
+                yield from self._find_replica(_CLOCK_TIMEOUT_S)
+
+    def _read_replica(self, request: Request[Any], deadline_s: float) -> Steps[wire.Message | None]:
         """Look for what answers if that is not known, and ask the replica if there is one. None:
         the server is to be asked."""
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):
                 yield from self.greet(self._timeout_s * _FIND_SHARE)
-        if self.replica is None or operation not in self.replica.keys:
+        if self.replica is None or request.kind not in self.replica.keys:
             return None
-        found = yield from self._read_near(self.replica, operation, body, deadline_s)
+        found = yield from self._read_near(self.replica, request, deadline_s)
         if not isinstance(found, NoReply):
             return found
         if not found.at_once:
@@ -234,33 +243,34 @@ class Exchange:
         return None
 
     def _read_near(
-        self, replica: Replica, operation: str, body: wire.Message, deadline_s: float
+        self, replica: Replica, request: Request[Any], deadline_s: float
     ) -> Steps[wire.Message | NoReply]:
         """Ask the replica; its refusal is the outcome if it does not get what the client must
         see soon."""
         awaited, least = self.seen.awaited, self.seen.least  # in this order
+        body = request.body()
         if least is not None:
             body = body | wire.least(least.instance, least.seq)
-        payload = self._pack(body)
+        payload = self._check_size(wire.pack(body))
         pauses = iter(_CATCH_UP_S)
         while True:
             left_s = max(deadline_s - time.monotonic(), 0.001)
-            key = replica.keys[operation]
-            reply = yield Ask(key, payload, left_s)
+            key = replica.keys[request.kind]
+            reply = decode((yield Ask(key, payload, left_s)))
             reply = yield from self._until_served(reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
                 self.replica = None
                 return reply
-            pause_s = next(pauses, None) if _is_behind(reply) else None
+            pause_s = next(pauses, None) if wire.is_behind(reply) else None
             if pause_s is None:
                 break
             yield Pause(pause_s)
-        if awaited is not None and not _is_behind(reply):
+        if awaited is not None and not wire.is_behind(reply):
             self.seen.caught_up(awaited)
         instance = reply.get("instance")
         told = wire.parse_replica(reply)
         self.replica_age_s = None if told is None else told[1] / 1e9
-        if told is not None and self.seen.is_news(instance, told[2]) and not _is_behind(reply):
+        if told is not None and self.seen.is_news(instance, told[2]) and not wire.is_behind(reply):
             self.seen.note_read(wire.text(reply, "instance"), told[2])
         if type(instance) is str and instance != replica.server.instance:  # it follows another one
             self.replica = replace(replica, server=replace(replica.server, instance=instance))
@@ -286,16 +296,15 @@ class Exchange:
         server = self.server
         if server is None or time.monotonic() >= self._next_hello_s:
             server = yield from self.hello()  # for an expiry by the clocks as they are now
-        body = request.body()
-        key = self._key(request.kind, body)
+        key = self._key(request)
         now_ns = time.monotonic_ns()
         write = wire.write_fields(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
             now_ns + server.clock_offset_ns + self._timeout_ns,
             request.instance or server.instance,
         )
-        payload = self._pack(body | write)
-        reply: wire.Message | NoReply = yield Ask(key, payload, self._timeout_s)
+        payload = self._check_size(wire.pack(request.body() | write))
+        reply = decode((yield Ask(key, payload, self._timeout_s)))
         if not self._is_final(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.
             deadline_s = now_ns * 1e-9 + self._timeout_s
@@ -311,14 +320,14 @@ class Exchange:
             wire.raise_error(reply)
         return reply
 
-    def _key(self, operation: str, body: wire.Message) -> zenoh.KeyExpr:
+    def _key(self, request: Request[Any]) -> zenoh.KeyExpr:
         """The key of a request. Raises AccessDenied if the server's rules do not allow it."""
         access = self.access
         if access is None:
-            return self._keys[operation]
-        return zenoh.KeyExpr(access.key(operation, body))
+            return self._keys[request.kind]
+        return zenoh.KeyExpr(access.key(request.kind, request.body()))
 
-    def _check_new_rules(self, operation: str, body: wire.Message) -> Steps[None]:
+    def _check_new_rules(self, request: Request[Any]) -> Steps[None]:
         """Raise AccessDenied if the server was restarted with rules that do not allow a request.
 
         Zenoh gives no reply to a request that is denied, as if no server were there.
@@ -326,7 +335,7 @@ class Exchange:
         if self.server is None:
             with contextlib.suppress(ServerUnavailable):
                 yield from self.hello()
-                self._key(operation, body)
+                self._key(request)
 
     def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
         """Raise AccessDenied if the rules of a server instance, which never change, do not allow
@@ -336,7 +345,7 @@ class Exchange:
         with contextlib.suppress(ServerUnavailable):
             server = yield from self.hello(_CLOCK_TIMEOUT_S)
             if server.instance == (request.instance or instance):
-                self._key(request.kind, request.body())
+                self._key(request)
 
     def _until_served(
         self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float
@@ -357,7 +366,7 @@ class Exchange:
             if timeout_s <= 0:
                 return reply
             yield Pause(pause_s)
-            reply = yield Ask(key, payload, timeout_s)
+            reply = decode((yield Ask(key, payload, timeout_s)))
 
     def _is_final(self, reply: wire.Message | NoReply) -> TypeGuard[wire.Message]:
         """The common case: the known server has served the request."""
@@ -377,8 +386,8 @@ class Exchange:
         ):
             self.server = None  # the clock and limits of a new one are not known yet
 
-    def _pack(self, body: wire.Message) -> bytes:
-        payload = wire.pack(body)
+    def _check_size(self, payload: bytes) -> bytes:
+        """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
         server = self.server
         if server is not None and len(payload) > server.message_bytes:
             raise LimitExceeded(
@@ -389,9 +398,3 @@ class Exchange:
                 value=len(payload),
             )
         return payload
-
-
-def _is_behind(reply: wire.Message) -> bool:
-    """Whether a replica refuses a read because it lacks what the client must see."""
-    error = reply.get("error")
-    return type(error) is dict and error.get("code") == ReplicaBehind.code

@@ -153,7 +153,7 @@ class LocalRequests:
 
     def ask(
         self, server: ServerInfo | None, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
-    ) -> wire.Message | NoReply:
+    ) -> bytes | NoReply:
         """As `Queries.ask`. `server`: the one that answered last; None if that is not known."""
         if (
             server is None
@@ -186,11 +186,13 @@ class LocalRequests:
                 self._drop_idle()
             if data:
                 self.replies += 1
-                return wire.unpack(data, wire.MAX_REPLY_BYTES)
+                return data
         reply = self._queries.ask(key, payload, max(deadline_s - time.monotonic(), 0.001))
-        if sent and not isinstance(reply, NoReply) and reply.get("instance") != server.instance:
-            # Only the server that is gone could tell what became of the request.
-            return self._queries.went_away()
+        if sent and type(reply) is bytes:
+            message = wire.unpack(reply, wire.MAX_REPLY_BYTES)
+            if message.get("instance") != server.instance:
+                # Only the server that is gone could tell what became of the request.
+                return self._queries.went_away()
         return reply
 
     def close(self) -> None:

@@ -152,12 +152,12 @@ def lookup_velocity(
     return Call("info", body, parse)
 
 
-def _stamped(row: columns.Row, stamp_ns: int, _: int, pose: wire.Pose) -> StampedTransform:
-    return StampedTransform(row[0], row[1], stamp_ns, Transform.from_pose(pose))
+def _stamped(row: columns.Row, stamp_ns: int, _: int, pose: Transform) -> StampedTransform:
+    return StampedTransform(row[0], row[1], stamp_ns, pose)
 
 
-def _latest(row: columns.Row, stamp_ns: int, newest_ns: int, pose: wire.Pose) -> LatestTransform:
-    return LatestTransform(row[0], row[1], stamp_ns, Transform.from_pose(pose), newest_ns)
+def _latest(row: columns.Row, stamp_ns: int, newest_ns: int, pose: Transform) -> LatestTransform:
+    return LatestTransform(row[0], row[1], stamp_ns, pose, newest_ns)
 
 
 def _yes(*_: object) -> bool:

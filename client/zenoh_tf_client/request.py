@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
-from zenoh_tf import wire
+from zenoh_tf import Transform, wire
+from zenoh_tf._core import parse_single_answer
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 
 from . import columns
@@ -55,6 +56,15 @@ class Request(ABC, Generic[T]):
     def parse(self, reply: wire.Message) -> T:
         """Return the result in a reply, or raise its error."""
 
+    def payload(self) -> bytes:
+        """The bytes of the message."""
+        return wire.pack(self.body())
+
+    def parse_plain(self, reply: bytes, instance: str) -> tuple[T] | None:
+        """The result in the bytes of a reply. None: they are not from this server instance, or
+        need to be decoded for `parse`."""
+        return None
+
 
 @dataclass(slots=True)
 class Call(Request[T]):
@@ -79,7 +89,7 @@ def _raise(error: TransformException) -> Any:
 
 
 #: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result
-Convert = Callable[[columns.Row, int, int, wire.Pose], T]
+Convert = Callable[[columns.Row, int, int, Transform], T]
 
 
 @dataclass(slots=True)
@@ -107,8 +117,18 @@ class Read(Request[T]):
     def parse(self, reply: wire.Message) -> T:
         one = wire.parse_one_answer(reply)
         if one is not None:
-            return self.convert(self.row, *one)
+            stamp_ns, newest_ns, pose = one
+            return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose))
         return self.answer(wire.parse_lookup_reply(reply, 1))
+
+    def payload(self) -> bytes:
+        if self.wait_s:
+            return wire.pack(self.body())
+        return wire.pack_one_read(*self.row)
+
+    def parse_plain(self, reply: bytes, instance: str) -> tuple[T] | None:
+        answer = parse_single_answer(reply, instance)
+        return None if answer is None else (self.convert(self.row, *answer),)
 
     def lookup(self) -> wire.Lookup:
         """Return the row as columns."""
@@ -121,7 +141,9 @@ class Read(Request[T]):
     def result(self, answer: wire.AnswerRow) -> T:
         """Return the result in one row of a reply, or raise its error."""
         error, stamp_ns, newest_ns, pose = answer
-        return self.failed(error) if error else self.convert(self.row, stamp_ns, newest_ns, pose)
+        if error:
+            return self.failed(error)
+        return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose))
 
 
 @dataclass(slots=True)

@@ -8,12 +8,15 @@ from typing import Any, TypeVar
 
 import zenoh
 
+from zenoh_tf import wire
+from zenoh_tf.queries import NoReply
+
 T = TypeVar("T")
 
 
 @dataclass(slots=True)  # a frozen one takes three times as long to make
 class Ask:
-    """A step: send a query. Its outcome is the reply, or a `NoReply`."""
+    """A step: send a query. Its outcome is the reply's bytes, or a `NoReply`."""
 
     key: zenoh.KeyExpr
     payload: bytes
@@ -29,3 +32,8 @@ class Pause:
 
 #: The steps to a result. An error of a step is raised where the generator yielded it.
 Steps = Generator[Ask | Pause, Any, T]
+
+
+def decode(outcome: bytes | NoReply) -> wire.Message | NoReply:
+    """The message in the outcome of a query. Raises ProtocolError if it is malformed."""
+    return outcome if isinstance(outcome, NoReply) else wire.unpack(outcome, wire.MAX_REPLY_BYTES)

@@ -33,7 +33,7 @@ _TIMEOUT_S: Final = 5.0
 _JOIN_TIMEOUT_S: Final = 0.2
 #: Any name will do; the tree need not have such a frame.
 _FRAME: Final = "zenoh-tf-health"
-_REQUEST: Final = wire.pack(wire.one_read(_FRAME, _FRAME, wire.OP_COMMON, wire.NO_STAMP))
+_REQUEST: Final = wire.pack_one_read(_FRAME, _FRAME, wire.OP_COMMON, wire.NO_STAMP)
 
 log = logging.getLogger("zenoh_tf.server.health")
 

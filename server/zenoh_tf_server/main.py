@@ -20,7 +20,7 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf.text import printable
 
 from . import flags, logs, security
-from .free_memory import limit_heaps
+from .free_memory import set_up_heaps
 from .metrics import MetricsMissing
 from .network import NetworkError, set_receive_threads
 from .operations import Operations
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if warning is not None:
         log.warning(warning)
     set_receive_threads()
-    limit_heaps()
+    set_up_heaps()
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))

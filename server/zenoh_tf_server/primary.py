@@ -126,5 +126,6 @@ class Primary:
         reply = self._queries.ask(key, wire.pack(body), timeout_s)
         if isinstance(reply, NoReply):
             raise ServerUnavailable(reply.reason)
-        wire.raise_error(reply)
-        return reply
+        message = wire.unpack(reply, wire.MAX_REPLY_BYTES)
+        wire.raise_error(message)
+        return message

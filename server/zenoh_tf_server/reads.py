@@ -24,15 +24,14 @@ class Reads:
         self._limits = limits
 
     def one(
-        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget | None = None
+        self, target: str, source: str, op: int, stamp_ns: int, budget: Budget
     ) -> wire.Message | None:
-        """Fast path of a single lookup without options: the reply's fields, or None if the lookup
-        fails or is of another kind. The general path then finds out why."""
+        """Fast path of a single lookup of a batch, without options: the reply's fields, or None if
+        the lookup fails or is of another kind. The general path then finds out why."""
         tree = self._tree
         newest_ns = None
         try:
-            if budget is not None:
-                budget.take_links(tree._links((target, source)) + 1)
+            budget.take_links(tree._links((target, source)) + 1)
             if op == wire.OP_AT and stamp_ns != wire.NO_STAMP:
                 found = tree.lookup_transform(target, source, stamp_ns)
             elif op == wire.OP_COMMON:

@@ -16,6 +16,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import TransformTree, handover, wire
+from zenoh_tf._core import reply_to_lookup
 from zenoh_tf.errors import TransactionConflict, TransformException
 
 from .admin_requests import AdminRequests
@@ -109,6 +110,12 @@ class Service:
         """
         counts = self.requests.begin()
         try:
+            if operation == "lookup":
+                reply = reply_to_lookup(self.tree, payload, self.instance)
+                if reply is not None:  # the common case
+                    reply_to(reply, False)
+                    counts.end(operation)
+                    return
             message = self.limits.unpack(payload, operation == "batch")
             if operation in self.guard.checked:
                 self.guard.check(operation, chunk, message)
@@ -184,12 +191,6 @@ class Service:
     # --- reads
 
     def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        one = wire.parse_one_read(message)
-        if one is not None and (found := self._reads.one(*one)) is not None:
-            found["v"] = wire.VERSION
-            found["instance"] = self.instance
-            reply_to(wire.pack(found), False)
-            return
         lookup = wire.parse_lookup(message)
         self.limits.check("rows", lookup.rows)
         budget = self.limits.budget()

@@ -17,5 +17,6 @@ NB_MODULE(_core, m) {
   ztf::bind_interest_reader(m);
   ztf::bind_message_size(m);
   ztf::bind_join_buffers(m);
+  ztf::bind_single_lookup(m);
   ztf::bind_cdr(m);
 }

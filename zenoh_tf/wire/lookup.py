@@ -1,7 +1,8 @@
 """Lookup messages: any number of reads as columns (docs/protocol.md, "lookup").
 
 A single read has a fast path without numpy, which would be most of its cost: `one_read`,
-`parse_one_read`, `one_answer` and `parse_one_answer`. Its messages are the same.
+`parse_one_read`, `one_answer` and `parse_one_answer`. Its messages are the same. If it has no
+optional field, the native module packs and parses it (`core/single_lookup.hpp`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import pack_single_lookup
 from ..errors import BY_CODE, TransformException
 from .error_codec import decode_error, encode_error, raise_error
 from .fields import (
@@ -29,6 +31,7 @@ from .fields import (
     integer,
     items,
     malformed,
+    pack,
     raw,
     texts,
 )
@@ -89,6 +92,12 @@ def one_read(target: str, source: str, op: int, stamp_ns: int) -> Message:
         "source": _SECOND,
         "stamp": _STAMP.pack(stamp_ns),
     }
+
+
+def pack_one_read(target: str, source: str, op: int, stamp_ns: int) -> bytes:
+    """The bytes of a single read. Raises InvalidArgumentException as `pack`."""
+    packed = pack_single_lookup(target, source, op, stamp_ns)
+    return packed or pack(one_read(target, source, op, stamp_ns))
 
 
 def lookup_body(lookup: Lookup) -> Message:

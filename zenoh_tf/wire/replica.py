@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from ..errors import ReplicaBehind
 from .fields import Message, integer, mapping, pack
 
 #: Of a reply: a map with `seq`, the number of a commit that the read has seen; `reach`, the number
@@ -48,3 +49,9 @@ def parse_replica(reply: Message) -> tuple[int, int, int] | None:
     told = mapping(reply, REPLICA)
     seq = integer(told, "seq", low=0)
     return seq, integer(told, "age_ns", low=0), integer(told, "reach", seq, low=0)
+
+
+def is_behind(reply: Message) -> bool:
+    """Whether a replica refuses a read because it lacks what the client must see."""
+    error = reply.get("error")
+    return type(error) is dict and error.get("code") == ReplicaBehind.code

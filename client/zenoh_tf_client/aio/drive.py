@@ -65,12 +65,7 @@ class Drive(ABC):
         if isinstance(outcome, TransformException):
             self._go_on(None, outcome)
             return
-        try:
-            reply = self._transport.queries.message(outcome, self._timeout_s)
-        except TransformException as error:
-            self._go_on(None, error)
-        else:
-            self._go_on(reply)
+        self._go_on(self._transport.queries.outcome(outcome, self._timeout_s))
 
     def _stop_waiting(self) -> None:
         if self._query is not None:
