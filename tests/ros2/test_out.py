@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -131,6 +132,69 @@ def test_nothing_is_published_twice_and_nothing_of_ros_comes_back(
     assert [each.name for each in tf.authorities() if each.name.startswith("ros2")] == [
         "ros2:0/robot"
     ]
+
+
+def test_servers_on_one_network_take_each_message_once(
+    server: ServerProcess, tf: TransformClient, start_server: StartServer
+) -> None:
+    flags = ("--ros2", "--ros2-publish", "--connect", server.endpoint)
+    other = start_server(*flags, endpoint=server.endpoint, tree="other")
+    with other.connect() as there:
+        for child in ("warm", "camera"):
+            tf.set_transform(StampedTransform("base", child, 5, TURNED), "maker", static=True)
+            assert position(there, "base", child) == [1.0, 2.0, 3.0]
+        there.set_transform(StampedTransform("base", "lidar", 5, TURNED), static=True)
+        assert position(tf, "base", "lidar") == [1.0, 2.0, 3.0]
+        for _ in range(10):
+            stamp_ns = time.time_ns()
+            tf.set_transform(StampedTransform("map", "drone", stamp_ns, TURNED), "pilot")
+            wait_for(partial(is_at, there, "drone", stamp_ns))
+        names = [each.name for each in tf.authorities()]
+        assert "ros2:0/zenoh_tf" in names and not any("dds" in name for name in names)
+        (heard,) = (each for each in there.authorities() if each.name)
+        assert heard.name == "ros2:0/zenoh_tf" and heard.conflicts == 0
+        assert heard.stored == 12
+
+
+def is_at(tf: TransformClient, frame: str, stamp_ns: int) -> bool:
+    return frame in tf.frames() and tf.frame(frame).newest_stamp_ns == stamp_ns
+
+
+def test_what_comes_back_through_a_robots_server_is_not_published_again(
+    start_server: StartServer, start_peer: StartPeer
+) -> None:
+    """A site publishes a robot's frames; the robot's server takes them from there, and so the site
+    gets them once more."""
+    robot = start_server("--ros2")
+    flags = ("--ros2-publish", "--mirror-of", f"r={robot.endpoint}", "--connect", robot.endpoint)
+    site = start_server(*flags, endpoint=robot.endpoint, tree="site")
+    with robot.connect() as here, site.connect() as there:
+
+        def echoes(least: int = 0) -> int:
+            found = sum(each.stored for each in there.authorities() if ":ros2:" in each.name)
+            return found if found >= least else 0
+
+        def published() -> int:
+            return int(there.stats()["ros2_published_transforms"])
+
+        def heard() -> bool:  # before, the site may not know yet that somebody listens
+            here.set_transform(StampedTransform("map", "drone", time.time_ns(), TURNED))
+            return echoes() > 0
+
+        wait_for(heard)
+        for number in (1, 2, 3):
+            moved = StampedTransform("map", "fixed", number, Transform((number, 0, 0)))
+            here.set_transform(moved, static=True)
+            wait_for(partial(is_at, here, "r/fixed", number))
+        for number in range(3):
+            before, echoed = published(), echoes()
+            here.set_transform(StampedTransform("map", f"last{number}", 1, TURNED))
+            # Published once, and the echo is here before anything else is set.
+            wait_for(partial(echoes, echoed + 1))
+            assert published() == before + 1
+        late = start_peer(robot.endpoint)
+        late.listen("tf_static", False)
+        wait_for(lambda: last_rows(late) == [["r/map", "r/fixed", 3, [3, 0, 0, 0, 0, 0, 1]]])
 
 
 def by(peer: Peer, node: str) -> list[Any]:

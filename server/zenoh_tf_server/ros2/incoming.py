@@ -82,6 +82,8 @@ class Incoming:
         puts: list[Put] = []
         for message in messages:
             source = self._publishers.source(message)
+            if source.is_copy:
+                continue
             decode = source.decode or self._add_decoder(source)
             size = len(message.payload)
             payload = message.payload if size > LARGE_BYTES else message.payload.to_bytes()
@@ -99,8 +101,12 @@ class Incoming:
     def _take_statics(self, messages: list[Received], *, wait: bool) -> None:
         """Put what is new in messages of `/tf_static`. What cannot be decoded is left to the put
         queue, which refuses it as any put."""
+        accepted = 0
         for message in messages:
             source = self._publishers.source(message)
+            if source.is_copy:
+                continue
+            accepted += 1
             decode = source.decode or self._add_decoder(source)
             size = len(message.payload)
             put = Put(source.authority, True, message.payload, size, time.time_ns(), decode)
@@ -117,7 +123,7 @@ class Incoming:
                     put = news
             self._ingest.add([put], wait=wait)
         with self._lock:
-            self._counts["ros2_messages"] += len(messages)
+            self._counts["ros2_messages"] += accepted
 
     def _add_decoder(self, source: Source) -> Decode:
         source.decode = self._decoder(source)

@@ -5,7 +5,8 @@ whenever one changes, and late subscribers get them again: tf2 merges what it ge
 keeps only the last message. Humble knows another key than later releases, and bridges a third one,
 so each message is put on all three; without a subscriber that costs nothing.
 
-No loops: what came from ROS 2 has such an authority, and is not published.
+No loops: what came from ROS 2 has such an authority, and is not published, nor is what a robot's
+server has got in this way from a server like this one.
 
 Thread safety: all methods.
 """
@@ -35,10 +36,8 @@ from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
 from ..rate_limited_log import RateLimitedLog
 from ..static_links import StaticLinks
 from ..tree_commits import Stores
-from .publishers import AUTHORITIES
+from .publishers import AUTHORITIES, NODE, is_echo
 
-#: The name of this node for others, for instance in `ros2 node list`.
-NODE: Final = "zenoh_tf"
 #: Reliable, volatile and transient local, as tf2's broadcasters; see docs/ros2.md.
 _QOS: Final = {"tf": "1:2:1,100:,:,:,,", "tf_static": "1:1:1,1:,:,:,,"}
 #: Transforms that wait for their turn; the oldest commits make room.
@@ -54,12 +53,14 @@ _Row = tuple[str, int, Any]  # parent, stamp in ns, pose
 
 
 class _Peer:
-    """One publisher of a topic: on one key, for one kind of receivers."""
+    """One publisher of a topic: on one key, for one kind of receivers. All say which session sends,
+    so that another server knows them for copies of one message."""
 
     def __init__(self, session: zenoh.Session, key: str, token: str | None, latched: bool) -> None:
         self._gid = (attachment.gid_of(token) if token else None) or uuid.uuid4().bytes
         self._number = 0
         self._sends_attachment = token is not None
+        self._is_latched = latched
         self.publisher: Any
         if latched:
             self.publisher = ext.declare_advanced_publisher(
@@ -87,9 +88,13 @@ class _Peer:
     def put(self, payload: bytes) -> None:
         self._number += 1  # rmw_zenoh begins with 1
         mark = Attachment(self._number, time.time_ns(), self._gid)
-        self.publisher.put(
-            payload, attachment=attachment.encode(mark) if self._sends_attachment else None
-        )
+        about: dict[str, Any] = {}
+        if self._sends_attachment:
+            about["attachment"] = attachment.encode(mark)
+        if not self._is_latched:  # an advanced publisher says it by itself
+            number = self._number % (1 << 32)
+            about["source_info"] = zenoh.SourceInfo(self.publisher.id, number)
+        self.publisher.put(payload, **about)
 
 
 class Outgoing:
@@ -116,6 +121,7 @@ class Outgoing:
         self._tokens: list[zenoh.LivelinessToken] = []
         self._peers: dict[str, list[_Peer]] = {}
         self._statics: TfMessage | None = None
+        self._static_rows: dict[str, _Row] = {}  # in it, and what ROS 2 cannot express
         self._statics_change = -1
         self._messages = self._transforms = self._left_out = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
@@ -151,7 +157,7 @@ class Outgoing:
 
     def committed(self, commit: wire.Commit, stored: Stores) -> None:
         """Take note of a commit that the tree has applied."""
-        if commit.static or commit.authority.startswith(AUTHORITIES):
+        if commit.static or commit.authority.startswith(AUTHORITIES) or is_echo(commit.authority):
             return
         with self._lock:
             self._commits.append((commit, stored))
@@ -221,12 +227,14 @@ class Outgoing:
         change = self._links.changes
         if change == self._statics_change:
             return
-        found = _Encoded(self._all_statics())
+        rows = self._all_statics()
+        found = _Encoded(rows)
         self._count_left_out("tf_static", found)
         before = self._statics
         if not _same(before, found.message) if before is not None else found.message.names:
             self._put("tf_static", found)
             self._statics = found.message
+        self._static_rows = rows
         self._statics_change = change  # last: what has failed is tried again
 
     def _all_statics(self) -> dict[str, _Row]:
@@ -234,6 +242,10 @@ class Outgoing:
         for record in self._links.records():
             name, parent = record["name"], record["parent"]
             if record["authority"].startswith(AUTHORITIES) or not self._is_chosen(name):
+                continue
+            if is_echo(record["authority"]):
+                if name in self._static_rows:  # what is published stays: it is heard by late nodes
+                    found[name] = self._static_rows[name]
                 continue
             try:
                 link = self._tree.lookup_transform(parent, name)

@@ -9,6 +9,7 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections import OrderedDict
@@ -28,6 +29,11 @@ from ..rate_limited_log import RateLimitedLog
 
 #: What the authorities of ROS 2 publishers begin with.
 AUTHORITIES: Final = ("ros2:", "ros2dds:")
+#: The name of a server that publishes for others, for instance in `ros2 node list`.
+NODE: Final = "zenoh_tf"
+#: The authority of such a server at a robot's server, as it is at the site that gathers the robot
+#: (docs/federation.md).
+_PUBLISHED_BY_A_SERVER: Final = re.compile(rf":ros2:\d+/{NODE}(@|$)")
 #: Sources that are remembered.
 _MAX_SOURCES: Final = 4096
 _LONGEST_AUTHORITY: Final = 255
@@ -52,12 +58,18 @@ class Source:
     zid: str | None  # the Zenoh id of the session, if it is known
     gid: bytes | None
     topic: Topic
+    is_copy: bool = False  # a server of zenoh-tf, which sends the same on another key, too
     decode: Decode | None = None  # of its messages; the receiver sets it
 
     @property
     def identity(self) -> tuple[str, str]:
         """Stands for the publisher, as far as it can be told from others of its key."""
         return self.key, self.zid or (self.gid.hex() if self.gid else "")
+
+
+def is_echo(authority: str) -> bool:
+    """True if an authority is a robot's copy of what a server like this one publishes on ROS 2."""
+    return _PUBLISHED_BY_A_SERVER.search(authority) is not None
 
 
 class Publishers:
@@ -145,7 +157,8 @@ class Publishers:
             publisher = self._publisher(message)
             authority = self._authority(message, publisher)
             zid = publisher.zid if publisher is not None else message.zid
-            source = Source(authority, message.key, zid, message.gid, message.topic)
+            is_copy = not message.key.endswith(TF_MESSAGE.hash) and self._is_server(zid)
+            source = Source(authority, message.key, zid, message.gid, message.topic, is_copy)
             # Kept although a token may come later: a publisher must not change its name.
             self._sources[message.key, message.gid, message.zid] = source
             if len(self._sources) > _MAX_SOURCES:
@@ -173,7 +186,14 @@ class Publishers:
             found = [each for each in found if each.zid == message.zid]
         # The node that sends an id that no token has may have no token at all.
         has_own_id = message.gid is not None and bool(self._by_gid)
-        return found[0] if len(found) == 1 and not has_own_id else None
+        is_one = len({(each.zid, each.node) for each in found}) == 1
+        return found[0] if is_one and not has_own_id else None
+
+    def _is_server(self, zid: str | None) -> bool:
+        """True if a session is that of a server of zenoh-tf."""
+        return zid is not None and any(
+            each.zid == zid and each.node == f"/{NODE}" for each in self._by_token.values()
+        )
 
     def _authority(self, message: Received, publisher: Publisher | None) -> str:
         topic = message.topic
