@@ -17,14 +17,22 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from . import cases_cost, cases_data, cases_exit, cases_load, cases_memory, cases_replica
+from . import (
+    cases_connections,
+    cases_cost,
+    cases_data,
+    cases_exit,
+    cases_load,
+    cases_memory,
+    cases_replica,
+)
 from .arena import Arena
 from .results import Finding
 
 Case = Callable[[Arena], list[Finding]]
 MODULES: tuple[ModuleType, ...] = (
     *(cases_load, cases_cost, cases_data, cases_exit),
-    *(cases_memory, cases_replica),
+    *(cases_memory, cases_replica, cases_connections),
 )
 
 

@@ -1,4 +1,4 @@
-"""Attacks 15, 20, 21, 22 and 25: clients of replicas, mirrors and chains, and what they leave."""
+"""Attacks 15, 20, 21 and 22: clients of replicas, mirrors and chains, and what they leave."""
 
 from __future__ import annotations
 

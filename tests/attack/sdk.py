@@ -6,8 +6,10 @@ another checkout.
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import inspect
+import itertools
 import os
 import signal
 import sys
@@ -17,7 +19,7 @@ from collections.abc import Callable
 from typing import Any
 
 from zenoh_tf import StampedTransform, Transform, TransformException
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import AsyncTransformClient, TransformClient
 
 # A client that asks by queries, also of a version that has no other way.
 _HAS_CHOICE = "reads" in inspect.signature(TransformClient.connect).parameters
@@ -125,6 +127,58 @@ def print_reads(endpoint: str) -> None:
     with TransformClient.connect(endpoint) as tf:
         print(tf.reads, flush=True)
         time.sleep(600)
+
+
+# --- asyncio
+
+
+async def _asyncio_client(endpoint: str) -> AsyncTransformClient:
+    tf = await AsyncTransformClient.connect(endpoint, timeout_s=20.0, reads="query")
+    await tf.set_transform(StampedTransform("a", "b", 1, Transform()))
+    print("ready", flush=True)
+    await asyncio.to_thread(sys.stdin.readline)
+    return tf
+
+
+def asyncio_flood(endpoint: str) -> None:
+    """Calls without end, 5,000 at once."""
+
+    async def main() -> None:
+        tf = await _asyncio_client(endpoint)
+        while True:
+            calls = [tf.lookup_transform("a", "b") for _ in range(4900)]
+            sets = [
+                tf.set_transform(StampedTransform("a", f"flood {index}", 1, Transform()))
+                for index in range(100)
+            ]
+            await asyncio.gather(*calls, *sets, return_exceptions=True)
+
+    asyncio.run(main())
+
+
+def asyncio_cancels(endpoint: str) -> None:
+    """Calls without end that are cancelled at any point of their way."""
+
+    async def main() -> None:
+        tf = await _asyncio_client(endpoint)
+        for turn in itertools.count():
+            tasks = [
+                asyncio.create_task(call)
+                for index in range(100)
+                for call in (
+                    tf.lookup_transform("a", "b"),
+                    tf.lookup_transform("a", "never", timeout_s=600.0),
+                    tf.lookup_transform("a", "never", timeout_s=600.0),
+                    tf.frames(),
+                    tf.set_transform(StampedTransform("a", f"cancel {index}", 1, Transform())),
+                )
+            ]
+            await asyncio.sleep(turn % 20 * 0.002)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    asyncio.run(main())
 
 
 # --- programs whose exit status counts
