@@ -49,7 +49,8 @@ demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in und
 # Side by side by file, and then alone what looks at a clock. Status 5 is that of no test at all.
 WORKERS ?= 3
 # Where a system asks Python to keep no bytecode, each process of a test would compile the project.
-PYTEST := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache $(BIN)/python -m pytest
+CACHED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache
+PYTEST := $(CACHED) $(BIN)/python -m pytest
 define run_tests
 	@$(PYTEST) -n $(WORKERS) --dist loadfile -m "$(strip $(1)) not serial" $(ARGS) || [ $$? = 5 ]
 	@$(PYTEST) -m "$(strip $(1)) serial" $(ARGS) || [ $$? = 5 ]
@@ -109,15 +110,18 @@ coverage: native ## what the tests run of Python, servers included, and of the c
 mutants: native ## changes decisions of the core one by one; each must fail a C++ test; ARGS="walk replay" for some files
 	@$(LOCK) $(BIN)/python -m tests.mutation $(ARGS)
 
-# Prints how many percent survive, and each survivor in build/exchange.txt.
-mutants-client: native ## the same of the client's exchange, by cosmic-ray and tests/test_exchange.py
+MUTATED := build/mutants-client
+# Prints how many percent survive; build/mutants-client/survivors.txt has each survivor.
+mutants-client: native ## the same of the client's exchange, by cosmic-ray and tests/test_exchange*.py
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "cosmic-ray>=8.4"
-	@rm -f build/exchange.sqlite
-	@$(BIN)/cosmic-ray init tests/mutation/exchange.toml build/exchange.sqlite
-	@$(BIN)/cr-filter-operators build/exchange.sqlite tests/mutation/exchange.toml
-	@$(BIN)/cosmic-ray exec tests/mutation/exchange.toml build/exchange.sqlite
-	@$(BIN)/cr-report --show-diff --surviving-only build/exchange.sqlite > build/exchange.txt
-	@$(BIN)/cr-rate build/exchange.sqlite
+	@rm -rf $(MUTATED) && mkdir -p $(MUTATED)
+	@cp client/zenoh_tf_client/exchange.py $(MUTATED)
+	@$(BIN)/cosmic-ray init tests/mutation/exchange.toml $(MUTATED)/session.sqlite
+	@$(BIN)/cr-filter-operators $(MUTATED)/session.sqlite tests/mutation/exchange.toml
+	@$(CACHED) $(BIN)/cosmic-ray baseline tests/mutation/exchange.toml
+	@$(CACHED) $(BIN)/cosmic-ray exec tests/mutation/exchange.toml $(MUTATED)/session.sqlite
+	@$(BIN)/cr-report --show-diff --surviving-only $(MUTATED)/session.sqlite > $(MUTATED)/survivors.txt
+	@$(BIN)/cr-rate $(MUTATED)/session.sqlite
 
 attack: native ## every known attack on real servers, and the bounds they must keep; ARGS="--case 3a 13", ARGS="--python OTHER/.venv/bin/python"
 	@$(BIN)/python -m tests.attack $(ARGS)

@@ -4,93 +4,45 @@ again, to whom, and what a missing reply means."""
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from zenoh_tf import wire
+from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import (
+    AccessDenied,
     LimitExceeded,
     LookupException,
     OutcomeUnknown,
-    ReplicaBehind,
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
-    TransformException,
 )
-from zenoh_tf.queries import NoReply
-from zenoh_tf_client import info_requests, write_requests
+from zenoh_tf_client import columns, info_requests, write_requests
 from zenoh_tf_client.exchange import Exchange
-from zenoh_tf_client.steps import Ask, Pause, Steps
 
-TIMEOUT_S = 5.0
-SERVER_AHEAD_NS = 10**15
-Reply = Callable[[str, wire.Message], Any]
-
-
-def hello(instance: str = "one", **limits: int) -> wire.Message:
-    clock_ns = time.monotonic_ns() + SERVER_AHEAD_NS
-    value = {"tree": "main", "instance": instance, "clock_ns": clock_ns, "limits": limits}
-    return {"v": 1, "instance": instance, "value": value}
-
-
-def done(value: object = None, instance: str = "one", **more: Any) -> wire.Message:
-    return {"v": 1, "instance": instance, "value": value, **more}
-
-
-def failed(error: TransformException, instance: str = "one") -> wire.Message:
-    return wire.error_reply(instance, error)
+from .exchanges import (
+    SERVER_AHEAD_NS,
+    TIMEOUT_S,
+    WRITE,
+    Clock,
+    Script,
+    busy,
+    done,
+    failed,
+    greeted,
+    hello,
+    hello_at,
+    new,
+    no_reply,
+    stop_time,
+)
 
 
-class Script:
-    """Answers the queries of an exchange in turn, and keeps them."""
-
-    def __init__(self, *replies: Any) -> None:
-        self._replies = list(replies)
-        self.asked: list[tuple[str, wire.Message]] = []  # key without the tree, and message
-        self.timeouts_s: list[float] = []
-        self.pauses_s: list[float] = []
-
-    def run(self, steps: Steps[Any]) -> Any:
-        outcome: Any = None
-        while True:
-            try:
-                step = steps.send(outcome)
-            except StopIteration as end:
-                assert not self._replies, "it asked too little"
-                return end.value
-            if isinstance(step, Pause):
-                self.pauses_s.append(step.seconds)
-                outcome = None
-                continue
-            assert isinstance(step, Ask)
-            self.asked.append(
-                (str(step.key).removeprefix("tf/v1/main/"), wire.unpack(step.payload))
-            )
-            self.timeouts_s.append(step.timeout_s)
-            reply = self._replies.pop(0)
-            outcome = wire.pack(reply) if isinstance(reply, dict) else reply
-
-    @property
-    def keys(self) -> list[str]:
-        return [key for key, _ in self.asked]
-
-
-def greeted(**limits: Any) -> Exchange:
-    """An exchange that knows its server, and when it last asked for the clock."""
-    exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
-    Script(hello(**limits)).run(exchange.hello())
-    exchange._next_hello_s = time.monotonic() + 1000
-    return exchange
-
-
-def no_reply(at_once: bool = False) -> Any:
-    return NoReply("nothing came", at_once)
-
-
-WRITE = write_requests.clear()
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return stop_time(monkeypatch)
 
 
 def test_a_read_is_one_query() -> None:
@@ -198,39 +150,150 @@ def test_a_message_beyond_the_servers_limit_is_not_sent() -> None:
     assert script.asked == []
 
 
-def with_replica() -> Exchange:
-    exchange = greeted()
-    exchange.router = lambda: "0af3"
-    Script(hello()).run(exchange.greet())
-    exchange._next_greeting_s = time.monotonic() + 1000
-    return exchange
+# --- times
 
 
-NEAR: dict[str, Any] = {"replica": {"seq": 7, "age_ns": 2 * 10**9}}
+def test_how_long_queries_and_pauses_may_take(clock: Clock) -> None:
+    exchange = new(clock)
+    for wait_s in (0.0, 2.0):
+        call = replace(info_requests.frames(), wait_s=wait_s)  # type: ignore[type-var]
+        script = Script(busy(0.25), done(["map"]), clock=clock)
+        script.run(exchange.call(call))
+        left_s = TIMEOUT_S + wait_s - 1.0 - 0.75
+        assert (script.timeouts_s, script.pauses_s) == ([TIMEOUT_S + wait_s, left_s], [0.75])
+    script = Script(busy(0.25), done(), clock=clock)
+    script.run(exchange.call(WRITE))
+    assert script.timeouts_s == pytest.approx([TIMEOUT_S, TIMEOUT_S - 1.75])
+    for late_s in (0.0, 0.3):  # no time is left
+        script = Script(busy((TIMEOUT_S - 1.0 + late_s) / 3), clock=clock)
+        with pytest.raises(ServerBusy):
+            script.run(exchange.call(info_requests.frames()))
+        assert script.pauses_s == []
+    script = Script(busy(0.0), done(["map"]), clock=clock)  # at once
+    script.run(exchange.call(info_requests.frames()))
+    assert script.pauses_s == [0.0]
 
 
-def test_a_replica_answers_reads_and_sees_the_clients_writes() -> None:
-    exchange = with_replica()
-    script = Script(done(["map"], **NEAR))
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
-    assert script.keys == ["at/0af3/info"] and exchange.replica_age_s == 2.0
-    Script(done(seq=9)).run(exchange.call(WRITE))
-    assert exchange.seen.is_behind
-    script = Script(failed(ReplicaBehind("not yet")), done(["map"], **NEAR))
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
-    assert script.keys == 2 * ["at/0af3/info"] and len(script.pauses_s) == 1
-    assert wire.least("one", 9).items() <= script.asked[0][1].items()
-    assert not exchange.seen.is_behind
-
-
-def test_the_server_answers_what_the_replica_lacks() -> None:
-    exchange = with_replica()
-    Script(done(seq=5)).run(exchange.call(WRITE))
-    behind = failed(ReplicaBehind("not yet"))
-    script = Script(*4 * [behind], done(["map"]))
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
-    assert script.keys == [*4 * ["at/0af3/info"], "info"] and len(script.pauses_s) == 3
-    assert exchange.replica_age_s is None
-    script = Script(*4 * [behind], no_reply())
-    with pytest.raises(ReplicaBehind):
+def test_the_clock_is_asked_for_after_a_second_then_every_ten(clock: Clock) -> None:
+    exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
+    begin_s = clock.now_s
+    clock.QUERY_S = 0.25
+    script = Script(hello_at(clock), clock=clock)
+    script.run(exchange.hello())
+    assert script.timeouts_s == [TIMEOUT_S] and "round_trip_ns" not in script.asked[0][1]
+    for period_s in (1.0, 10.0, 10.0):
+        clock.now_s = begin_s + period_s - 0.375
+        script = Script(done(["map"]), clock=clock)
         script.run(exchange.call(info_requests.frames()))
+        clock.now_s = begin_s + period_s - 0.25  # when the reply is there, it is time
+        script = Script(done(["map"]), hello_at(clock), clock=clock)
+        script.run(exchange.call(info_requests.frames()))
+        assert script.keys == ["info", "hello"] and script.timeouts_s[1] == 0.5
+        assert script.asked[1][1]["round_trip_ns"] == 250_000_000
+        begin_s += period_s
+    clock.now_s = begin_s + 10.0
+    script = Script(hello_at(clock), done(), clock=clock)
+    script.run(exchange.call(WRITE))
+    assert script.keys == ["hello", "admin"]
+    clock.now_s += 20.0  # a read is answered all the same
+    script = Script(done(["map"]), no_reply(), clock=clock)
+    assert script.run(exchange.call(info_requests.frames())) == ["map"]
+    assert exchange.server is None
+
+
+def test_the_expiry_of_a_write_is_exact(clock: Clock) -> None:
+    exchange = new(clock)
+    ids = []
+    for _ in range(2):
+        now_ns = clock.monotonic_ns()
+        script = Script(done(), clock=clock)
+        script.run(exchange.call(WRITE))
+        ((_, body),) = script.asked
+        assert body["expires_ns"] == now_ns + SERVER_AHEAD_NS + int(TIMEOUT_S * 1e9)
+        ids.append(body["id"])
+    assert [int.from_bytes(each[8:], "big") for each in ids] == [0, 1]
+    assert {len(each) for each in ids} == {16} and len({each[:8] for each in ids}) == 1
+
+
+def test_a_message_as_long_as_the_limit_is_sent(clock: Clock) -> None:
+    length = len(wire.pack(info_requests.frames().body()))
+    script = Script(done(["map"]), clock=clock)
+    script.run(new(clock, message_bytes=length).call(info_requests.frames()))
+    with pytest.raises(LimitExceeded) as caught:
+        Script().run(new(clock, message_bytes=length - 1).call(info_requests.frames()))
+    assert caught.value.value == length
+
+
+# --- another instance, and rights
+
+DENIED: Any = {"may": [], "publish": []}
+
+
+@pytest.mark.parametrize("other", ["a", "z"])
+def test_a_reply_of_another_instance_is_not_the_known_servers(other: str) -> None:
+    exchange = greeted()
+    assert Script(done(["map"], other)).run(exchange.call(info_requests.frames())) == ["map"]
+    assert exchange.server is None
+    exchange = greeted()
+    Script(done(["map"])).run(exchange.call(info_requests.frames()))
+    assert exchange.server is not None
+
+
+def test_a_write_for_one_instance_goes_to_no_other() -> None:
+    rows = columns.commit([StampedTransform("map", "base", 1, Transform())], "", False)
+    exchange = greeted()
+    script = Script(failed(ServerRestarted("it is another one"), "two"))
+    with pytest.raises(ServerRestarted):
+        script.run(exchange.call(write_requests.commit(rows, "one")))
+    assert (script.keys, exchange.server) == (["commit"], None)
+    script = Script(hello("two"), failed(ServerRestarted("it is another one"), "two"))
+    with pytest.raises(ServerRestarted):
+        script.run(exchange.call(write_requests.commit(rows, "one")))
+    assert script.asked[1][1]["instance"] == "one"
+
+
+def test_rights_are_checked_before_a_request_is_sent(clock: Clock) -> None:
+    exchange = Exchange("main", "tcp/127.0.0.1:1", "ada", TIMEOUT_S)
+    Script(hello_at(clock, access=DENIED), clock=clock).run(exchange.hello())
+    exchange._next_hello_s = 1e9
+    for request in (WRITE, info_requests.frames()):
+        with pytest.raises(AccessDenied, match="user 'ada' may not"):
+            Script().run(exchange.call(request))
+    rights = {"may": ["clear", "read"], "publish": []}
+    Script(hello_at(clock, access=rights), clock=clock).run(exchange.hello())
+    exchange._next_hello_s = 1e9
+    read, write = Script(done(["map"]), clock=clock), Script(done(), clock=clock)
+    read.run(exchange.call(info_requests.frames()))
+    write.run(exchange.call(WRITE))
+    assert (read.keys, write.keys) == (["info"], ["admin/clear"])
+    Script(hello_at(clock), clock=clock).run(exchange.hello())  # without rules
+    assert exchange.access is None
+
+
+def test_a_request_that_ends_at_once_may_be_denied_by_now(clock: Clock) -> None:
+    for request, failure in ((WRITE, OutcomeUnknown), (info_requests.frames(), ServerUnavailable)):
+        denied = hello_at(clock, access=DENIED)
+        script = Script(no_reply(at_once=True), denied)
+        with pytest.raises(AccessDenied):
+            script.run(greeted().call(request))
+        assert script.keys[1] == "hello"
+        for reply in (hello_at(clock), no_reply()):  # still allowed, or not known
+            with pytest.raises(failure, match="nothing came"):
+                Script(no_reply(at_once=True), reply).run(greeted().call(request))
+        with pytest.raises(failure, match="nothing came"):  # the server may hang
+            Script(no_reply()).run(greeted().call(request))
+    script = Script(no_reply(at_once=True), denied)
+    with pytest.raises(AccessDenied):
+        script.run(greeted().call(WRITE))
+    assert script.timeouts_s[1] == 0.5
+    for other in ("a", "z"):  # whose rules say nothing of the one that got the write
+        with pytest.raises(OutcomeUnknown):
+            Script(no_reply(at_once=True), hello_at(clock, other, DENIED)).run(
+                greeted().call(WRITE)
+            )
+    rows = columns.commit([StampedTransform("map", "base", 1, Transform())], "", False)
+    for instance, outcome in (("one", AccessDenied), ("two", OutcomeUnknown)):
+        with pytest.raises(outcome):
+            Script(no_reply(at_once=True), hello_at(clock, access=DENIED)).run(
+                greeted().call(write_requests.commit(rows, instance))
+            )
