@@ -45,6 +45,17 @@ TEST(a_frame_that_would_be_too_deep_is_named) {
   CHECK_EQ(w.refusal({{"b1", "root", 4}, {"other", "top", 4}, {"root2", "a1", 4}}), Code::ok);
 }
 
+// A frame that is at the limit is not too deep.
+TEST(of_several_frames_the_first_that_is_too_deep_is_named) {
+  World w(Options{.max_depth = 3});
+  CHECK_EQ(w.refusal(chain("first", "a", 2)), Code::ok);
+  CHECK_EQ(w.refusal(chain("second", "b", 2)), Code::ok);
+  const auto rejected = w.commit({{"up", "first", 2}, {"up", "second", 2}, {"top", "up", 2}});
+  CHECK(rejected && rejected->frame == "first" && rejected->value == 4);
+  const auto other = w.commit({{"x", "first", 2}, {"up", "second", 2}, {"top", "up", 2}});
+  CHECK(other && other->frame == "second" && other->value == 4);
+}
+
 TEST(a_chain_at_the_limit_can_be_reversed) {
   World w(Options{.max_depth = 10});
   CHECK_EQ(w.refusal(chain("a0", "a", 10)), Code::ok);

@@ -94,6 +94,52 @@ TEST(a_full_frame_refuses_older_rows) {
   });
 }
 
+TEST(a_sample_at_the_newest_stamp_rewrites_it) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 1, at_x(1));
+    w.set("a", "b", 1, at_x(2));
+    CHECK_EQ(w.at("a", "b", 1).pose.x, 2);
+    CHECK_EQ(w.tree.info(w.id("b")).samples, 1u);
+    CHECK_EQ(w.tree.events(w.id("b")).rewritten.load(), 1u);
+  });
+}
+
+// Two samples that are far too old, one after the other, show that time was set back.
+TEST(a_history_begins_again_after_a_second_late_sample) {
+  for_each_concurrency([](Concurrency c) {
+    World w(Options{.cache_ns = 10, .concurrency = c, .clear_on_time_jump = true});
+    for (Stamp t = 1000; t < 1004; ++t) w.set("a", "b", t);
+    CHECK(!w.set("a", "b", 100));
+    CHECK(!w.set("a", "b", 100));  // it is no newer
+    w.set("a", "b", 1005);         // all is well
+    CHECK(!w.set("a", "b", 101));
+    CHECK(!w.set("a", "b", 112));  // more than the cache time apart
+    CHECK_EQ(w.tree.info(w.id("b")).newest, 1005);
+    CHECK(w.set("a", "b", 113, at_x(7)));
+    const FrameInfo info = w.tree.info(w.id("b"));
+    CHECK(info.samples == 1 && info.oldest == 113 && info.newest == 113);
+    CHECK_EQ(w.code(Op::at, "a", "b", 1003), Code::no_data);
+    CHECK_EQ(w.ask(Op::latest, "a", "b").pose.x, 7);
+    CHECK_EQ(w.tree.events(w.id("b")).time_jumps.load(), 1u);
+    CHECK(w.set("a", "b", 114));
+    CHECK_EQ(w.tree.info(w.id("b")).samples, 2u);
+  });
+}
+
+// Whatever its stamp is, as a static link counts at all times.
+TEST(a_static_link_replaces_newer_samples) {
+  for_each_concurrency([](Concurrency c) {
+    World w(c);
+    w.set("a", "b", 100);
+    CHECK(w.set("c", "b", 50, at_x(3), true));
+    CHECK_EQ(w.tree.parent(w.id("b"), kNoStamp), w.id("c"));
+    CHECK_EQ(w.tree.events(w.id("b")).reparented.load(), 1u);
+    check_refused(w, Code::invalid_argument, "parent_frame", {{"b", "c", 1}});
+    CHECK_EQ(w.refusal({{"b", "a", 1}}), Code::ok);  // it is no parent of b any more
+  });
+}
+
 TEST(unsorted_and_duplicate_rows) {
   for_each_concurrency([](Concurrency c) {
     World w(c);
@@ -194,6 +240,19 @@ TEST(authorities_are_counted_and_limited) {
   check_refused(w, Code::limit, "max_authorities", {{"a", "b", 3}}, {.authority = "three"});
   check_refused(w, Code::limit, "max_name_bytes", {{"a", "b", 3}},
                 {.authority = std::string(256, 'x')});
+}
+
+TEST(a_dropped_row_counts_for_its_authority_and_changes_nothing) {
+  World w(Options{.cache_ns = 10});
+  CHECK_EQ(w.refusal({{"a", "b", 100}}, {.authority = "me"}), Code::ok);
+  const Version before = w.tree.info(w.id("b")).version;
+  CHECK_EQ(w.refusal({{"a", "b", 50}}, {.authority = "you", .drop_old = true}), Code::ok);
+  const AuthorityCounts me = w.tree.authority_counts(w.tree.info(w.id("b")).authority),
+                        you = w.tree.authority_counts(2);
+  CHECK(me.stored == 1 && me.dropped == 0 && you.stored == 0 && you.dropped == 1);
+  CHECK_EQ(w.tree.authority(w.tree.info(w.id("b")).authority), "me");
+  CHECK_EQ(w.tree.events(w.id("b")).authority_changes.load(), 0u);
+  CHECK_EQ(w.tree.info(w.id("b")).version, before);
 }
 
 TEST(read_versions_must_still_stand) {

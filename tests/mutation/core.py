@@ -59,7 +59,7 @@ MUTANTS = (
     topology(
         "a rejected commit leaves its links",
         "if (parent != 0) index.link(group.child, parent);",
-        "",
+        "(void)parent;",
     ),
     topology("the last frame of a cycle is named", "    first = &groups_[i];\n", ""),
     topology(
@@ -96,7 +96,7 @@ MUTANTS = (
     plan(
         "late rows are never too old",
         "if (has_samples && too_old(write.stamp, newest, limits_.cache_ns)) return",
-        "if (false) return",
+        "if (has_samples && newest < 0 && newest > 0) return",
     ),
     plan(
         "a row as old as a full frame's oldest has no room",
