@@ -1,5 +1,7 @@
 // Writers against writers: what a commit has read is still true when it is applied.
 #include <barrier>
+#include <chrono>
+#include <functional>
 
 #include "fixture.hpp"
 #include "thread_group.hpp"
@@ -151,4 +153,31 @@ TEST(opposite_orders_do_not_block) {
     for (int k = 1; k < kFrames; ++k)
       CHECK_EQ(w.tree.info(w.id("f" + std::to_string(k))).version / SeqLock::kIncrement, commits);
   });
+}
+
+// Readers that keep a frame locked in turn, so that it is hardly ever free, give way to a writer.
+TEST(a_two_phase_writer_gets_its_turn_among_readers) {
+  World w(Concurrency::two_phase);
+  w.set("root", "a", 0);
+  constexpr int kReaders = 4, kCommits = 20, kMaxLookups = 20'000;
+  std::atomic<int> lookups{0}, at_end{0};
+  const std::function<void()> hold = [] {
+    std::this_thread::sleep_for(std::chrono::microseconds(200));
+  };
+  ThreadGroup threads;
+  for (int reader = 0; reader < kReaders; ++reader)
+    threads.background([&](const std::atomic<bool>& stop) {
+      yield_hook = &hold;
+      while (!stop && lookups < kMaxLookups) {
+        CHECK(w.code(Op::latest_xact, "root", "a") == Code::ok);
+        ++lookups;
+      }
+      yield_hook = nullptr;
+    });
+  threads.foreground([&] {
+    for (int commit = 1; commit <= kCommits; ++commit) CHECK(w.set("root", "a", commit));
+    at_end = lookups.load();
+  });
+  threads.join();
+  CHECK(at_end < kMaxLookups);
 }

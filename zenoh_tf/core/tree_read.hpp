@@ -110,7 +110,7 @@ void Tree::read(ReadSet& reads, Body&& body) const {
           if (attempt(guard)) return;
         }
         count_retry();
-        backoff.wait();
+        backoff.nap();  // a writer that starves sleeps between its attempts: spins are too short
       }
     }
     case Concurrency::giant: {
