@@ -70,6 +70,8 @@ def test_keys_are_as_documented() -> None:
     assert keys.server("main", "0af3") == "tf/v1/main/server/0af3"
     assert keys.servers("@") == "tf/v1/%40/server/*"
     assert keys.all_servers() == "tf/v1/*/server/*"
+    assert keys.candidate("main", "0af3") == "tf/v1/main/candidate/0af3"
+    assert keys.candidates("@") == "tf/v1/%40/candidate/*"
 
 
 @pytest.mark.parametrize("name", AWKWARD)

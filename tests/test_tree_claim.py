@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import zenoh
 
-from tests.servers import ServerProcess
+from tests.servers import START_TIMEOUT_S, ServerProcess
 from tests.tcp_proxy import TcpProxy
-from zenoh_tf import zenoh_config
+from zenoh_tf import keys, zenoh_config
 from zenoh_tf_server import tree_claim
 from zenoh_tf_server.network import NetworkError
 
@@ -40,3 +41,31 @@ def test_silence_is_an_error(proxy: TcpProxy, monkeypatch: pytest.MonkeyPatch) -
             tree_claim.refuse_if_taken(session, "main")
         proxy.release()
         tree_claim.refuse_if_taken(session, "other")
+
+
+def test_of_two_candidates_one_serves(server: ServerProcess) -> None:
+    """However long the other takes to yield, as on a busy machine."""
+    with zenoh.open(zenoh_config.client([server.endpoint], 5.0)) as session:
+        slow = session.liveliness().declare_token(keys.candidate("two", "1"))
+        with pytest.raises(tree_claim.TreeTaken):
+            tree_claim.claim(session, "two", "2")
+        with ThreadPoolExecutor() as pool:
+            claimed = pool.submit(tree_claim.claim, session, "two", "0")
+            with pytest.raises(TimeoutError):
+                claimed.result(3.0)
+            slow.undeclare()
+            claimed.result(START_TIMEOUT_S).undeclare()
+
+
+def test_a_candidate_yields_to_one_that_has_not_seen_it(server: ServerProcess) -> None:
+    with zenoh.open(zenoh_config.client([server.endpoint], 5.0)) as session:
+        first = session.liveliness().declare_token(keys.candidate("two", "1"))
+        with ThreadPoolExecutor() as pool:
+            claimed = pool.submit(tree_claim.claim, session, "two", "0")
+            serves = session.liveliness().declare_token(keys.server("two", "1"))
+            first.undeclare()
+            with pytest.raises(tree_claim.TreeTaken):
+                claimed.result(START_TIMEOUT_S)
+        left = session.liveliness().get(keys.candidates("two"))
+        assert [str(reply.ok) for reply in left] == []
+        serves.undeclare()

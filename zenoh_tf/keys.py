@@ -193,6 +193,16 @@ def servers(tree: str) -> str:
     return f"{PREFIX}/{escape(tree, 'tree')}/server/*"
 
 
+def candidate(tree: str, instance: str) -> str:
+    """The key of the liveliness token of a server that is about to serve a tree."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/candidate/{escape(instance, 'instance')}"
+
+
+def candidates(tree: str) -> str:
+    """The key expression of every candidate's liveliness token."""
+    return f"{PREFIX}/{escape(tree, 'tree')}/candidate/*"
+
+
 def all_servers() -> str:
     """The key expression of the liveliness tokens of all trees' servers."""
     return f"{PREFIX}/*/server/*"

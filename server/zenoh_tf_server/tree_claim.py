@@ -1,12 +1,14 @@
-"""One server per tree: a server claims its tree with a liveliness token.
+"""One server per tree: a server claims its tree with liveliness tokens.
 
-Two servers of one tree would reply to each other's clients from different data. Each server looks
-for other tokens, declares its own, and looks again. If two servers start at once:
+Two servers of one tree would reply to each other's clients from different data. Each server first
+declares a candidate's token, then looks for other candidates and for servers:
 
-- Tokens and queries pass the network in order, so at least one of the two sees the other.
-- The server with the higher instance id yields as soon as it sees the other.
-- The server with the lower id waits for the other to yield. If the other stays, it has not seen
-  this one and is already serving, so this one yields.
+- Tokens and queries pass the network in order, so of two candidates at least one sees the other.
+- A candidate yields to a server, and to a candidate with a lower instance id.
+- The candidate with the lowest id waits until each other one that it sees has yielded or, because
+  it has not seen this one, serves. However slow they are, one of them serves in the end.
+- A candidate that nobody is in the way of declares a server's token, and then withdraws its
+  candidate's. Candidates are queried before servers, so it is never missed.
 
 A network that does not answer in time says nothing: it is asked again, and in the end the server
 does not start.
@@ -27,7 +29,8 @@ from .network import NetworkError
 _QUERY_TIMEOUT_S: Final = 2.0
 #: A network that has not answered for so long is taken for broken.
 _SILENT_S: Final = 10.0
-_YIELD_TIMEOUT_S: Final = 1.5
+#: Longer than a session without a sign of life keeps its tokens.
+_YIELD_TIMEOUT_S: Final = 20.0
 _POLL_PERIOD_S: Final = 0.1
 
 
@@ -50,7 +53,7 @@ def refuse_if_taken(session: zenoh.Session, tree: str) -> None:
         TreeTaken: Another server has a token.
         NetworkError: The network does not say whether one has.
     """
-    for other in _other_instances(session, tree, ""):
+    for other in _others(session, tree, "", keys.servers(tree)):
         raise TreeTaken(tree, other)
 
 
@@ -62,25 +65,30 @@ def claim(session: zenoh.Session, tree: str, instance: str) -> zenoh.LivelinessT
         TreeTaken: Another server claimed the tree at the same time, and this one yields.
         NetworkError: The network does not say whether one did.
     """
-    token = session.liveliness().declare_token(keys.server(tree, instance))
-    deadline_s = time.monotonic() + _YIELD_TIMEOUT_S
-    while others := _other_instances(session, tree, instance):
-        if min(others) < instance or time.monotonic() > deadline_s:
-            token.undeclare()
-            raise TreeTaken(tree, min(others))
-        time.sleep(_POLL_PERIOD_S)
-    return token
+    candidate = session.liveliness().declare_token(keys.candidate(tree, instance))
+    try:
+        deadline_s = time.monotonic() + _YIELD_TIMEOUT_S
+        while True:
+            others = _others(session, tree, instance, keys.candidates(tree))
+            refuse_if_taken(session, tree)
+            if not others:
+                return session.liveliness().declare_token(keys.server(tree, instance))
+            if min(others) < instance or time.monotonic() > deadline_s:
+                raise TreeTaken(tree, min(others))
+            time.sleep(_POLL_PERIOD_S)
+    finally:
+        candidate.undeclare()
 
 
-def _other_instances(session: zenoh.Session, tree: str, instance: str) -> set[str]:
-    """The instances that have a token of the tree, without this one.
+def _others(session: zenoh.Session, tree: str, instance: str, key_expr: str) -> set[str]:
+    """The instances that have a token of the key expression, without this one.
 
     Raises:
         NetworkError: The network does not say.
     """
     deadline_s = time.monotonic() + _SILENT_S
     while True:
-        replies = list(session.liveliness().get(keys.servers(tree), timeout=_QUERY_TIMEOUT_S))
+        replies = list(session.liveliness().get(key_expr, timeout=_QUERY_TIMEOUT_S))
         tokens = [reply.ok for reply in replies if reply.ok]
         others = {keys.last_name(str(token.key_expr)) for token in tokens} - {instance}
         if others or len(tokens) == len(replies):  # else one reply says that time was up
