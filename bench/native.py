@@ -16,29 +16,33 @@ from bench.machine import ROOT
 from bench.process import Process
 from bench.report import Cell, Report, Target, equal_poses, ratios
 
-BUILD = ROOT / "build/bench"
 #: Deeper than a tree allows without an option.
 QUICK_LINKS = 10_000
 COMMON, XACT = "latest-common", "latest-xact"
 
 
 @functools.cache
-def build() -> None:
-    """Once: all parts of a run measure the same program."""
+def build(quick: bool) -> str:
+    """Build bench_core and return its path: once, so that all parts of a run measure the same
+    program. `quick` measures nothing, so it needs a program in short time, not a fast program."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    configure = "cmake -S bench/core -B build/bench -G Ninja --log-level=WARNING"
-    build = f'CXX="$(sh scripts/compiler.sh)" {configure} && cmake --build build/bench -- --quiet'
+    folder = "build/bench-quick" if quick else "build/bench"
+    configure = f"cmake -S bench/core -B {folder} -G Ninja --log-level=WARNING"
+    if quick:
+        configure += " -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0"
+        configure += " -DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1"
+    build = f'CXX="$(sh scripts/compiler.sh)" {configure} && cmake --build {folder} -- --quiet'
     subprocess.run(["sh", "-c", build], cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
+    return str(ROOT / folder / "bench_core")
 
 
 class Program:
     """bench_core with a row of links, a process for each system that is installed."""
 
-    def __init__(self, links: int, *systems: str, **settings: float) -> None:
-        build()
+    def __init__(self, report: Report, links: int, *systems: str, **settings: float) -> None:
         defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
         settings = {"links": links, "child_to_parent": 0} | defaults | settings
-        program = str(BUILD / "bench_core")
+        program = build(report.quick)
         self._processes = {
             system: Process(program, f"system={system}", *_words(settings), wait=False)
             for system in systems or ("optimistic", "2pl", "giant", "tf2")
@@ -99,7 +103,7 @@ CASES = (
 
 def lookups(report: Report) -> None:
     """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
-    with Program(4, samples=1000, period_ns=10_000_000, cache_s=10) as program:
+    with Program(report, 4, samples=1000, period_ns=10_000_000, cache_s=10) as program:
         for name, read, limits in CASES:
             program.check(read, length=4, vary=0)
             for threads in (1, 2):
@@ -153,7 +157,7 @@ def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, in
     cache_s, samples = (3600, 16) if links > 100_000 else (1, 64)
     settings = {"cache_s": cache_s, "max_samples": samples, "samples": samples + 1}
     cells = []
-    with Program(links, **settings, child_to_parent=int(direction == "same")) as program:
+    with Program(report, links, **settings, child_to_parent=int(direction == "same")) as program:
         for writing in (False, True):  # first without writers, while all links are of one age
             program.check(COMMON, XACT, length=16, vary=int(writing))
             plan = []
@@ -213,7 +217,7 @@ def delay(report: Report) -> None:
     many, seconds = (8, 30) if (os.cpu_count() or 1) >= 16 else (4, 60)
     ways = {("optimistic", XACT), ("tf2", COMMON)}
     for half in (1, many):  # a process each: in a second run the data would begin old
-        with Program(links, "optimistic", "tf2", samples=17, max_samples=16) as program:
+        with Program(report, links, "optimistic", "tf2", samples=17, max_samples=16) as program:
             threads = {"readers": half, "writers": half}
             run = {"length": 16, "own_links": 0, "seconds": report.seconds(seconds)} | threads
             labels = {"links": links, "seconds": seconds} | threads
@@ -228,7 +232,7 @@ SOURCES = {"map to odom": 10, "odom to base": 50, "base to arm": 200, "arm to gr
 def staleness(report: Report) -> None:
     """Publishers at fixed rates: how old the data of a lookup is, link by link."""
     run = {"seconds": report.seconds(3), "rates_hz": ",".join(map(str, SOURCES.values()))}
-    with Program(len(SOURCES), "optimistic", "tf2") as program:
+    with Program(report, len(SOURCES), "optimistic", "tf2") as program:
         ways = program.cells({}, COMMON, XACT)
         for _ in range(report.repetitions(3)):
             for way in ways:
@@ -246,7 +250,7 @@ def memory(report: Report) -> None:
     """Bytes for a frame, by the samples that it holds."""
     frames = QUICK_LINKS if report.quick else 100_000
     for samples in (1, 2, 4, 8, 16, 64):
-        with Program(frames, "optimistic", "tf2", samples=samples) as program:
+        with Program(report, frames, "optimistic", "tf2", samples=samples) as program:
             cells = [
                 Cell({"samples": samples}, system, trials=[{"bytes_per_frame": used}])
                 for system, used in program.bytes_per_frame.items()

@@ -5,6 +5,8 @@ cd "$(dirname "$0")/.."
 export PATH="$PWD/.venv/bin:$PATH"
 CXX=$(sh scripts/compiler.sh)
 export CXX
+# Without this a compiler cache keeps nothing that uses a precompiled header.
+export CCACHE_SLOPPINESS=pch_defines,time_macros
 
 for variant in "$@"; do
     sanitizer=$variant
@@ -13,5 +15,5 @@ for variant in "$@"; do
     cmake -S zenoh_tf/core -B "build/core-$variant" -G Ninja --log-level=WARNING \
         -DZTF_BUILD_TESTS=ON -DZTF_WERROR=ON "-DZTF_SANITIZE=$sanitizer"
     cmake --build "build/core-$variant" -- --quiet
-    ctest --test-dir "build/core-$variant" --output-on-failure --no-tests=error
+    ctest --test-dir "build/core-$variant" --output-on-failure --no-tests=error -j 2
 done

@@ -20,7 +20,6 @@ from .core import MUTANTS, Mutant
 
 ROOT = Path(__file__).resolve().parents[2]
 COPY = ROOT / "build/mutants"
-#: Flags and relative paths are those of scripts/core_test.sh, so a compiler cache has the files.
 BUILD = COPY / "build/core-plain"
 #: A mutant may loop for ever.
 TIMEOUT_S = 300
@@ -39,6 +38,7 @@ def prepare() -> None:
             *("cmake", "-S", COPY / "zenoh_tf/core", "-B", BUILD, "-G", "Ninja"),
             *("--log-level=WARNING", "-DZTF_BUILD_TESTS=ON", "-DZTF_WERROR=ON"),
             "-DZTF_SANITIZE=",
+            "-DCMAKE_UNITY_BUILD_BATCH_SIZE=1",  # a mutant is one file
         ],
         check=True,
     )
