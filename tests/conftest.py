@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import uvloop
 
+from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.shared_reads import Mode
 
@@ -21,6 +22,8 @@ from .ports import free_endpoint
 from .servers import Pool, ServerProcess, starts
 
 __all__ = ["ServerProcess", "free_endpoint"]
+
+S = 1_000_000_000
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -110,6 +113,12 @@ def lend_server(server_pool: Pool) -> LendServer:
     return server_pool.lend
 
 
+@pytest.fixture(scope="module")
+def shared_server(server_pool: Pool) -> ServerProcess:
+    """A server with the defaults for all tests of a file, whose tree is empty at first."""
+    return server_pool.lend(of_file=True)
+
+
 @pytest.fixture
 def server(
     request: pytest.FixtureRequest, lend_server: LendServer, start_server: StartServer
@@ -162,15 +171,22 @@ def client(server: ServerProcess) -> Iterator[TransformClient]:
         yield tf
 
 
+@pytest.fixture(scope="session")
+def runtime_folder() -> Iterator[Path]:
+    """One folder for the sockets of all servers that are lent, so that tests can share these."""
+    with tempfile.TemporaryDirectory() as path:
+        yield Path(path)
+
+
 @pytest.fixture(params=["synchronous", pytest.param("socket", marks=linux), "asynchronous"])
 def either_client(
-    request: pytest.FixtureRequest, socket_folder: Path, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest, runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[None]:
     """Servers connect clients of both kinds in turn; a synchronous one that sends its queries over
     Zenoh, and one that sends them through the server's socket."""
     if request.param == "socket":
         monkeypatch.setattr(ServerProcess, "LOCAL", True)
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(socket_folder))
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime_folder))
     if request.param != "asynchronous":
         yield
         return
@@ -182,6 +198,21 @@ def either_client(
     monkeypatch.setattr(ServerProcess, "connect", connect)
     yield
     thread.stop()
+
+
+@pytest.fixture(params=["optimistic", "2pl", "giant"])
+def tree(request: pytest.FixtureRequest) -> TransformTree:
+    """map -> base at 10 s and 20 s, base -> camera static, base -> arm at 12 s and 18 s."""
+    tree = TransformTree(cache_time_s=10.0, concurrency=request.param)
+    for stamp in (10, 20):
+        row = StampedTransform("map", "base", stamp * S, Transform((stamp, 0, 0)))
+        tree.set_transform(row, authority="odometry")
+    for stamp in (12, 18):
+        row = StampedTransform("base", "arm", stamp * S, Transform((1, 0, 0)))
+        tree.set_transform(row, authority="joints")
+    mount = StampedTransform("base", "camera", 0, Transform((0.5, 0, 0)))
+    tree.set_transform(mount, authority="urdf", static=True)
+    return tree
 
 
 @pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])

@@ -139,18 +139,19 @@ class ServerProcess:
 
 
 class Pool:
-    """One server for each set of flags, for all tests of this process.
+    """Servers for all tests of this process, one for each set of flags.
 
-    Each test that asks gets it with an empty tree. A test may kill it: the next one gets a new one.
+    Who asks gets it with an empty tree. A test may kill it: the next one gets a new one. Those of
+    whole files (`of_file`) are others than those of single tests, which empty and freeze theirs.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._servers: dict[tuple[str | None, ...], ServerProcess] = {}
+        self._servers: dict[tuple[str | bool | None, ...], ServerProcess] = {}
 
-    def lend(self, *flags: str) -> ServerProcess:
+    def lend(self, *flags: str, of_file: bool = False) -> ServerProcess:
         # A server shares its tree through a socket in this folder.
-        key = (os.environ.get("XDG_RUNTIME_DIR"), *flags)
+        key = (os.environ.get("XDG_RUNTIME_DIR"), of_file, *flags)
         server = self._servers.get(key)
         if server is not None and server.process.poll() is not None:
             server.stop()

@@ -5,14 +5,11 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
 from .conftest import StartServer
-from .ports import free_endpoint
 from .servers import ServerProcess
 
 pytestmark = pytest.mark.slow
@@ -175,12 +172,9 @@ def run_under_load(script: str, *arguments: str) -> None:
             ended.result()
 
 
-@pytest.fixture(scope="module")
-def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    log: Path = tmp_path_factory.mktemp("server") / "log"
-    server = ServerProcess(log, free_endpoint(), "main", ())
-    yield server.endpoint
-    server.stop()
+@pytest.fixture
+def endpoint(shared_server: ServerProcess) -> str:
+    return shared_server.endpoint
 
 
 def test_daemon_threads_that_wait_for_a_transform() -> None:

@@ -2,7 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,19 +32,6 @@ def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTrans
 
 def x_of(stamped: StampedTransform) -> float:
     return stamped.transform.pose()[0]
-
-
-@pytest.fixture(params=["optimistic", "2pl", "giant"])
-def tree(request: pytest.FixtureRequest) -> TransformTree:
-    """map -> base at 10 s and 20 s, base -> camera static, base -> arm at 12 s and 18 s."""
-    concurrency: Literal["optimistic", "2pl", "giant"] = request.param
-    tree = TransformTree(cache_time_s=10.0, concurrency=concurrency)
-    for stamp in (10, 20):
-        tree.set_transform(link("map", "base", stamp * S, float(stamp)), authority="odometry")
-    for stamp in (12, 18):
-        tree.set_transform(link("base", "arm", stamp * S, 1.0), authority="joints")
-    tree.set_transform(link("base", "camera", 0, 0.5), authority="urdf", static=True)
-    return tree
 
 
 def test_lookups(tree: TransformTree) -> None:

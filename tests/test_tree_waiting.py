@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal
 
 import pytest
 
@@ -22,18 +21,6 @@ S = 1_000_000_000
 
 def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
     return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
-
-
-@pytest.fixture(params=["optimistic", "2pl", "giant"])
-def tree(request: pytest.FixtureRequest) -> TransformTree:
-    """map -> base at 10 s and 20 s, base -> arm at 12 s and 18 s."""
-    concurrency: Literal["optimistic", "2pl", "giant"] = request.param
-    tree = TransformTree(cache_time_s=10.0, concurrency=concurrency)
-    for stamp in (10, 20):
-        tree.set_transform(link("map", "base", stamp * S, float(stamp)), authority="odometry")
-    for stamp in (12, 18):
-        tree.set_transform(link("base", "arm", stamp * S, 1.0), authority="joints")
-    return tree
 
 
 def test_a_lookup_waits_for_the_write_that_it_needs(tree: TransformTree) -> None:

@@ -8,12 +8,10 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.conftest import Main, StartServer
-from tests.ports import free_endpoint
 from tests.servers import ServerProcess
 from tests.small_robot import DEADLINE_S, wait
 from zenoh_tf import StampedTransform, Transform
@@ -30,17 +28,9 @@ from zenoh_tf_client import AsyncTransformClient, PoseEvent, TransformClient, Wa
 NEVER_S = 3600.0
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    folder: Path = tmp_path_factory.mktemp("watch")
-    server = ServerProcess(folder / "log", free_endpoint(), "main", ())
-    yield server
-    server.stop()
-
-
 @pytest.fixture
-def tf(shared: ServerProcess) -> Iterator[TransformClient]:
-    with shared.connect() as client:
+def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
+    with shared_server.connect() as client:
         client.reset()
         yield client
 
@@ -175,9 +165,11 @@ def test_stillness_and_silence(start_server: StartServer) -> None:
 
 
 @pytest.mark.parametrize("closed", ["watch", "client"])
-def test_close_ends_iterations(shared: ServerProcess, tf: TransformClient, closed: str) -> None:
+def test_close_ends_iterations(
+    shared_server: ServerProcess, tf: TransformClient, closed: str
+) -> None:
     put(tf)
-    with shared.connect() as other:
+    with shared_server.connect() as other:
         watch = other.watch("map", "base", heartbeat_s=NEVER_S)
         events: list[PoseEvent] = []
         thread = threading.Thread(target=lambda: events.extend(watch), daemon=True)
@@ -234,11 +226,13 @@ def test_wrong_names(tf: TransformClient) -> None:
             tf.watch("map", name)
 
 
-def test_asyncio(shared: ServerProcess, tf: TransformClient, run: Callable[[Main], None]) -> None:
+def test_asyncio(
+    shared_server: ServerProcess, tf: TransformClient, run: Callable[[Main], None]
+) -> None:
     async def main() -> None:
         put(tf)
         async with (
-            await AsyncTransformClient.connect(shared.endpoint) as client,
+            await AsyncTransformClient.connect(shared_server.endpoint) as client,
             await client.watch("map", "base", min_translation_m=0.1, heartbeat_s=NEVER_S) as watch,
         ):
             first = await watch.get()

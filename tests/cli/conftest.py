@@ -19,8 +19,7 @@ from zenoh_tf_client import TransformClient, environment
 from zenoh_tf_client.cli.main import main
 
 from .. import forks
-from ..ports import free_endpoint
-from ..servers import ServerProcess
+from ..servers import Pool, ServerProcess
 
 Done = subprocess.CompletedProcess[str]
 Run = Callable[..., Done]
@@ -127,13 +126,10 @@ def run_here(server: ServerProcess, command: Run) -> Run:
 
 
 @pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+def shared_server(server_pool: Pool) -> ServerProcess:
     """A server for a whole file, with a long cache. Each test has a tree of its own choice in it:
     see `robot`."""
-    log = tmp_path_factory.mktemp("log") / "server.log"
-    server = ServerProcess(log, free_endpoint(), "main", ("--cache-time", "1000"))
-    yield server
-    server.stop()
+    return server_pool.lend("--cache-time", "1000", of_file=True)
 
 
 @pytest.fixture

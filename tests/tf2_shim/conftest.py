@@ -1,4 +1,4 @@
-"""The shim on a server of its own, and ROS's modules as plain classes."""
+"""The shim on a shared server, and ROS's modules as plain classes."""
 
 from __future__ import annotations
 
@@ -11,21 +11,11 @@ import pytest
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
 
-from ..ports import free_endpoint
 from ..servers import ServerProcess
 
 #: Modules with ROS's names and plain classes, for the scripts of these tests.
 FAKE_ROS = Path(__file__).with_name("fake_ros")
 sys.path.append(str(FAKE_ROS))
-
-
-@pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    """A server for all tests of a file."""
-    log = tmp_path_factory.mktemp("server") / "log"
-    server = ServerProcess(log, free_endpoint(), "main", ())
-    yield server
-    server.stop()
 
 
 @pytest.fixture

@@ -25,13 +25,6 @@ FLOATING = b"""<robot name="hover"><link name="world"/><link name="base"/><link 
 Done = subprocess.CompletedProcess[str]
 
 
-@pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    server = ServerProcess(tmp_path_factory.mktemp("server") / "log", free_endpoint(), "main", ())
-    yield server
-    server.stop()
-
-
 @pytest.fixture
 def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
     with shared_server.connect() as client:

@@ -30,7 +30,6 @@ from zenoh_tf_client.urdf.joint_states import JointStateFeed
 from zenoh_tf_client.urdf.kinematics import JointTransforms
 
 from .. import forks
-from ..ports import free_endpoint
 from ..servers import ServerProcess
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
@@ -64,13 +63,6 @@ def encode(
 def until(condition: Callable[[], object]) -> None:
     while not condition():
         time.sleep(0.01)
-
-
-@pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    server = ServerProcess(tmp_path_factory.mktemp("server") / "log", free_endpoint(), "main", ())
-    yield server
-    server.stop()
 
 
 @pytest.fixture

@@ -9,13 +9,11 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from .. import forks
-from ..ports import free_endpoint
 from ..servers import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,13 +28,6 @@ TRY_IT = [
     for line in block.splitlines()
 ]
 ALONE = [line for line in LINES if line not in TRY_IT]
-
-
-@pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    server = ServerProcess(tmp_path_factory.mktemp("server") / "log", free_endpoint(), "main", ())
-    yield server
-    server.stop()
 
 
 def start(line: str, endpoint: str, folder: Path) -> subprocess.Popen[str]:

@@ -22,7 +22,7 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_client.cli.foxglove import _EXAMPLES
 from zenoh_tf_client.cli.main import main
 
-from ..ports import free_endpoint, free_port
+from ..ports import free_port
 from ..servers import ServerProcess
 from .test_view_command import PAGE, WITHOUT, run, started
 
@@ -78,14 +78,6 @@ def bridge(server: ServerProcess) -> Iterator[str]:
         found = re.fullmatch(r"showing main at (ws://127.0.0.1:\d+) \(Ctrl-C ends it\)\n", line)
         assert found, line
         yield found[1]
-
-
-@pytest.fixture(scope="module")
-def shared_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    log = tmp_path_factory.mktemp("server") / "log"
-    server = ServerProcess(log, free_endpoint(), "main", ())
-    yield server
-    server.stop()
 
 
 @pytest.fixture(scope="module")

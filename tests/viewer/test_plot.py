@@ -23,7 +23,6 @@ from zenoh_tf_client.plotting.figure import save
 from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
 from zenoh_tf_client.viewer.recorded import RecordedSource
 
-from ..ports import free_endpoint
 from ..recordings.files import write
 from ..servers import ServerProcess
 from .test_view_command import PAGE, WITHOUT, run
@@ -41,14 +40,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
     path = write(folder / "run", [*static, *base, *again, *wheel])
     return path.rename(folder / "run.mcap")
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    log = tmp_path_factory.mktemp("server") / "log"
-    server = ServerProcess(log, free_endpoint(), "main", ())
-    yield server
-    server.stop()
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from zenoh_tf_client.cli.main import main
 from zenoh_tf_client.cli.viewer import _EXAMPLES
 
 from .. import forks
-from ..ports import free_endpoint, free_port
+from ..ports import free_port
 from ..recordings.files import write
 from ..servers import ServerProcess
 
@@ -54,14 +54,6 @@ def started(*args: str, cwd: Path | None = None) -> Iterator[tuple[subprocess.Po
             yield process, line
         finally:
             process.kill()
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    log = tmp_path_factory.mktemp("server") / "log"
-    server = ServerProcess(log, free_endpoint(), "main", ())
-    yield server
-    server.stop()
 
 
 @pytest.fixture(scope="module")
