@@ -76,8 +76,8 @@ def _wait(tf: TransformClient, robots: list[Child]) -> None:
         while not tf.can_transform("map", f"{name}/camera", since_ns):
             for robot in robots:
                 robot.check()
-            if time.time_ns() > since_ns + 10_000_000_000:
-                raise ChildFailed("the robots' data did not arrive within 10 s")
+            if time.time_ns() > since_ns + 30_000_000_000:
+                raise ChildFailed("the robots' data did not arrive within 30 s")
             time.sleep(0.05)
 
 
