@@ -52,7 +52,7 @@ WORKERS ?= 3
 CACHED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache
 PYTEST := $(CACHED) $(BIN)/python -m pytest
 define run_tests
-	@$(PYTEST) -n $(WORKERS) --dist loadfile -m "$(strip $(1)) not serial" $(ARGS) || [ $$? = 5 ]
+	@$(PYTEST) -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "$(strip $(1)) not serial" $(ARGS) || [ $$? = 5 ]
 	@$(PYTEST) -m "$(strip $(1)) serial" $(ARGS) || [ $$? = 5 ]
 endef
 

@@ -36,6 +36,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--count-servers", action="store_true", help=help)
 
 
+#: The files that take longest begin first, so that none of them runs on alone at the end.
+_LONGEST = {
+    *("test_bench_parts.py", "test_chaos.py", "test_core.py", "test_faults.py", "test_checks.py"),
+    *("test_exit.py", "test_state_kills.py", "test_unread_replies.py", "test_demo.py"),
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in _LONGEST)
+
+
 #: How many servers the workers of pytest-xdist have started, for the process that prints it.
 _of_workers: list[int] = []
 
