@@ -1,4 +1,4 @@
-"""The native module's functions that make the columns of a commit: a stub that `_core.pyi` imports,
+"""The native module's functions that make the columns of messages: a stub that `_core.pyi` imports,
 not a module at run time.
 """
 
@@ -20,6 +20,12 @@ def columns_of(
     NDArray[np.int64],
     NDArray[np.float64],
 ]: ...
+
+# Pairs of frames as names (each once) and the columns target, source (rows of names). A single name
+# stands for all rows.
+def columns_of_pairs(
+    targets: str | Sequence[str], sources: str | Sequence[str], rows: int
+) -> tuple[list[str], NDArray[np.uint32], NDArray[np.uint32]]: ...
 
 # A ROS 2 TFMessage in CDR as (names, parent, child, stamp_ns, pose), see `zenoh_tf.ros2.cdr`; of a
 # malformed one the (field, what was expected).

@@ -15,6 +15,7 @@ from zenoh_tf._change_log import ChangeReplay as ChangeReplay
 from zenoh_tf._change_log import InterestReader as InterestReader
 from zenoh_tf._change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._columns import columns_of as columns_of
+from zenoh_tf._columns import columns_of_pairs as columns_of_pairs
 from zenoh_tf._columns import decode_tf_message as decode_tf_message
 from zenoh_tf._columns import decode_tf_messages as decode_tf_messages
 from zenoh_tf._points import deskew_by_samples as deskew_by_samples

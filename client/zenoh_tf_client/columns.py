@@ -19,19 +19,6 @@ _MAX_STAMP = -wire.NO_STAMP - 1
 Row = tuple[str, str, int, int]
 
 
-class _Names(dict[str, int]):
-    """Maps names to their indices in the message; an unknown name gets the next index."""
-
-    def __missing__(self, name: str) -> int:
-        row = self[name] = len(self)
-        return row
-
-    def column(self, names: str | Sequence[str], count: int) -> NDArray[np.uint32]:
-        if isinstance(names, str):
-            return np.full(count, self[names], np.uint32)
-        return np.fromiter(map(self.__getitem__, names), np.uint32, count)
-
-
 def at(target: str, source: str, stamp_ns: int | None) -> Row:
     """Return the row of a lookup at a time, or at the latest common time for None."""
     if stamp_ns is None:
@@ -124,25 +111,18 @@ def lookup(
     count: int,
 ) -> wire.Lookup:
     """Return `count` lookups of one kind."""
-    names = _Names()
-    target = names.column(targets, count)
-    source = names.column(sources, count)
+    names, target, source = _core.columns_of_pairs(targets, sources, count)
     stamp = stamps(stamps_ns, count)
-    return wire.Lookup(list(names), np.full(count, op, np.uint8), target, source, stamp)
+    return wire.Lookup(names, np.full(count, op, np.uint8), target, source, stamp)
 
 
 def join(rows: Sequence[Row]) -> wire.Lookup:
     """Return single lookups of any kind as one message, in order."""
-    names = _Names()
     count = len(rows)
     targets, sources, ops, times = zip(*rows, strict=True) if rows else ((), (), (), ())
-    return wire.Lookup(
-        target=names.column(targets, count),
-        source=names.column(sources, count),
-        op=np.fromiter(ops, np.uint8, count),
-        stamp=np.fromiter(times, np.int64, count),
-        names=list(names),
-    )
+    names, target, source = _core.columns_of_pairs(targets, sources, count)
+    op = np.fromiter(ops, np.uint8, count)
+    return wire.Lookup(names, op, target, source, np.fromiter(times, np.int64, count))
 
 
 def commit(

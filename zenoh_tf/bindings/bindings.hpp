@@ -172,6 +172,7 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
 
 void bind_budget(nb::module_& m);
 void bind_cdr(nb::module_& m);
+void bind_columns(nb::module_& m);
 void bind_join_buffers(nb::module_& m);
 void bind_message_size(nb::module_& m);
 void bind_single_lookup(nb::module_& m);
@@ -181,7 +182,7 @@ void bind_stamped(nb::module_& m);
 void bind_tree(nb::module_& m);
 void bind_lookup_columns(nb::class_<Tree>& tree);
 void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree);
-void bind_commit(nb::module_& m, nb::class_<Tree>& tree);
+void bind_commit(nb::class_<Tree>& tree);
 void bind_parked_lookups(nb::module_& m);
 void bind_introspection(nb::class_<Tree>& tree);
 void bind_velocity(nb::class_<Tree>& tree);

@@ -1,8 +1,7 @@
-// Tree._commit_rows: a transaction as columns, for the server; columns_of makes such columns.
+// Tree._commit_rows: a transaction as columns, for the server.
 //
 // GIL: commits release it.
 #include <algorithm>
-#include <unordered_map>
 
 #include "read_rows.hpp"
 
@@ -11,46 +10,6 @@ namespace ztf {
 namespace {
 
 constexpr std::size_t kReleaseFrom = 10'000;  // rows whose columns take long to read
-
-// (names, parent, child, stamp, pose): the columns of a commit. Each name appears once.
-nb::tuple columns_of(nb::handle stampeds) {
-  const nb::tuple items = tuple_of(stampeds);
-  std::vector<const StampedTransform*> rows;
-  rows.reserve(items.size());
-  for (const nb::handle item : items) {
-    if (!nb::isinstance<StampedTransform>(item))
-      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
-    rows.push_back(&nb::cast<const StampedTransform&>(item));
-  }
-  const std::size_t n = rows.size();
-  nb::list names;
-  std::unordered_map<std::string_view, std::uint32_t> known;
-  const auto row_of = [&](nb::handle name) {
-    const auto [at, is_new] =
-        known.try_emplace(text_of(name, "frame"), static_cast<std::uint32_t>(known.size()));
-    if (is_new) names.append(name);
-    return at->second;
-  };
-  std::vector<std::uint32_t> parent(n), child(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    parent[i] = row_of(rows[i]->parent_frame);
-    child[i] = row_of(rows[i]->child_frame);
-  }
-  const auto copied = [n](const std::vector<std::uint32_t>& column) {
-    return make_array<std::uint32_t>(
-        {n}, [&](std::uint32_t* d) { std::copy(column.begin(), column.end(), d); });
-  };
-  return nb::make_tuple(names, copied(parent), copied(child),
-                        make_array<Stamp>({n},
-                                          [&](Stamp* d) {
-                                            for (const StampedTransform* row : rows)
-                                              *d++ = row->stamp;
-                                          }),
-                        make_array<double>({n, 7}, [&](double* d) {
-                          for (const StampedTransform* row : rows)
-                            d = std::copy_n(&row->pose.x, 7, d);
-                        }));
-}
 
 nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>& parent,
                        const Column<std::uint32_t>& child, const Column<Stamp>& stamp,
@@ -96,8 +55,7 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
 
 }  // namespace
 
-void bind_commit(nb::module_& m, nb::class_<Tree>& tree) {
-  m.def("columns_of", &columns_of, nb::arg("stampeds"));
+void bind_commit(nb::class_<Tree>& tree) {
   tree.def("_commit_rows", &commit_rows, nb::arg("names"), nb::arg("parent"), nb::arg("child"),
            nb::arg("stamp_ns"), nb::arg("pose"), nb::kw_only(), nb::arg("authority") = "",
            nb::arg("static") = false, nb::arg("drop_old") = false,

@@ -19,4 +19,5 @@ NB_MODULE(_core, m) {
   ztf::bind_join_buffers(m);
   ztf::bind_single_lookup(m);
   ztf::bind_cdr(m);
+  ztf::bind_columns(m);
 }

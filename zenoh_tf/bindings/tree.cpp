@@ -213,7 +213,7 @@ void bind_tree(nb::module_& m) {
   bind_lookups(tree);
   bind_lookup_columns(tree);
   bind_read_rows(m, tree);
-  bind_commit(m, tree);
+  bind_commit(tree);
   bind_introspection(tree);
   bind_velocity(tree);
   bind_deskew(tree);
