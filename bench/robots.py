@@ -6,12 +6,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import zenoh
 
 from bench.process import Process, connect, module
 from zenoh_tf import keys, wire
+from zenoh_tf._core import TransformRows
 
 FRAMES = 60
 RATE_HZ = 100
@@ -22,8 +24,9 @@ def robots(endpoint: str, count: int, messages: int = 1) -> Process:
     return module("bench.robots", endpoint, str(count), str(messages))
 
 
-def commits(robot: int, count: int) -> Iterator[wire.Commit]:
-    """A chain of four links below the map, and all other frames on its end."""
+def chains(robot: int, count: int) -> Iterator[tuple[Any, ...]]:
+    """A chain of four links below the map, and all other frames on its end: the names, parents,
+    children and poses of each of `count` messages."""
     frames = ["map", *(f"robot{robot}/frame{i}" for i in range(FRAMES))]
     for child in np.array_split(np.arange(1, FRAMES + 1), count):
         parent = np.where(child <= 4, child - 1, 4)
@@ -31,7 +34,7 @@ def commits(robot: int, count: int) -> Iterator[wire.Commit]:
         ups, downs = (np.searchsorted(used, ids).astype(np.uint32) for ids in (parent, child))
         pose = np.tile([1.0, 0, 0, 0, 0, 0, 1], (len(child), 1))
         names = [frames[place] for place in used]
-        yield wire.Commit(names, ups, downs, np.zeros(len(child), np.int64), pose)
+        yield names, ups, downs, pose
 
 
 def main() -> None:
@@ -43,18 +46,19 @@ def main() -> None:
                     keys.put("main", f"robot{robot}/sensor{sensor}", static=False),
                     congestion_control=zenoh.CongestionControl.BLOCK,
                 ),
-                commit,
+                chain,
             )
             for robot in range(count)
-            for sensor, commit in enumerate(commits(robot, messages))
+            for sensor, chain in enumerate(chains(robot, messages))
         ]
         print("ready", flush=True)
         period_s = 1 / RATE_HZ / len(sources)
         due_s = time.monotonic()
         while True:
-            for publisher, commit in sources:
-                commit.stamp[:] = time.monotonic_ns()
-                publisher.put(wire.pack(wire.commit_body(commit)))
+            for publisher, (names, parent, child, pose) in sources:
+                stamps = np.full(len(child), time.monotonic_ns())
+                rows = TransformRows(names, parent, child, stamps, pose)
+                publisher.put(wire.pack(wire.commit_body(wire.Commit(rows))))
                 due_s += period_s
                 pause_s = due_s - time.monotonic()
                 if pause_s > 0:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf._core import ChangeLog, ChangeReplay, InterestReader
+from zenoh_tf._core import ChangeLog, ChangeReplay, InterestReader, TransformRows
 from zenoh_tf.errors import TransformException
 
 CACHE_S = 1e-7  # 100 ns: histories are pruned soon
@@ -161,14 +161,8 @@ class Writer:
         """A commit with a read set, which may be refused after it has drawn its number."""
         read = self.random.choice(FRAMES)
         stamped = self._stamped()
-        name = [stamped.parent_frame, stamped.child_frame]
-        zero, one = np.zeros(1, np.uint32), np.ones(1, np.uint32)
         self.tree._commit_rows(
-            name,
-            zero,
-            one,
-            np.array([stamped.stamp_ns]),
-            np.array([stamped.transform.pose()]),
+            TransformRows.of([stamped]),
             read_names=[read],
             read_versions=np.array([self.random.choice((0, 4, 8))], np.uint64),
         )

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from zenoh_tf import wire
+from zenoh_tf._core import TransformRows
 
 from .raw import Raw
 
@@ -55,11 +56,13 @@ def commit(names: list[str], parent: list[int], child: list[int], **more: object
     rows = len(parent)
     body = wire.commit_body(
         wire.Commit(
-            names,
-            np.array(parent, np.uint32),
-            np.array(child, np.uint32),
-            np.ones(rows, np.int64),
-            np.tile([0.0, 0, 0, 0, 0, 0, 1], (rows, 1)),
+            TransformRows(
+                names,
+                np.array(parent, np.uint32),
+                np.array(child, np.uint32),
+                np.ones(rows, np.int64),
+                np.tile([0.0, 0, 0, 0, 0, 0, 1], (rows, 1)),
+            )
         ),
         more,
     )

@@ -10,7 +10,7 @@ import pytest
 
 from tests.logged_trees import FEW_FRAMES, Mirror, Writer, logged, make_tree, state
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf._core import ChangeLog, ChangeReplay
+from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
 
 
@@ -242,11 +242,7 @@ def test_refused_and_empty_commits_leave_empty_entries() -> None:
     assert tree.set_transform(StampedTransform("map", "base", 1000, Transform()))
     with pytest.raises(TransformException):
         tree._commit_rows(
-            ["map", "base"],
-            np.zeros(1, np.uint32),
-            np.ones(1, np.uint32),
-            np.array([2000]),
-            np.array([[0, 0, 0, 0, 0, 0, 1.0]]),
+            TransformRows.of([StampedTransform("map", "base", 2000, Transform())]),
             read_names=["base"],
             read_versions=np.array([400], np.uint64),
         )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from zenoh_tf import InvalidArgumentException, TimeoutException, TransformTree
+from zenoh_tf._core import TransformRows
 
 POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -15,14 +16,14 @@ POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 def commit(tree: TransformTree, stamps: list[int], **how: object) -> list[int]:
     """One link from map to base with these stamps."""
     rows = len(stamps)
-    stored = tree._commit_rows(
+    columns = TransformRows(
         ["map", "base"],
         np.zeros(rows, np.uint32),
         np.ones(rows, np.uint32),
         np.array(stamps, np.int64),
         np.array([POSE] * rows),
-        **how,  # type: ignore[arg-type]
     )
+    stored = tree._commit_rows(columns, **how)  # type: ignore[arg-type]
     return [int(result) for result in stored]
 
 

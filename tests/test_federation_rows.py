@@ -60,17 +60,17 @@ def test_a_first_copy_has_many_frames_in_a_put() -> None:
     assert len(puts) <= 10_000 / 100 and not refused
     assert robot.received == 10_000
     stored = [
-        (commit.names[child], put.static)
+        (commit.rows.names[child], put.static)
         for put in puts
         for commit in [commit_of(put)]
-        for child in commit.child.tolist()
+        for child in commit.rows.child.tolist()
     ]
     assert sorted(stored) == sorted((f"r/part{n}", n % 4 == 0) for n in range(1, 10_001))
     assert {put.authority for put in puts} == {"r:wheels", "r:arm"}
     for put in puts:
         commit = commit_of(put)
-        assert set(commit.parent.tolist()) == {commit.names.index("map")}
-        assert len(commit.names) <= 129 and commit.rows <= 1024
+        assert set(commit.rows.parent.tolist()) == {commit.rows.names.index("map")}
+        assert len(commit.rows.names) <= 129 and len(commit.rows) <= 1024
 
 
 def test_histories_are_whole_and_in_order() -> None:
@@ -78,10 +78,8 @@ def test_histories_are_whole_and_in_order() -> None:
     tree = TransformTree()
     for put in robot.of_frames(frames(30, samples=700)):
         commit = commit_of(put)
-        assert commit.rows <= 1024
-        tree._commit_rows(
-            commit.names, commit.parent, commit.child, commit.stamp, commit.pose, static=put.static
-        )
+        assert len(commit.rows) <= 1024
+        tree._commit_rows(commit.rows, static=put.static)
     for number in range(1, 31):
         assert tree.frame(f"r/part{number}").samples == (1 if number % 4 == 0 else 700)
 
@@ -91,7 +89,10 @@ def test_a_refused_put_is_committed_frame_by_frame() -> None:
     [put] = robot.of_frames(frames(3, samples=5))
     assert put.parts is not None
     parts = put.parts(put)
-    names = [[commit.names[child] for child in commit.child] for commit in map(commit_of, parts)]
+    names = [
+        [commit.rows.names[child] for child in commit.rows.child]
+        for commit in map(commit_of, parts)
+    ]
     assert names == [[f"r/part{number}"] * 5 for number in range(1, 4)]
     assert all(part.parts is None and part.authority == "r:wheels" for part in parts)
 
@@ -99,7 +100,9 @@ def test_a_refused_put_is_committed_frame_by_frame() -> None:
 def test_what_is_above_the_share_is_refused_and_counted() -> None:
     robot, refused = rows_of(most=10)
     puts = list(robot.of_frames(frames(30, authorities=("wheels", "arm"))))
-    children = {commit.names[child] for commit in map(commit_of, puts) for child in commit.child}
+    children = {
+        commit.rows.names[child] for commit in map(commit_of, puts) for child in commit.rows.child
+    }
     assert len(children) == 10 and robot.over_quota == 20
     assert sum(count for _, count, _ in refused) == 20
     assert {authority for authority, _, _ in refused} == {"r:wheels", "r:arm"}

@@ -10,7 +10,7 @@ import pytest
 
 from tests.logged_trees import FEW_FRAMES, Mirror, Writer, logged, state
 from zenoh_tf import TransformTree
-from zenoh_tf._core import ChangeLog, ChangeReplay
+from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -71,7 +71,8 @@ def test_many_late_samples_cost_a_mirror_no_more_than_the_tree() -> None:
     def commit(stamps: Any) -> None:
         n = len(stamps)
         zero, one = np.zeros(n, np.uint32), np.ones(n, np.uint32)
-        tree._commit_rows(["map", "base"], zero, one, stamps, np.repeat(pose, n, 0))
+        rows = TransformRows(["map", "base"], zero, one, stamps, np.repeat(pose, n, 0))
+        tree._commit_rows(rows)
 
     commit(1_000_000 * np.arange(1, 20_001))
     mirror = TransformTree(1000.0, **options)  # type: ignore[arg-type]

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
@@ -93,11 +94,13 @@ def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: Transf
     names = ["root", *(f"f{row}" for row in range(rows))]
     body = wire.commit_body(
         wire.Commit(
-            names,
-            np.zeros(rows, np.uint32),
-            np.arange(1, rows + 1, dtype=np.uint32),
-            np.arange(rows),
-            np.tile([0.0, 0, 0, 0, 0, 0, 1], (rows, 1)),
+            TransformRows(
+                names,
+                np.zeros(rows, np.uint32),
+                np.arange(1, rows + 1, dtype=np.uint32),
+                np.arange(rows),
+                np.tile([0.0, 0, 0, 0, 0, 0, 1], (rows, 1)),
+            )
         ),
         {"id": os.urandom(16)},
     )

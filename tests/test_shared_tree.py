@@ -25,6 +25,7 @@ from zenoh_tf import (
     TransformTree,
     _core,
 )
+from zenoh_tf._core import TransformRows
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
@@ -199,11 +200,7 @@ def test_a_transaction_reads_here_and_is_validated_by_the_owner() -> None:
         newest = tree.frame("base").newest_stamp_ns
         assert newest is not None
         tree._commit_rows(
-            ["map", "base"],
-            np.array([0], "u4"),
-            np.array([1], "u4"),
-            np.array([newest + 1], "i8"),
-            np.array([[0, 0, 0, 0, 0, 0, 1]], "f8"),
+            TransformRows.of([StampedTransform("map", "base", newest + 1, Transform())]),
             read_names=names,
             read_versions=versions,
         )

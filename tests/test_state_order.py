@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import NotDurable, TransformException
 from zenoh_tf_server import state_writer
 from zenoh_tf_server.limits import Limits
@@ -36,7 +37,8 @@ def commit(names: list[str], x: int, *, static: bool) -> wire.Commit:
     children = np.arange(1, count + 1, dtype=np.uint32)
     stamps = np.full(count, x, np.int64)
     parents = np.zeros(count, np.uint32)
-    return wire.Commit(["map", *names], parents, children, stamps, poses, f"x{x % 3}", static)
+    rows = TransformRows(["map", *names], parents, children, stamps, poses)
+    return wire.Commit(rows, f"x{x % 3}", static)
 
 
 def write_at_random(service: Service, state: State, seed: int) -> None:

@@ -70,7 +70,7 @@ def test_golden_commit() -> None:
         "00000000000000400000000000000840" + "00" * 24 + "000000000000f03f"
     )
     commit = wire.parse_commit(wire.unpack(bytes.fromhex(golden)))
-    assert commit.pose.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
+    assert commit.rows.pose.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
     assert (commit.authority, commit.static, commit.drop_old) == ("", False, False)
     assert wire.pack(wire.commit_body(commit)).hex() == golden
 

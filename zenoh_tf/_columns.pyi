@@ -10,16 +10,41 @@ from numpy.typing import NDArray
 
 from zenoh_tf._transform import StampedTransform
 
-# Transforms as names (each once) and the columns parent, child (rows of names), stamp_ns, pose.
-def columns_of(
-    stampeds: Sequence[StampedTransform],
-) -> tuple[
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
-]: ...
+class TransformRows:
+    """Transforms as columns, a row for each. Each frame's name is there once. The columns never
+    change; they are views, and not contiguous."""
+
+    def __init__(  # raises InvalidArgumentException
+        self,
+        names: Sequence[str],
+        parent: NDArray[np.uint32],  # (n,) indexes into names
+        child: NDArray[np.uint32],  # (n,)
+        stamp_ns: NDArray[np.int64],  # (n,)
+        pose: NDArray[np.float64],  # (n, 7) x y z qx qy qz qw of child in parent, metres
+    ) -> None: ...
+    @staticmethod
+    def of(stampeds: Sequence[StampedTransform]) -> TransformRows: ...
+    # The columns of a message; None if they are malformed.
+    @staticmethod
+    def parse(
+        names: object, parent: object, child: object, stamp: object, pose: object
+    ) -> TransformRows | None: ...
+    def take(self, rows: NDArray[np.int64]) -> TransformRows: ...  # with all names
+    # Parent, child, stamp and pose as the columns of a message.
+    def columns(self) -> tuple[bytes, bytes, bytes, bytes]: ...
+    def __len__(self) -> int: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def parent(self) -> NDArray[np.uint32]: ...
+    @property
+    def child(self) -> NDArray[np.uint32]: ...
+    @property
+    def stamp(self) -> NDArray[np.int64]: ...
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def newest_stamp(self) -> int: ...  # INT64_MIN if there is no row
 
 # Pairs of frames as names (each once) and the columns target, source (rows of names). A single name
 # stands for all rows.

@@ -14,7 +14,7 @@ from zenoh_tf._change_log import ChangeLog as ChangeLog
 from zenoh_tf._change_log import ChangeReplay as ChangeReplay
 from zenoh_tf._change_log import InterestReader as InterestReader
 from zenoh_tf._change_log import wait_for_changes as wait_for_changes
-from zenoh_tf._columns import columns_of as columns_of
+from zenoh_tf._columns import TransformRows as TransformRows
 from zenoh_tf._columns import columns_of_pairs as columns_of_pairs
 from zenoh_tf._columns import decode_tf_message as decode_tf_message
 from zenoh_tf._columns import decode_tf_messages as decode_tf_messages
@@ -343,11 +343,7 @@ class Tree:
     ) -> Rows: ...
     def _commit_rows(
         self,
-        names: Sequence[str],
-        parent: NDArray[np.uint32],
-        child: NDArray[np.uint32],
-        stamp_ns: NDArray[np.int64],
-        pose: NDArray[np.float64],  # (n, 7)
+        rows: TransformRows,
         *,
         authority: str = "",
         static: bool = False,

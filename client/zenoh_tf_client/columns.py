@@ -129,4 +129,4 @@ def commit(
     stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
 ) -> wire.Commit:
     """Return transforms as the columns of a commit."""
-    return wire.Commit(*_core.columns_of(stampeds), authority, static)
+    return wire.Commit(_core.TransformRows.of(stampeds), authority, static)

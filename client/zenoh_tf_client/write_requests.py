@@ -34,7 +34,7 @@ def commit(commit: wire.Commit, instance: str | None = None) -> Request[None]:
     """A commit of all rows or none; only server `instance` may apply it, if one is given."""
 
     def parse(reply: wire.Message) -> None:
-        wire.parse_commit_reply(reply, commit.rows)
+        wire.parse_commit_reply(reply, len(commit.rows))
 
     return Call("commit", wire.commit_body(commit), parse, instance=instance)
 

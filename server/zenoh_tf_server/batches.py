@@ -174,7 +174,7 @@ class Batch:
 
     def _commit(self, body: wire.Message) -> wire.Commit:
         commit = wire.parse_commit(body)
-        self._count(commit.rows)
+        self._count(len(commit.rows))
         return commit
 
     def _count(self, rows: int) -> None:

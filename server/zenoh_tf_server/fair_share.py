@@ -23,6 +23,13 @@ class FairShare:
         self._held: dict[str, int] = {}
         self.total = 0
 
+    def has_room(self, client: str, n: int) -> bool:
+        """Whether the client can hold `n` more now."""
+        free = self._limit - self.total - n
+        held = self._held.get(client, 0) + n
+        # The last one goes to a client that has none, so that a limit of 1 means 1.
+        return free >= 0 and (held <= free or held <= 1)
+
     def check(self, client: str, n: int, retry_after_s: float) -> None:
         """Raise if the client cannot hold `n` more.
 
@@ -32,10 +39,8 @@ class FairShare:
         """
         if n > self._limit:
             raise self._limits.exceeded(self._name, n)
-        free = self._limit - self.total - n
-        held = self._held.get(client, 0) + n
-        # The last one goes to a client that has none, so that a limit of 1 means 1.
-        if free < 0 or (held > free and held > 1):
+        if not self.has_room(client, n):
+            held = self._held.get(client, 0) + n
             raise ServerBusy(
                 f"{self._limits.describe(self._name, self.total + n)}; of these this client would "
                 f"hold {held}, and only as many as are left free may be its own: try again in "

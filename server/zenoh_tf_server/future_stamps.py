@@ -9,18 +9,13 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
-from typing import Any, Final, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Literal
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
 
 DEFAULT_MAX_FUTURE_S = 3600.0
-#: Up to so many are compared faster as a list.
-_FEW_STAMPS: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +41,16 @@ class FutureStamps:
 
     def beyond(self, commit: wire.Commit, limit_ns: int) -> list[int]:
         """The rows of a commit with a later stamp."""
-        if commit.static or not commit.rows or _newest(commit.stamp) <= limit_ns:
+        if commit.static or commit.rows.newest_stamp <= limit_ns:
             return []
-        return [int(row) for row in (commit.stamp > limit_ns).nonzero()[0]]
+        return [int(row) for row in (commit.rows.stamp > limit_ns).nonzero()[0]]
 
     def describe(self, commit: wire.Commit, row: int) -> str:
         """What is wrong with a row."""
-        ahead_s = (int(commit.stamp[row]) - time.time_ns()) * 1e-9
+        stamp_ns = int(commit.rows.stamp[row])
+        ahead_s = (stamp_ns - time.time_ns()) * 1e-9
         return (
-            f"the stamp of frame {quoted(frame_of(commit, row))}, {int(commit.stamp[row])} ns, "
+            f"the stamp of frame {quoted(frame_of(commit, row))}, {stamp_ns} ns, "
             f"lies {ahead_s:,.0f} s ahead of this server's clock: the limit is "
             f"{self.max_future_s:g} s (--max-future-s)"
         )
@@ -70,21 +66,15 @@ class FutureStamps:
                 self.describe(commit, rows[0]),
                 frame=frame_of(commit, rows[0])[:255],
                 field="stamp_ns",
-                stamp_ns=int(commit.stamp[rows[0]]),
+                stamp_ns=int(commit.rows.stamp[rows[0]]),
                 limit=limit_ns,
-                value=int(commit.stamp[rows[0]]),
+                value=int(commit.rows.stamp[rows[0]]),
             )
-
-
-def _newest(stamps: NDArray[np.int64]) -> int:
-    """The largest of one or more stamps. Of 100,000 a list takes 4 ms, and holds up all
-    threads; of one NumPy takes three times as long as a list."""
-    return max(stamps.tolist()) if len(stamps) <= _FEW_STAMPS else int(stamps.max())
 
 
 def frame_of(commit: wire.Commit, row: int) -> str:
     """The child frame of a row."""
-    return commit.names[int(commit.child[row])]
+    return commit.rows.names[int(commit.rows.child[row])]
 
 
 def add_flags(parser: Any) -> None:

@@ -341,8 +341,8 @@ class Ingest:
                 commit = wire.parse_commit(self._limits.unpack(payload))
             else:
                 commit = put.decode(payload)
-            transforms = commit.rows
-            self._limits.check("rows", commit.rows)
+            transforms = len(commit.rows)
+            self._limits.check("rows", len(commit.rows))
             # The key counts, not the message: Zenoh's access control has checked the key.
             commit.authority, commit.static = authority, put.static
             commit.drop_old = True
@@ -368,7 +368,7 @@ class Ingest:
         if put.static or not transforms:
             return
         if measure:
-            self._clocks.put_arrived(authority, put.arrival_ns, int(commit.stamp.max()))
+            self._clocks.put_arrived(authority, put.arrival_ns, commit.rows.newest_stamp)
         if self._future.flags:
             counts.flagged_as_future += self._flag_future(commit, put)
 

@@ -126,7 +126,9 @@ class ReplyCache:
             TimeoutException: It has passed.
             LimitExceeded: It is too far ahead.
         """
-        now_ns = time.monotonic_ns()
+        return self._expiry(expires_ns, time.monotonic_ns())
+
+    def _expiry(self, expires_ns: int | None, now_ns: int) -> int:
         if expires_ns is None:
             return now_ns + self._limits.default_expiry_s * _NS
         if expires_ns < now_ns:
@@ -144,25 +146,26 @@ class ReplyCache:
     def _begin(
         self, request_id: bytes, client: str, what: str, expires_ns: int | None, reserve: int
     ) -> int:
-        until_ns = self.expiry(expires_ns)
-        self._forget_expired()
-        retry_after_s = self._retry_after_s()
-        self._count.check(client, 1, retry_after_s)
+        now_ns = time.monotonic_ns()
+        until_ns = self._expiry(expires_ns, now_ns)
+        self._forget_expired(now_ns)
         size = _OVERHEAD_BYTES + reserve
-        self._bytes.check(client, size, retry_after_s)
+        if not (self._count.has_room(client, 1) and self._bytes.has_room(client, size)):
+            retry_after_s = self._retry_after_s(now_ns)
+            self._count.check(client, 1, retry_after_s)
+            self._bytes.check(client, size, retry_after_s)
         self._entries[request_id] = _Entry(client, what, until_ns, size)
         self._count.take(client, 1)
         self._bytes.take(client, size)
         return until_ns
 
-    def _retry_after_s(self) -> float:
+    def _retry_after_s(self, now_ns: int) -> float:
         """When the next outcome is forgotten."""
         if not self._finished:
             return _RETRY_AFTER_S
-        return max(_RETRY_AFTER_S, (self._finished[0][0] - time.monotonic_ns()) / _NS)
+        return max(_RETRY_AFTER_S, (self._finished[0][0] - now_ns) / _NS)
 
-    def _forget_expired(self) -> None:
-        now_ns = time.monotonic_ns()
+    def _forget_expired(self, now_ns: int) -> None:
         while self._finished and self._finished[0][0] < now_ns:
             _, request_id = heapq.heappop(self._finished)
             entry = self._entries.pop(request_id)

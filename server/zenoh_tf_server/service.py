@@ -228,7 +228,7 @@ class Service:
     def _commit(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
             commit = wire.parse_commit(message)
-            self.limits.check("rows", commit.rows)
+            self.limits.check("rows", len(commit.rows))
             stored, ticket = self.commit_reply(commit, expires_ns)
             self._links.wait(ticket)
             reply = self._pack(stored)
@@ -262,7 +262,7 @@ class Service:
         self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
     ) -> tuple[Any, int]:
         """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
-        self.limits.check_names(commit.names)
+        self.limits.check_names(commit.rows.names)
         self.limits.check_names(commit.read_names)
         if commit.static:
             return self._links.commit(commit, by_call=by_call)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
 
 from .limits import Limits
@@ -155,12 +156,11 @@ def _restore_last_poses(tree: TransformTree, stored: Stored, settings: StateSett
 def _commit(links: dict[str, Link], authority: str, *, static: bool) -> wire.Commit:
     names = dict.fromkeys(name for child, link in links.items() for name in (link.parent, child))
     index: dict[str, Any] = {name: number for number, name in enumerate(names)}
-    return wire.Commit(
+    rows = TransformRows(
         list(names),
         np.array([index[link.parent] for link in links.values()], np.uint32),
         np.array([index[child] for child in links], np.uint32),
         np.array([link.stamp_ns for link in links.values()], np.int64),
         np.array([link.pose for link in links.values()], np.float64).reshape(len(links), 7),
-        authority,
-        static,
     )
+    return wire.Commit(rows, authority, static)

@@ -93,9 +93,9 @@ class StaticLinks:
         NO_TICKET unless a static link became dynamic."""
         # A static commit adds its names before the tree applies it. So if the tree has applied
         # this commit after a static one, the name is found here.
-        if self._names.isdisjoint(commit.names):
+        if self._names.isdisjoint(commit.rows.names):
             return NO_TICKET
-        children = {commit.names[index] for index in commit.child.tolist()}
+        children = {commit.rows.names[index] for index in commit.rows.child.tolist()}
         if children.isdisjoint(self._names):
             return NO_TICKET
         with self.lock:
@@ -204,12 +204,12 @@ class StaticLinks:
         return stored, self._put(changes)
 
     def _announce(self, commit: wire.Commit) -> tuple[Stores, int]:
-        stored = np.zeros(commit.rows, np.uint8)
-        rows = np.arange(commit.rows)
+        stored = np.zeros(len(commit.rows), np.uint8)
+        rows = np.arange(len(commit.rows))
         try:
             return stored, self._announce_rows(commit, rows, stored)
         except TransformException as error:
-            if not 1 < commit.rows <= _MAX_SINGLE_ROWS:
+            if not 1 < len(commit.rows) <= _MAX_SINGLE_ROWS:
                 raise
             refusal = error
         # One bad link must not keep the others back: they were set one after another, too.
@@ -235,12 +235,9 @@ class StaticLinks:
                 return NO_TICKET
             part = replace(
                 commit,
-                parent=commit.parent[chosen],
-                child=commit.child[chosen],
-                stamp=commit.stamp[chosen],
-                pose=commit.pose[chosen],
+                rows=commit.rows.take(chosen),
                 # The commit fails if another one changes one of the frames before it.
-                read_names=[commit.names[commit.child[row]] for row in chosen],
+                read_names=[commit.rows.names[commit.rows.child[row]] for row in chosen],
                 read_versions=np.array([v for v in versions if v is not None], np.uint64),
             )
             try:
@@ -255,7 +252,7 @@ class StaticLinks:
 
     def _announceable(self, commit: wire.Commit, row: int) -> int | None:
         """The frame's version if the row may be stored, else None."""
-        child = commit.names[commit.child[row]]
+        child = commit.rows.names[commit.rows.child[row]]
         if child in self._removed:
             return None
         record = self._record(child)
@@ -271,7 +268,7 @@ class StaticLinks:
 
     def _log_left_out(self, commit: wire.Commit, rows: NDArray[np.int64]) -> None:
         if rows.size:
-            first = commit.names[commit.child[rows[0]]]
+            first = commit.rows.names[commit.rows.child[rows[0]]]
             self._log.warn(
                 f"statics of {commit.authority!r}",
                 f"announced again, but {rows.size} left out, {first!r} first: they were changed by "

@@ -17,11 +17,7 @@ def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = N
     """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old, 2 dropped as
     later than `max_stamp_ns`."""
     return tree._commit_rows(
-        commit.names,
-        commit.parent,
-        commit.child,
-        commit.stamp,
-        commit.pose,
+        commit.rows,
         authority=commit.authority,
         static=commit.static,
         drop_old=commit.drop_old,
@@ -36,12 +32,12 @@ def last_links(commit: wire.Commit, *, by_call: bool) -> dict[str, Link]:
     """The link of each child as the tree has it after a static commit: of several rows of one child
     it applies the one with the highest stamp last, and the last of those."""
     links: dict[str, Link] = {}
-    names = commit.names
+    names = commit.rows.names
     columns = zip(
-        commit.parent.tolist(),
-        commit.child.tolist(),
-        commit.stamp.tolist(),
-        commit.pose.tolist(),
+        commit.rows.parent.tolist(),
+        commit.rows.child.tolist(),
+        commit.rows.stamp.tolist(),
+        commit.rows.pose.tolist(),
         strict=True,
     )
     for parent, child, stamp_ns, pose in columns:

@@ -50,7 +50,7 @@ FAULTS = [
         "a commit is answered before it is applied",
         "return tree._commit_rows(",
         "return (lambda *a, **k: (__import__('threading').Timer(0.002, tree._commit_rows, a, k)"
-        ".start(), __import__('numpy').ones(len(a[3]), 'uint8'))[1])(",
+        ".start(), __import__('numpy').ones(len(a[0]), 'uint8'))[1])(",
     ),
     Fault(
         "a lease outlives its server",

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf._core import columns_of
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, ProtocolError
 from zenoh_tf.ros2.cdr import (
     JointState,
@@ -37,6 +37,10 @@ STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 ONE = bytes.fromhex(
     "00010000 01000000 64000000 05000000 04000000 6d617000 05000000 6f646f6d 00 000000"
 ) + struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1)
+
+
+def _message(rows: TransformRows) -> TfMessage:
+    return TfMessage(rows.names, rows.parent, rows.child, rows.stamp, rows.pose)
 
 
 def oracle_tf(rows: list[tuple[str, str, int, list[float]]]) -> Any:
@@ -80,7 +84,7 @@ def test_golden_bytes() -> None:
     assert rows_of(decode_tf_message(ONE)) == [row]
     assert encode_tf_message(message_of([row])) == ONE
     stamped = StampedTransform("map", "odom", row[2], Transform((1, 2, 3), (0, 0, 0, 1)))
-    assert encode_tf_message(TfMessage(*columns_of([stamped]))) == ONE
+    assert encode_tf_message(_message(TransformRows.of([stamped]))) == ONE
 
 
 @settings(max_examples=200, deadline=None)

@@ -177,6 +177,7 @@ void bind_join_buffers(nb::module_& m);
 void bind_message_size(nb::module_& m);
 void bind_single_lookup(nb::module_& m);
 void bind_transform(nb::module_& m);
+void bind_transform_rows(nb::module_& m);
 void bind_apply(nb::class_<Pose>& transform);
 void bind_stamped(nb::module_& m);
 void bind_tree(nb::module_& m);

@@ -1,31 +1,14 @@
-// Arguments as the columns of a message, which sends each name once.
+// columns_of_pairs: the arguments of a lookup as the columns of a message.
 //
 // GIL: kept.
 #include <algorithm>
 #include <string>
-#include <unordered_map>
 
-#include "bindings.hpp"
+#include "message_names.hpp"
 
 namespace ztf {
 
 namespace {
-
-// The names of a message, each once, in the order of their first use.
-class MessageNames {
- public:
-  std::uint32_t index_of(nb::handle name) {
-    const auto [at, is_new] =
-        known_.try_emplace(text_of(name, "frame"), static_cast<std::uint32_t>(known_.size()));
-    if (is_new) list_.append(name);
-    return at->second;
-  }
-  [[nodiscard]] const nb::list& list() const { return list_; }
-
- private:
-  nb::list list_;  // keeps the texts alive
-  std::unordered_map<std::string_view, std::uint32_t> known_;
-};
 
 nb::object column(const std::vector<std::uint32_t>& values) {
   return make_array<std::uint32_t>(
@@ -59,39 +42,9 @@ nb::tuple columns_of_pairs(nb::handle targets, nb::handle sources, std::size_t r
   return nb::make_tuple(names.list(), target, source);
 }
 
-// (names, parent, child, stamp, pose): the columns of a commit.
-nb::tuple columns_of(nb::handle stampeds) {
-  const nb::tuple items = tuple_of(stampeds);
-  std::vector<const StampedTransform*> rows;
-  rows.reserve(items.size());
-  for (const nb::handle item : items) {
-    if (!nb::isinstance<StampedTransform>(item))
-      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
-    rows.push_back(&nb::cast<const StampedTransform&>(item));
-  }
-  const std::size_t n = rows.size();
-  MessageNames names;
-  std::vector<std::uint32_t> parent(n), child(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    parent[i] = names.index_of(rows[i]->parent_frame);
-    child[i] = names.index_of(rows[i]->child_frame);
-  }
-  return nb::make_tuple(names.list(), column(parent), column(child),
-                        make_array<Stamp>({n},
-                                          [&](Stamp* d) {
-                                            for (const StampedTransform* row : rows)
-                                              *d++ = row->stamp;
-                                          }),
-                        make_array<double>({n, 7}, [&](double* d) {
-                          for (const StampedTransform* row : rows)
-                            d = std::copy_n(&row->pose.x, 7, d);
-                        }));
-}
-
 }  // namespace
 
 void bind_columns(nb::module_& m) {
-  m.def("columns_of", &columns_of, nb::arg("stampeds"));
   m.def("columns_of_pairs", &columns_of_pairs, nb::arg("targets"), nb::arg("sources"),
         nb::arg("rows"));
 }

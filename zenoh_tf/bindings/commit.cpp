@@ -1,46 +1,28 @@
-// Tree._commit_rows: a transaction as columns, for the server.
+// Tree._commit_rows: a transaction of many rows.
 //
 // GIL: commits release it.
 #include <algorithm>
 
 #include "read_rows.hpp"
+#include "transform_rows.hpp"
 
 namespace ztf {
 
 namespace {
 
-constexpr std::size_t kReleaseFrom = 10'000;  // rows whose columns take long to read
-
-nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>& parent,
-                       const Column<std::uint32_t>& child, const Column<Stamp>& stamp,
-                       const PoseColumn& pose, std::string_view authority, bool is_static,
-                       bool drop_old, nb::handle read_names,
+nb::object commit_rows(Tree& tree, const TransformRows& rows, std::string_view authority,
+                       bool is_static, bool drop_old, nb::handle read_names,
                        std::optional<Column<Version>> read_versions,
                        std::optional<std::int64_t> expires, std::optional<Stamp> max_stamp) {
-  std::vector<std::string_view> texts, read_texts;
-  const std::vector<nb::object> objects = names_of(tree, names, texts, "names");
+  check_name_bytes(tree, rows.texts());
+  std::vector<std::string_view> read_texts;
   const std::vector<nb::object> read_objects = names_of(tree, read_names, read_texts, "read_names");
-  const std::size_t n = parent.shape(0);
-  fit(child, n, "child");
-  fit(stamp, n, "stamp_ns");
-  if (pose.shape(0) != n) raise_invalid("pose must have as many rows as parent", "pose");
   if ((read_versions ? read_versions->shape(0) : 0) != read_texts.size())
     raise_invalid("read_versions must have as many rows as read_names", "read_versions");
-  std::vector<Row> rows;
-  rejected_as_error([&] {
-    std::optional<GilReleased> released;
-    if (n >= kReleaseFrom) released.emplace();
-    rows.resize(n);
-    for (std::size_t i = 0; i < n; ++i)
-      rows[i] = {
-          checked(parent(i), texts.size(), "parent"),
-          checked(child(i), texts.size(), "child"),
-          stamp(i),
-          {pose(i, 0), pose(i, 1), pose(i, 2), pose(i, 3), pose(i, 4), pose(i, 5), pose(i, 6)}};
-  });
+  const std::size_t n = rows.rows().size();
   std::vector<std::uint8_t> stored(n);
-  CommitRequest request{.names = texts,
-                        .rows = rows,
+  CommitRequest request{.names = rows.texts(),
+                        .rows = rows.rows(),
                         .authority = authority,
                         .is_static = is_static,
                         .drop_old = drop_old,
@@ -56,8 +38,7 @@ nb::object commit_rows(Tree& tree, nb::handle names, const Column<std::uint32_t>
 }  // namespace
 
 void bind_commit(nb::class_<Tree>& tree) {
-  tree.def("_commit_rows", &commit_rows, nb::arg("names"), nb::arg("parent"), nb::arg("child"),
-           nb::arg("stamp_ns"), nb::arg("pose"), nb::kw_only(), nb::arg("authority") = "",
+  tree.def("_commit_rows", &commit_rows, nb::arg("rows"), nb::kw_only(), nb::arg("authority") = "",
            nb::arg("static") = false, nb::arg("drop_old") = false,
            nb::arg("read_names") = nb::make_tuple(), nb::arg("read_versions").none() = nb::none(),
            nb::arg("expires_ns").none() = nb::none(), nb::arg("max_stamp_ns").none() = nb::none());

@@ -168,17 +168,22 @@ template <class AnyTree>
 template <class AnyTree>
 std::vector<nb::object> names_of(const AnyTree& tree, nb::handle names,
                                  std::vector<std::string_view>& texts, const char* field) {
-  // A commit strips one '/' in front.
-  const std::size_t most = std::size_t{tree.options().max_name_bytes} + 1;
   std::vector<nb::object> objects;
   for (const nb::handle item : tuple_of(names)) {
-    const std::string_view text = text_of(item, field);
-    if (text.size() > most) [[unlikely]]
-      raise_too_long(tree, text);
-    texts.push_back(text);
+    texts.push_back(text_of(item, field));
     objects.push_back(nb::borrow(item));
   }
+  check_name_bytes(tree, texts);
   return objects;
+}
+
+template <class AnyTree>
+void check_name_bytes(const AnyTree& tree, std::span<const std::string_view> names) {
+  // A commit strips one '/' in front.
+  const std::size_t most = std::size_t{tree.options().max_name_bytes} + 1;
+  for (const std::string_view name : names)
+    if (name.size() > most) [[unlikely]]
+      raise_too_long(tree, name);
 }
 
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field) {
@@ -334,6 +339,7 @@ void bind_read_rows(nb::class_<SharedTree>& tree) {
 }
 
 // What the other files use.
+template void check_name_bytes(const Tree&, std::span<const std::string_view>);
 template std::vector<nb::object> names_of(const Tree&, nb::handle, std::vector<std::string_view>&,
                                           const char*);
 template ReadRows::ReadRows(const Tree&, nb::handle, const ReadColumns&);

@@ -13,6 +13,9 @@ namespace ztf {
 template <class AnyTree>
 std::vector<nb::object> names_of(const AnyTree& tree, nb::handle names,
                                  std::vector<std::string_view>& texts, const char* field);
+// Raises LimitExceeded for a name that is too long for the tree, and quotes only its beginning.
+template <class AnyTree>
+void check_name_bytes(const AnyTree& tree, std::span<const std::string_view> names);
 // `index`, which must be below the number of names: else throws Rejected. Needs no GIL.
 std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field);
 

@@ -14,6 +14,8 @@ from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf.tree import TransformTree
 
+from .._core import TransformRows
+
 #: Seconds that the tree keeps: as a server by default.
 _CACHE_S: Final = 10.0
 
@@ -101,11 +103,7 @@ class RecordedFacts:
         columns: list[Any] = [rows.parent[which], rows.child[which]]
         names, (parent, child) = _own_names(rows.names, columns)
         self._tree._commit_rows(
-            names,
-            parent,
-            child,
-            np.ascontiguousarray(rows.stamp[which]),
-            np.ascontiguousarray(rows.pose[which]),
+            TransformRows(names, parent, child, rows.stamp[which], rows.pose[which]),
             authority=topic,
             static=static,
             drop_old=True,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+from .._core import TransformRows
 from ..errors import InvalidArgumentException, LimitExceeded
 from ..ros2.cdr import TfMessage
 from .blocks import Block, commits, slice_rows, with_own_names
@@ -65,7 +66,7 @@ def _commit_valid(tree: TransformTree, rows: TfMessage, static: bool) -> Iterato
     if not count:
         return
     try:
-        tree._commit_rows(*with_own_names(rows), static=static, drop_old=True)
+        tree._commit_rows(TransformRows(*with_own_names(rows)), static=static, drop_old=True)
     except (InvalidArgumentException, LimitExceeded) as error:
         if error.field in _FULL:
             raise

@@ -12,12 +12,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import TransformRows
+from ..errors import ProtocolError
 from .error_codec import raise_error
 from .fields import (
     F64,
     I64,
     U8,
-    U32,
     U64,
     Message,
     column,
@@ -65,11 +66,7 @@ def parse_write(message: Message) -> Write:
 class Commit:
     """One write transaction, with a row per transform: all rows are stored or none."""
 
-    names: list[str]
-    parent: NDArray[np.uint32]  # (n,) indexes into names
-    child: NDArray[np.uint32]  # (n,)
-    stamp: NDArray[np.int64]  # (n,) ns
-    pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of child in parent
+    rows: TransformRows
     authority: str = ""
     static: bool = False
     drop_old: bool = False  # drop rows that are too old; else they fail the commit
@@ -78,20 +75,17 @@ class Commit:
     read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
     expires_ns: int | None = None  # on the server's clock; it is not sent here but with `Write`
 
-    @property
-    def rows(self) -> int:
-        return len(self.stamp)
-
 
 def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:
     """The body of a commit. Fields with default values are left out."""
+    parent, child, stamp, pose = commit.rows.columns()
     body: Message = {
         "v": 1,
-        "names": commit.names,
-        "parent": raw(commit.parent, U32),
-        "child": raw(commit.child, U32),
-        "stamp": raw(commit.stamp, I64),
-        "pose": raw(commit.pose, F64),
+        "names": commit.rows.names,
+        "parent": parent,
+        "child": child,
+        "stamp": stamp,
+        "pose": pose,
     }
     if commit.authority:
         body["authority"] = commit.authority
@@ -110,24 +104,33 @@ def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Me
 
 
 def parse_commit(body: Message) -> Commit:
-    names = texts(body, "names")
-    stamp = column(body, "stamp", I64)
-    rows = stamp.size
-    commit = Commit(
-        names,
-        indexes(body, "parent", rows, len(names)),
-        indexes(body, "child", rows, len(names)),
-        stamp,
-        column(body, "pose", F64, rows, 7).reshape(rows, 7),
-        text(body, "authority", ""),
-        flag(body, "static"),
-        flag(body, "drop_old"),
-        flag(body, "announce"),
-    )
+    get = body.get
+    rows = TransformRows.parse(get("names"), get("parent"), get("child"), get("stamp"), get("pose"))
+    if rows is None:
+        raise _malformed_rows(body)
+    commit = Commit(rows)
+    if "authority" in body:
+        commit.authority = text(body, "authority")
+    if "static" in body:
+        commit.static = flag(body, "static")
+    if "drop_old" in body:
+        commit.drop_old = flag(body, "drop_old")
+    if "announce" in body:
+        commit.announce = flag(body, "announce")
     if "read_names" in body or "read_versions" in body:
         commit.read_names = texts(body, "read_names")
         commit.read_versions = column(body, "read_versions", U64, len(commit.read_names))
     return commit
+
+
+def _malformed_rows(body: Message) -> ProtocolError:
+    """What is wrong with the rows of a body, for which `TransformRows.parse` gave None."""
+    names = texts(body, "names")
+    rows = column(body, "stamp", I64).size
+    indexes(body, "parent", rows, len(names))
+    indexes(body, "child", rows, len(names))
+    column(body, "pose", F64, rows, 7)
+    return malformed("names", "names of frames")
 
 
 def commit_reply(stored: NDArray[np.uint8]) -> Message:

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf import TransformException, keys, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state
 from zenoh_tf.ros2.keys import JOINT_STATE
@@ -122,8 +123,8 @@ class JointStateFeed:
         moved = self._joints.move(state.name, state.position)
         if len(moved.pose):
             stamps = np.full(len(moved.pose), state.stamp_ns, np.int64)
-            commit = wire.Commit(moved.names, moved.parent, moved.child, stamps, moved.pose)
-            self._publisher.put(wire.pack(wire.commit_body(commit)))
+            rows = TransformRows(moved.names, moved.parent, moved.child, stamps, moved.pose)
+            self._publisher.put(wire.pack(wire.commit_body(wire.Commit(rows))))
 
     def _report(self, key: str, error: ProtocolError) -> None:
         """Of a malformed key or attachment."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
 from zenoh_tf.recordings.blocks import Block, commits, slice_rows, take_rows, with_own_names
 from zenoh_tf.ros2.cdr import TfMessage
@@ -131,7 +132,7 @@ class Rows:
             run = with_own_names(slice_rows(rows, begin, end))
             for block in commits(Block(run, is_static, 1)):
                 for part in self._parts(block.rows, each_frame):
-                    payload = wire.pack(wire.commit_body(wire.Commit(*part)))
+                    payload = wire.pack(wire.commit_body(wire.Commit(TransformRows(*part))))
                     put = Put(name, is_static, payload, len(payload), now_ns)
                     if each_frame:
                         put.parts = _one_by_one
@@ -165,11 +166,12 @@ class _Columns(NamedTuple):
 def _one_by_one(put: Put) -> list[Put]:
     """A put for each frame of one that was refused."""
     commit = wire.parse_commit(wire.unpack(put.payload))
-    rows = TfMessage(commit.names, commit.parent, commit.child, commit.stamp, commit.pose)
+    whole = commit.rows
+    rows = TfMessage(whole.names, whole.parent, whole.child, whole.stamp, whole.pose)
     bounds = [0, *(np.flatnonzero(np.diff(rows.child)) + 1).tolist(), len(rows.stamp)]
     found = []
     for begin, end in pairwise(bounds):
         part = with_own_names(slice_rows(rows, begin, end))
-        payload = wire.pack(wire.commit_body(wire.Commit(*part)))
+        payload = wire.pack(wire.commit_body(wire.Commit(TransformRows(*part))))
         found.append(Put(put.authority, put.static, payload, len(payload), put.arrival_ns))
     return found

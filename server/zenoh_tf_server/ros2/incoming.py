@@ -15,6 +15,7 @@ import time
 import zenoh
 
 from zenoh_tf import wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.cdr import decode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE
@@ -143,6 +144,6 @@ class Incoming:
 
         def decode(payload: bytes) -> wire.Commit:
             names, parent, child, stamp, pose = decode_tf_message(payload, max_rows)
-            return wire.Commit(rename(names), parent, child, stamp, pose)
+            return wire.Commit(TransformRows(rename(names), parent, child, stamp, pose))
 
         return decode

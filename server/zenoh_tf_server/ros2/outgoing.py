@@ -161,9 +161,9 @@ class Outgoing:
             return
         with self._lock:
             self._commits.append((commit, stored))
-            self._waiting += commit.rows
+            self._waiting += len(commit.rows)
             while self._waiting > _MAX_WAITING:
-                self._waiting -= self._commits.popleft()[0].rows
+                self._waiting -= len(self._commits.popleft()[0].rows)
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
@@ -197,9 +197,9 @@ class Outgoing:
             commits, self._commits, self._waiting = self._commits, deque(), 0
         newest: dict[str, _Row] = {}
         for commit, stored in commits:
-            names = commit.names
-            columns = (commit.parent, commit.child, commit.stamp, stored)
-            rows = zip(*(column.tolist() for column in columns), commit.pose, strict=True)
+            names = commit.rows.names
+            columns = (commit.rows.parent, commit.rows.child, commit.rows.stamp, stored)
+            rows = zip(*(column.tolist() for column in columns), commit.rows.pose, strict=True)
             for parent, child, stamp_ns, kept, pose in rows:
                 name = names[child]
                 if kept != 1 or not self._is_chosen(name):

@@ -23,6 +23,7 @@ import numpy as np
 import zenoh
 
 from zenoh_tf import wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.keys import Publisher as Peer
 from zenoh_tf.ros2.topics import Received
@@ -144,22 +145,17 @@ class Statics:
             live: It is sent now. False: kept by its publisher, so it may be from before what
                 other publishers have sent.
         """
-        rows = zip(
-            commit.parent.tolist(),
-            commit.child.tolist(),
-            commit.stamp.tolist(),
-            commit.pose.tolist(),
-            strict=True,
-        )
+        rows, names = commit.rows, commit.rows.names
+        columns = (rows.parent, rows.child, rows.stamp, rows.pose)
         with self._lock:
             publisher = self._publisher(source)
             if publisher is None:
                 return self.put(source.authority, commit)
             new: dict[str, _Link] = {}
-            for parent, child, stamp_ns, pose in rows:
-                link = _Link(commit.names[parent], stamp_ns, tuple(pose), source.gid, number)
-                if self._note(publisher, source.identity, commit.names[child], link, live=live):
-                    new[commit.names[child]] = link
+            for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
+                link = _Link(names[parent], stamp_ns, tuple(pose), source.gid, number)
+                if self._note(publisher, source.identity, names[child], link, live=live):
+                    new[names[child]] = link
         if not new:
             return None
         put = self.put(source.authority, _commit(new))
@@ -294,4 +290,4 @@ def _commit(links: dict[str, _Link]) -> wire.Commit:
     child = np.array([names[name] for name in links], np.uint32)
     stamp = np.array([link.stamp_ns for link in links.values()], np.int64)
     pose = np.array([link.pose for link in links.values()], np.float64).reshape(-1, 7)
-    return wire.Commit(list(names), parent, child, stamp, pose)
+    return wire.Commit(TransformRows(list(names), parent, child, stamp, pose))
