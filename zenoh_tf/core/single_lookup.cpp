@@ -65,9 +65,9 @@ class Writer {
 };
 
 // Reads one part after the other. False: the message goes on in another way.
-class Reader {
+class MessageReader {
  public:
-  explicit Reader(std::string_view data) : rest_(data) {}
+  explicit MessageReader(std::string_view data) : rest_(data) {}
 
   bool raw(std::string_view bytes) {
     if (!rest_.starts_with(bytes)) return false;
@@ -119,7 +119,7 @@ std::optional<std::string> pack_single_lookup(const SingleLookup& lookup) {
 }
 
 std::optional<SingleLookup> parse_single_lookup(std::string_view message) {
-  Reader reader(message);
+  MessageReader reader(message);
   SingleLookup lookup;
   if (reader.raw(kNames) && reader.text(lookup.target) && reader.text(lookup.source) &&
       reader.raw(kOp) && reader.number(lookup.op) && reader.raw(kIndexes) && reader.raw(kStamp) &&
@@ -145,7 +145,7 @@ std::optional<std::string> pack_single_answer(const SingleAnswer& answer,
 
 std::optional<SingleAnswer> parse_single_answer(std::string_view message,
                                                 std::string_view instance) {
-  Reader reader(message);
+  MessageReader reader(message);
   SingleAnswer answer;
   const bool has_newest = reader.raw(kSevenFields);
   if (!has_newest && !reader.raw(kSixFields)) return {};
