@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 COMMIT = ("test_tree_commit", "test_tree_errors", "test_topology", "test_waiting")
-WALK = ("test_tree_walk", "test_tree_errors", "test_topology")
+WALK = ("test_tree_walk", "test_tree_errors", "test_topology", "test_concurrent_reads")
 REPLAY = ("test_concurrent_change_log", "test_concurrent_interest_reader")
 
 
