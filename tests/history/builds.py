@@ -45,11 +45,23 @@ def build_faulty_driver(fault: Fault) -> Path:
     )
 
 
-def _build(source: Path, folder: Path, *settings: str) -> Path:
-    path = f"{TOOLS}{os.pathsep}{os.environ['PATH']}"
-    compiler = subprocess.run(
+def compile_as_one_file(folder: Path) -> str:
+    """Compile the core as faulty ones are built, without making code; return the errors."""
+    one = folder / "core.cpp"
+    one.write_text("".join(f'#include "{path}"\n' for path in sorted(CORE.glob("*.cpp"))))
+    flags = ("-std=c++20", "-fsyntax-only", "-w", f"-I{CORE}", f"-I{ROOT / 'tests/core'}")
+    command = [_compiler(), *flags, "-DZTF_YIELDS", str(one)]
+    return subprocess.run(command, check=False, capture_output=True, text=True).stderr
+
+
+def _compiler() -> str:
+    return subprocess.run(
         ["sh", ROOT / "scripts/compiler.sh"], check=True, capture_output=True, text=True
     ).stdout.strip()
+
+
+def _build(source: Path, folder: Path, *settings: str) -> Path:
+    path = f"{TOOLS}{os.pathsep}{os.environ['PATH']}"
     configure = ["cmake", "-S", str(source), "-B", str(folder), "-G", "Ninja"]
     configure += [
         "--log-level=WARNING",
@@ -60,7 +72,7 @@ def _build(source: Path, folder: Path, *settings: str) -> Path:
         done = subprocess.run(
             command,
             check=False,
-            env={**os.environ, "PATH": path, "CXX": compiler},
+            env={**os.environ, "PATH": path, "CXX": _compiler()},
             capture_output=True,
             text=True,
             timeout=300,

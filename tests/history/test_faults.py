@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from .builds import build_faulty_driver, faulty_text
+from .builds import build_faulty_driver, compile_as_one_file, faulty_text
 from .checker import describe, find_anomaly
 from .faults import FAULTS, HISTORIES, SOUND, Fault
 from .history import record, runs
@@ -31,6 +31,11 @@ def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
 def test_a_fault_still_fits_the_core(fault: Fault) -> None:
     """The patched text occurs once, so that each fault applies even when it is not built here."""
     assert faulty_text(fault)
+
+
+def test_the_core_compiles_as_one_file(tmp_path: Path) -> None:
+    """Else no fault is built: names in anonymous namespaces must not be those of other files."""
+    assert compile_as_one_file(tmp_path) == ""
 
 
 @pytest.mark.slow
