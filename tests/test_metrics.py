@@ -242,6 +242,7 @@ def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
 def test_silent_connections_do_not_use_up_the_server(server: ServerProcess) -> None:
     """Connections that ask nothing are closed, and their number is bounded."""
     host, port = parse_address(metrics_url(server).removeprefix("http://"))
+    before = value(scrape(server), "threads")
     silent = [socket.create_connection((host, port), timeout=20) for _ in range(60)]
     try:
         with server.connect() as tf:
@@ -253,7 +254,8 @@ def test_silent_connections_do_not_use_up_the_server(server: ServerProcess) -> N
     finally:
         for connection in silent:
             connection.close()
-    assert value(until(server, lambda found: value(found, "frames") == 2), "threads") < 60
+    after = value(until(server, lambda found: value(found, "frames") == 2), "threads")
+    assert after - before < len(silent)  # Zenoh's own threads come and go with the load
 
 
 @pytest.mark.parametrize("text", ["127.0.0.1:9464", "localhost:1", "[::1]:9464"])
