@@ -121,6 +121,13 @@ def test_a_read_looks_for_a_replica_for_a_share_of_its_time(clock: Clock) -> Non
     script = Script(no_reply(), no_reply(), done(["map"]), clock=clock)
     assert script.run(exchange.call(FRAMES)) == ["map"]  # whoever answers
     assert script.timeouts_s[2] == 0.001
+    clock.QUERY_S = 2 * TIMEOUT_S
+    exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
+    exchange.router = lambda: "0af3"
+    script = Script(hello_at(clock), done(["map"]), hello_at(clock), clock=clock)
+    assert script.run(exchange.call(FRAMES)) == ["map"]
+    assert script.keys[:2] == ["at/0af3/hello", "at/0af3/info"] and script.timeouts_s[1] == 0.001
+    clock.QUERY_S = 1.0
     exchange = new(clock)
     exchange.router = lambda: "0af3"
     script = Script(done(["map"]), clock=clock)  # the server is known, so nobody is looked for
