@@ -19,7 +19,7 @@ from zenoh_tf.errors import (
     ServerRestarted,
     ServerUnavailable,
 )
-from zenoh_tf_client import columns, info_requests, write_requests
+from zenoh_tf_client import columns, info_requests, lookup_requests, write_requests
 from zenoh_tf_client.exchange import Exchange
 
 from .exchanges import (
@@ -84,6 +84,13 @@ def test_no_reply_leaves_only_a_writes_outcome_open() -> None:
     assert exchange.server is None
     with pytest.raises(ServerUnavailable):  # the server is asked first, so nothing was sent
         Script(no_reply()).run(exchange.call(WRITE))
+
+
+def test_a_single_lookup_without_a_reply_fails_like_any_read() -> None:
+    with pytest.raises(ServerUnavailable, match="nothing came"):
+        Script(no_reply()).run(
+            greeted().call(lookup_requests.lookup_transform("map", "base", None))
+        )
 
 
 def test_a_write_has_an_id_an_expiry_and_an_instance() -> None:
@@ -164,6 +171,11 @@ def test_how_long_queries_and_pauses_may_take(clock: Clock) -> None:
     script = Script(busy(0.25), done(), clock=clock)
     script.run(exchange.call(WRITE))
     assert script.timeouts_s == pytest.approx([TIMEOUT_S, TIMEOUT_S - 1.75])
+    script = Script(
+        busy((TIMEOUT_S - 1.5) / 3), done(["map"]), clock=clock
+    )  # half a second is left
+    script.run(exchange.call(info_requests.frames()))
+    assert script.timeouts_s[1] == pytest.approx(0.5)
     for late_s in (0.0, 0.3):  # no time is left
         script = Script(busy((TIMEOUT_S - 1.0 + late_s) / 3), clock=clock)
         with pytest.raises(ServerBusy):
