@@ -127,12 +127,13 @@ attack: native ## every known attack on real servers, and the bounds they must k
 	@$(BIN)/python -m tests.attack $(ARGS)
 
 WORKFLOWS := $(wildcard .github/workflows/*.yml)
-lint: native ## ruff, mypy --strict, clang-format, scripts/checks; actionlint where it is installed
+lint: native ## ruff, mypy --strict, clang-format, import-linter, scripts/checks; actionlint where it is installed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows $(WORKFLOWS)
+	@mkdir -p build && $(BIN)/lint-imports --no-cache > build/imports.txt || { cat build/imports.txt; exit 1; }
 	@$(BIN)/python -m scripts.checks
 	@if command -v actionlint >/dev/null; then actionlint $(WORKFLOWS); fi
 

@@ -11,7 +11,7 @@ import sys
 import zenoh
 
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.network import open_session
+from zenoh_tf_server.process.network import open_session
 
 KEY = "bench/empty"
 

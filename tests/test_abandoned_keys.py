@@ -12,7 +12,7 @@ import pytest
 import zenoh
 
 from zenoh_tf import keys, zenoh_config
-from zenoh_tf_server.abandoned_keys import AbandonedKeys
+from zenoh_tf_server.process.abandoned_keys import AbandonedKeys
 
 from . import forks
 from .ports import free_endpoint

@@ -14,8 +14,8 @@ import zenoh
 from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
 from zenoh_tf.errors import ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server.lanes import Budget, Lane, Request
 from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.transport.lanes import Budget, Lane, Request
 
 from .conftest import StartServer
 from .ports import free_endpoint

@@ -18,7 +18,7 @@ from zenoh_tf import (
     Transform,
 )
 from zenoh_tf_client import TransformClient, exchange
-from zenoh_tf_server.clock_offsets import WINDOW_NS, ClockOffsets
+from zenoh_tf_server.ingest.clock_offsets import WINDOW_NS, ClockOffsets
 
 from .conftest import StartServer
 from .servers import ServerProcess

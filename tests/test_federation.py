@@ -12,7 +12,8 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server import flags, metric_table
+from zenoh_tf_server import flags
+from zenoh_tf_server.monitoring import metric_table
 
 from .conftest import StartServer
 from .ports import free_endpoint

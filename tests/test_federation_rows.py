@@ -10,8 +10,8 @@ from zenoh_tf import StampedTransform, Transform, TransformException, TransformT
 from zenoh_tf.errors import LimitExceeded
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.federation import quota, rows
+from zenoh_tf_server.ingest.put_queues import Put
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.put_queues import Put
 
 from .conftest import StartServer
 from .replicas import wait

@@ -138,7 +138,7 @@ class HeldIngest(ServerProcess):
     START = (
         "-c",
         "import sys, threading\n"
-        "from zenoh_tf_server.ingest import Ingest\n"
+        "from zenoh_tf_server.ingest.ingest import Ingest\n"
         "Ingest._serve = lambda *_: threading.Event().wait()\n"
         "from zenoh_tf_server.main import main; sys.exit(main())",
     )

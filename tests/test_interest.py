@@ -21,8 +21,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf_client import OutsideInterest, Transaction, TransformClient
-from zenoh_tf_server.interests import Interests
 from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.streams.interests import Interests
 
 
 def test_the_frames_on_the_ways_and_no_others(client: TransformClient) -> None:

@@ -14,9 +14,9 @@ from zenoh_tf import handover, wire
 from zenoh_tf.errors import ServerBusy
 from zenoh_tf.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server.lanes import Budget
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.local_requests import _Turns
+from zenoh_tf_server.transport.lanes import Budget
+from zenoh_tf_server.transport.local_requests import _Turns
 
 from .conftest import StartServer, linux
 from .server_costs import commit, lookup

@@ -21,8 +21,8 @@ import zenoh
 
 from zenoh_tf import keys, wire, zenoh_config
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server import logs
-from zenoh_tf_server.log_handler import DescriptorHandler
+from zenoh_tf_server.monitoring import logs
+from zenoh_tf_server.monitoring.log_handler import DescriptorHandler
 
 from . import forks
 from .conftest import StartServer
@@ -226,7 +226,7 @@ def test_a_log_that_nobody_reads_stops_no_server() -> None:
 def test_uncaught_exceptions_and_warnings_are_records() -> None:
     code = (
         "import threading, warnings\n"
-        "from zenoh_tf_server import logs\n"
+        "from zenoh_tf_server.monitoring import logs\n"
         "logs.setup('info', 'json')\n"
         "warnings.warn('\\x1b[31mred\\n')\n"
         "def fail(): raise ValueError('\\x1b in a thread')\n"

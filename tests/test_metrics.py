@@ -20,10 +20,10 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LookupException
-from zenoh_tf_server import metric_table
-from zenoh_tf_server.authority_series import OTHER, AuthoritySeries
-from zenoh_tf_server.request_counters import RequestCounters, buckets
-from zenoh_tf_server.status_port import parse_address
+from zenoh_tf_server.monitoring import metric_table
+from zenoh_tf_server.monitoring.authority_series import OTHER, AuthoritySeries
+from zenoh_tf_server.monitoring.status_port import parse_address
+from zenoh_tf_server.requests.counters import RequestCounters, buckets
 
 from . import forks
 from .conftest import StartServer

@@ -20,9 +20,9 @@ from zenoh_tf.errors import ProtocolError
 from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.mirror_source import ServerStatus
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.primary import Primary
-from zenoh_tf_server.shared_copies import SharedCopies
-from zenoh_tf_server.sharing import Settings
+from zenoh_tf_server.process.primary import Primary
+from zenoh_tf_server.process.sharing import Settings
+from zenoh_tf_server.replica.copies import SharedCopies
 
 from .conftest import linux
 from .replicas import wait

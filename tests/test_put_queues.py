@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections import Counter
 
-from zenoh_tf_server.put_queues import LARGE_BYTES, Put, PutQueues
+from zenoh_tf_server.ingest.put_queues import LARGE_BYTES, Put, PutQueues
 
 KIB = 1 << 10
 

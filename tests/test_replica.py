@@ -20,9 +20,9 @@ from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.receipt import Receipt
 from zenoh_tf_client.shared_reads import Mode
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.replica_service import ReplicaService
-from zenoh_tf_server.shared_copies import SharedCopies
-from zenoh_tf_server.sharing import Settings
+from zenoh_tf_server.process.sharing import Settings
+from zenoh_tf_server.replica.copies import SharedCopies
+from zenoh_tf_server.replica.service import ReplicaService
 
 from .conftest import StartServer, linux
 from .ports import free_port

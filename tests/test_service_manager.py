@@ -21,10 +21,11 @@ import pytest
 import zenoh
 
 from zenoh_tf import keys, wire, zenoh_config
-from zenoh_tf_server import flags, health, service_manager
-from zenoh_tf_server.clients import Clients
-from zenoh_tf_server.link_sockets import LinkSocket, LinkSockets
-from zenoh_tf_server.outbox_links import OutboxLinks
+from zenoh_tf_server import flags
+from zenoh_tf_server.monitoring import health, service_manager
+from zenoh_tf_server.transport.clients import Clients
+from zenoh_tf_server.transport.link_sockets import LinkSocket, LinkSockets
+from zenoh_tf_server.transport.outbox_links import OutboxLinks
 
 from .conftest import StartServer
 from .ports import free_endpoint

@@ -20,8 +20,8 @@ from zenoh_tf import TransformTree, handover, wire
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.shared_tree import RegionRefused, SharedTree
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server.network import NetworkError
-from zenoh_tf_server.sharing import Settings, Sharing
+from zenoh_tf_server.process.network import NetworkError
+from zenoh_tf_server.process.sharing import Settings, Sharing
 
 from . import forks
 from .conftest import StartServer

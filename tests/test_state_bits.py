@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from zenoh_tf_server.state_file import Link, StateError, StateFile, Stored, Table
+from zenoh_tf_server.state.file import Link, StateError, StateFile, Stored, Table
 
 #: Removals are small, and so are their pages: each bit of them is tried.
 REMOVED = {f"gone{number}": number + 1 for number in range(5)}

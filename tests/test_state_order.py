@@ -18,11 +18,11 @@ import pytest
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import NotDurable, TransformException
-from zenoh_tf_server import state_writer
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.service import Service
-from zenoh_tf_server.state import State, StateSettings
-from zenoh_tf_server.state_file import Changes, Link, StateFile, Table
+from zenoh_tf_server.requests.service import Service
+from zenoh_tf_server.state import writer as state_writer
+from zenoh_tf_server.state.file import Changes, Link, StateFile, Table
+from zenoh_tf_server.state.state import State, StateSettings
 
 FRAMES = [f"frame {number}" for number in range(6)]
 THREADS = 4

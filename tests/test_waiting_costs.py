@@ -16,7 +16,7 @@ from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.waiters import Waiters
+from zenoh_tf_server.requests.waiters import Waiters
 
 from . import forks
 from .conftest import StartServer
@@ -111,7 +111,7 @@ WAITER = """
 import sys
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.waiters import Waiters
+from zenoh_tf_server.requests.waiters import Waiters
 with TransformClient.connect(sys.argv[1], "main", 10.0) as tf, tf.batch() as batch:
     for row in range(50):
         batch.lookup_transform("nowhere", f"frame{row}", timeout_s=300.0)

@@ -16,9 +16,9 @@ import pytest
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ServerBusy, TimeoutException, TransformException
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.service import Service
-from zenoh_tf_server.state_file import Stored
-from zenoh_tf_server.static_links import StaticLinks
+from zenoh_tf_server.requests.service import Service
+from zenoh_tf_server.state.file import Stored
+from zenoh_tf_server.state.static_links import StaticLinks
 
 from .conftest import StartServer
 from .raw import Raw, raw

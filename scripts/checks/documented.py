@@ -12,7 +12,7 @@ from zenoh_tf_client.cli.main import _parser
 from zenoh_tf_client.tf2 import FilterFailureReason
 from zenoh_tf_client.urdf import joint_states, kinematics
 from zenoh_tf_server import flags as server_flags
-from zenoh_tf_server.metric_table import FROM_AUTHORITIES, FROM_STATS
+from zenoh_tf_server.monitoring.metric_table import FROM_AUTHORITIES, FROM_STATS
 
 from .repository import Repository, Violation
 

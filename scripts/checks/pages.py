@@ -13,7 +13,8 @@ from bench import numbers
 from bench.results import Results
 from tests import fault_page
 from zenoh_tf.doctor import __main__ as doctor
-from zenoh_tf_server import limits, metric_table
+from zenoh_tf_server import limits
+from zenoh_tf_server.monitoring import metric_table
 
 from .repository import Repository, Violation
 
@@ -115,7 +116,7 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
     """Pages that are made from tables are current."""
     for page, lines, command in (
         ("docs/limits.md", list(limits.page()), "zenoh_tf_server.limits"),
-        ("docs/metrics.md", list(metric_table.page()), "zenoh_tf_server.metric_table"),
+        ("docs/metrics.md", list(metric_table.page()), "zenoh_tf_server.monitoring.metric_table"),
         ("docs/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
         ("docs/faults.md", list(fault_page.page()), "tests.fault_page"),
     ):

@@ -30,8 +30,8 @@ from typing import Any, Final, NoReturn
 
 from zenoh_tf.errors import InvalidArgumentException
 
-from . import access_rules
-from .access_rules import AccessRule
+from .security import access_rules
+from .security.access_rules import AccessRule
 
 _ACCESS: Final = "access"
 #: Flags that make no sense in a file.

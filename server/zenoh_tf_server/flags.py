@@ -13,10 +13,15 @@ from importlib.metadata import version
 from zenoh_tf import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import config_file, future_stamps, limits, logs, operations, security, sharing, state
+from . import config_file, limits
 from .federation import settings as federation
+from .ingest import future_stamps
+from .monitoring import logs, operations
+from .process import sharing
 from .ros2 import settings as ros2
-from .server import Settings
+from .security import settings as security
+from .settings import Settings
+from .state import state
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 

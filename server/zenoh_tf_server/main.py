@@ -19,15 +19,18 @@ from zenoh_tf import zenoh_config
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import printable
 
-from . import flags, logs, security
-from .free_memory import set_up_heaps
-from .metrics import MetricsMissing
-from .network import NetworkError, set_receive_threads
-from .operations import Operations
-from .replica_server import ReplicaServer
-from .server import Server, Settings
-from .state_file import StateError
-from .tree_claim import TreeTaken
+from . import flags
+from .monitoring import logs
+from .monitoring.metrics import MetricsMissing
+from .monitoring.operations import Operations
+from .process.free_memory import set_up_heaps
+from .process.network import NetworkError, set_receive_threads
+from .process.tree_claim import TreeTaken
+from .replica.server import ReplicaServer
+from .security import settings as security
+from .server import Server
+from .settings import Settings
+from .state.file import StateError
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
 CANNOT_START = 2

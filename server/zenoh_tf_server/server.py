@@ -6,60 +6,30 @@ import asyncio
 import functools
 import secrets
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
-from typing import Literal
 
 from zenoh_tf import TransformTree, keys
 
-from . import federation, network, operations, ros2, sharing, tree_claim
-from .abandoned_keys import AbandonedKeys
-from .clients import Clients
-from .event_reports import EventReports
-from .federation.settings import Settings as FederationSettings
-from .free_memory import FreeMemory
-from .future_stamps import FutureStamps
-from .ingest import Ingest
-from .interests import Interests
-from .limits import Limits
-from .link_sockets import LinkSockets
-from .local_requests import LocalRequests
-from .outbox_links import OutboxLinks
-from .replies import Replies
-from .request_guard import RequestGuard
-from .ros2.settings import Settings as Ros2Settings
-from .security import OPEN, Security
-from .service import Service
-from .sharing import Sharing
-from .snapshots import Snapshots
-from .state import State, StateSettings
-from .stream import Stream
-from .workers import Workers
-
-Concurrency = Literal["optimistic", "2pl", "giant"]
-TimeJump = Literal["reject", "clear"]
-
-
-@dataclass(frozen=True)
-class Settings:
-    tree: str
-    listen: Sequence[str]  # endpoints of the embedded router; unused if `connect` is not empty
-    connect: Sequence[str]  # endpoints of an existing network to join
-    cache_time_s: float
-    concurrency: Concurrency
-    one_authority_per_frame: bool
-    time_jump: TimeJump
-    workers: int
-    limits: Limits
-    future: FutureStamps = field(default_factory=FutureStamps)
-    security: Security = OPEN
-    operations: operations.Settings = field(default_factory=operations.Settings)
-    state: StateSettings = field(default_factory=StateSettings)
-    sharing: sharing.Settings = field(default_factory=sharing.Settings)
-    ros2: Ros2Settings = field(default_factory=Ros2Settings)
-    federation: FederationSettings = field(default_factory=FederationSettings)
-    replica_of: Sequence[str] = ()  # endpoints of the primary's network
+from . import federation, ros2
+from .ingest.ingest import Ingest
+from .monitoring.event_reports import EventReports
+from .process import network, sharing, tree_claim
+from .process.abandoned_keys import AbandonedKeys
+from .process.free_memory import FreeMemory
+from .process.sharing import Sharing
+from .requests.guard import RequestGuard
+from .requests.service import Service
+from .settings import Settings
+from .state.state import State
+from .streams.interests import Interests
+from .streams.snapshots import Snapshots
+from .streams.stream import Stream
+from .transport.clients import Clients
+from .transport.link_sockets import LinkSockets
+from .transport.local_requests import LocalRequests
+from .transport.outbox_links import OutboxLinks
+from .transport.replies import Replies
+from .transport.workers import Workers
 
 
 class Server:

@@ -77,11 +77,11 @@ FAULTS = [
 
 def faulty_text(fault: Fault) -> tuple[str, str]:
     """The file of a fault, and its content with the text replaced. Fails if the text is gone."""
-    files = [(path, path.read_text()) for path in SERVER.glob("*.py")]
+    files = [(path, path.read_text()) for path in SERVER.rglob("*.py")]
     found = [(path, text) for path, text in files for _ in range(text.count(fault.old))]
     assert len(found) == 1, f"{fault.name}: the server has the text {len(found)} times"
     path, text = found[0]
-    return path.name, text.replace(fault.old, fault.new)
+    return str(path.relative_to(SERVER)), text.replace(fault.old, fault.new)
 
 
 def faulty_server(fault: Fault, folder: Path) -> list[str]:

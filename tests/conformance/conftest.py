@@ -15,8 +15,9 @@ import pytest
 from zenoh_tf import TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.server import Server, Settings
-from zenoh_tf_server.sharing import Settings as Sharing
+from zenoh_tf_server.process.sharing import Settings as Sharing
+from zenoh_tf_server.server import Server
+from zenoh_tf_server.settings import Settings
 
 from ..ports import free_endpoint
 from ..servers import count_start

@@ -19,11 +19,11 @@ from pathlib import Path
 from zenoh_tf import TransformTree, keys, wire
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf_server import config_file, flags
-from zenoh_tf_server.interests import Interests
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.service import Service
-from zenoh_tf_server.snapshots import Snapshots
-from zenoh_tf_server.stream import Stream
+from zenoh_tf_server.requests.service import Service
+from zenoh_tf_server.streams.interests import Interests
+from zenoh_tf_server.streams.snapshots import Snapshots
+from zenoh_tf_server.streams.stream import Stream
 
 #: Small, so that no input takes long and every limit is hit.
 LIMITS = Limits(frames=300, samples_per_frame=64, rows=1000, waiters=64, outcomes=256)

@@ -10,7 +10,7 @@ from zenoh_tf.errors import InvalidArgumentException, ProtocolError
 from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.attachment import Attachment
 from zenoh_tf.ros2.keys import JOINT_STATE, NO_HASH, TF_MESSAGE, Topic
-from zenoh_tf_server.ros2.prefixes import Prefixes, parse_rule
+from zenoh_tf_server.ingest.prefixes import Prefixes, parse_rule
 
 TYPE = "tf2_msgs::msg::dds_::TFMessage_"
 

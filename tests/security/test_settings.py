@@ -10,10 +10,11 @@ import pytest
 from zenoh_tf import keys
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_client import Credentials, TransformClient
-from zenoh_tf_server import flags, security
-from zenoh_tf_server.access_control import KEYED, READS
-from zenoh_tf_server.access_rules import AccessRule, authority_chunk, granted
-from zenoh_tf_server.security import Security
+from zenoh_tf_server import flags
+from zenoh_tf_server.security import settings as security
+from zenoh_tf_server.security.access_control import KEYED, READS
+from zenoh_tf_server.security.access_rules import AccessRule, authority_chunk, granted
+from zenoh_tf_server.security.settings import Security
 
 from .. import forks
 from ..conftest import StartServer

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any, Final
 
-from ..ingest import Ingest
+from ..ingest.ingest import Ingest
 from ..limits import Limits
-from ..security import Security
-from ..service import Service
+from ..requests.service import Service
+from ..security.settings import Security
 from . import quota
 from .robot import Robot
 from .settings import Settings

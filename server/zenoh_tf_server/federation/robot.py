@@ -23,13 +23,13 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf.mirror_feed import MirrorFeed
 from zenoh_tf.mirroring import make_tree
 
-from ..ingest import Ingest
+from ..ingest.ingest import Ingest
+from ..ingest.put_queues import Put
 from ..limits import Limits
-from ..network import open_client_session
-from ..primary import Primary
-from ..put_queues import Put
+from ..process.network import open_client_session
+from ..process.primary import Primary
 from ..rate_limited_log import RateLimitedLog
-from ..service import Service
+from ..requests.service import Service
 from .quota import FrameQuota
 from .rows import Rows
 from .settings import Link

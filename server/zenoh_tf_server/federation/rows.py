@@ -23,8 +23,8 @@ from zenoh_tf.recordings.blocks import Block, commits, slice_rows, take_rows, wi
 from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf.wire.stream import CLEARED, NO_PARENT, REMOVED, STATIC
 
-from ..put_queues import Put
-from ..ros2.prefixes import Prefixes
+from ..ingest.prefixes import Prefixes
+from ..ingest.put_queues import Put
 from .quota import FrameQuota
 
 #: Rows of one put: about 80 kB.

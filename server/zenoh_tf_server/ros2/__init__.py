@@ -10,13 +10,13 @@ from contextlib import ExitStack
 
 import zenoh
 
-from ..ingest import Ingest
+from ..ingest.ingest import Ingest
+from ..ingest.prefixes import Prefixes
 from ..limits import Limits
-from ..service import Service
-from ..static_links import StaticLinks
+from ..requests.service import Service
+from ..state.static_links import StaticLinks
 from .incoming import Incoming
 from .outgoing import Outgoing
-from .prefixes import Prefixes
 from .publishers import Publishers
 from .settings import Settings
 from .statics import Statics

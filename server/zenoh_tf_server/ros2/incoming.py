@@ -22,11 +22,11 @@ from zenoh_tf.ros2.keys import TF_MESSAGE
 from zenoh_tf.ros2.topics import Received, TopicListener
 from zenoh_tf.text import quoted
 
-from ..ingest import Ingest
+from ..ingest.ingest import Ingest
+from ..ingest.prefixes import Prefixes
+from ..ingest.put_queues import LARGE_BYTES, Put
 from ..limits import Limits
-from ..put_queues import LARGE_BYTES, Put
 from ..rate_limited_log import RateLimitedLog
-from .prefixes import Prefixes
 from .publishers import Decode, Publishers, Source
 from .statics import Statics
 

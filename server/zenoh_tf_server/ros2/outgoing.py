@@ -34,8 +34,8 @@ from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
 
 from ..rate_limited_log import RateLimitedLog
-from ..static_links import StaticLinks
-from ..tree_commits import Stores
+from ..state.static_links import StaticLinks
+from ..state.tree_commits import Stores
 from .publishers import AUTHORITIES, NODE, is_echo
 
 #: Reliable, volatile and transient local, as tf2's broadcasters; see docs/ros2.md.

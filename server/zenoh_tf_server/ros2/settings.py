@@ -8,7 +8,7 @@ from typing import Any
 
 from zenoh_tf.errors import InvalidArgumentException
 
-from .prefixes import PrefixRule, parse_rule
+from ..ingest.prefixes import PrefixRule, parse_rule
 
 DEFAULT_GRACE_S = 30.0
 DEFAULT_RATE_HZ = 50.0

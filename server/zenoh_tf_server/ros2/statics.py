@@ -28,9 +28,9 @@ from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.keys import Publisher as Peer
 from zenoh_tf.ros2.topics import Received
 
-from ..put_queues import Put
+from ..ingest.put_queues import Put
 from ..rate_limited_log import RateLimitedLog
-from ..static_links import StaticLinks
+from ..state.static_links import StaticLinks
 from .histories import Histories
 from .publishers import Source
 

@@ -1,0 +1,100 @@
+"""Refused transforms and dropped puts, counted per authority, with the last refusal's reason.
+
+Thread safety: all methods.
+Invariant: what is kept is bounded. Of the authorities that had a message accepted, as many are
+remembered as a tree knows; of the others only those that were refused last.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ..limits import Limits
+
+#: As many as a tree knows authorities (`Options::max_authorities` of the core).
+_MAX_ACCEPTED: Final = 4096
+#: A reason may quote names; longer ones are cut off.
+_MAX_REASON: Final = 500
+
+
+@dataclass(slots=True)
+class _Refused:
+    transforms: int = 0
+    dropped_puts: int = 0
+    last_reason: str | None = None
+
+
+class Refusals:
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._lock = threading.Lock()
+        # Both: least recently refused, or first accepted, first.
+        self._accepted: OrderedDict[str, _Refused] = OrderedDict()
+        self._never_accepted: OrderedDict[str, _Refused] = OrderedDict()
+
+    def accept(self, authority: str) -> None:
+        """Note that a message of `authority` was accepted."""
+        if authority in self._accepted or not authority:
+            return
+        with self._lock:
+            entry = self._never_accepted.pop(authority, None)
+            self._accepted[authority] = entry or _Refused()
+            if len(self._accepted) > _MAX_ACCEPTED:
+                self._accepted.popitem(last=False)
+
+    def refuse(self, authority: str, transforms: int, reason: str) -> None:
+        """Count refused transforms of `authority`, and remember why."""
+        with self._lock:
+            entry = self._entry(authority)
+            entry.transforms += transforms
+            entry.last_reason = reason[:_MAX_REASON]
+
+    def drop(self, authority: str, puts: int) -> None:
+        """Count puts of `authority` that were dropped because its queue was full."""
+        with self._lock:
+            self._entry(authority).dropped_puts += puts
+
+    def add_to(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """The tree's authority records with what was refused, and records of the others."""
+        with self._lock:
+            refused = {
+                name: _fields(entry)
+                for entries in (self._accepted, self._never_accepted)
+                for name, entry in entries.items()
+                if entry.transforms or entry.dropped_puts
+            }
+        nothing = _fields(_Refused())
+        merged = [{**record, **refused.pop(record["name"], nothing)} for record in records]
+        empty = {
+            "frames": 0,
+            "commits": 0,
+            "stored": 0,
+            "dropped": 0,
+            "rewritten": 0,
+            "conflicts": 0,
+        }
+        merged += [{"name": name, **empty, **fields} for name, fields in refused.items()]
+        return merged
+
+    def _entry(self, authority: str) -> _Refused:
+        """The entry of an authority, which becomes the one refused last."""
+        entry = self._accepted.get(authority)
+        if entry is not None:
+            self._accepted.move_to_end(authority)
+            return entry
+        entry = self._never_accepted.setdefault(authority, _Refused())
+        self._never_accepted.move_to_end(authority)
+        if len(self._never_accepted) > self._limits.refused_authorities:
+            self._never_accepted.popitem(last=False)
+        return entry
+
+
+def _fields(entry: _Refused) -> dict[str, Any]:
+    return {
+        "refused": entry.transforms,
+        "last_refusal": entry.last_reason,
+        "dropped_by_queue": entry.dropped_puts,
+    }

@@ -1,0 +1,117 @@
+"""What an operator sees of a running server: health, metrics, and messages to systemd."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from zenoh_tf.text import quoted
+
+from . import service_manager
+from .health import PERIOD_S, Health
+from .metrics import Metrics
+from .status_port import Page, StatusPort, parse_address
+
+if TYPE_CHECKING:
+    from .watched import Watched
+
+log = logging.getLogger("zenoh_tf.server")
+
+#: Probes per time-out of systemd's watchdog.
+_PROBES_PER_WATCHDOG: Final = 3.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    metrics: str | None = None  # HOST:PORT, None: no port
+    max_authorities: int = 100
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of `from_flags`."""
+    parser.add_argument(
+        "--metrics",
+        type=_address,
+        metavar="HOST:PORT",
+        help="serve /metrics for Prometheus, /healthz and /readyz on this address, such as "
+        "127.0.0.1:9464; needs zenoh-tf[metrics] (default: off)",
+    )
+
+
+def from_flags(options: argparse.Namespace) -> Settings:
+    """The settings that the flags say."""
+    return Settings(options.metrics, options.max_metrics_authorities)
+
+
+def _address(text: str) -> str:
+    try:
+        parse_address(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
+class Operations:
+    """Listens for Prometheus from construction to the process's end, also while no server is
+    there yet."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Raises NetworkError or MetricsMissing."""
+        watchdog_s = service_manager.watchdog_s()
+        period_s = min(PERIOD_S, (watchdog_s or PERIOD_S * 9) / _PROBES_PER_WATCHDOG)
+        self._health = Health(period_s)
+        # The answer to a probe proves that the service works, which a timer would not.
+        if watchdog_s is not None:
+            self._health.when_answered(lambda: service_manager.notify(WATCHDOG=1))
+        self._probes = watchdog_s is not None or settings.metrics is not None
+        self._server: Watched | None = None
+        self._metrics: Metrics | None = None
+        self._port: StatusPort | None = None
+        if settings.metrics is not None:
+            self._metrics = Metrics(self._health, settings.max_authorities)
+            pages = {"/metrics": self._metrics_page, "/healthz": self._healthz}
+            self._port = StatusPort(settings.metrics, {**pages, "/readyz": self._readyz})
+
+    def serving(self, server: Watched) -> None:
+        """The tree is claimed and served."""
+        self._server = server
+        if self._metrics is not None:
+            self._metrics.serving(server)
+        tree = server.service.name
+        service_manager.notify(READY=1, STATUS=f"serves tree {quoted(tree)}")
+        if self._probes:  # after READY: a sign of life before it would tell nothing
+            self._health.serving(server)
+        log.info(
+            "instance %s serves tree %s",
+            server.instance,
+            quoted(tree),
+            extra={"tree": tree, "instance": server.instance},
+        )
+        if self._port is not None:
+            log.info("metrics on port %d", self._port.port, extra={"port": self._port.port})
+
+    def stopping(self) -> None:
+        """The server is about to close."""
+        service_manager.notify(STOPPING=1)
+        self._health.stopping()
+
+    def _metrics_page(self) -> Page:
+        assert self._metrics is not None
+        return Page(200, self._metrics.page(), self._metrics.content_type)
+
+    def _healthz(self) -> Page:
+        if self._health.healthy or not self._health.ready:  # a start may take its time
+            return Page(200, b"ok\n" + self._age())
+        return Page(503, b"unhealthy: no worker has answered the latest probe lookups\n")
+
+    def _readyz(self) -> Page:
+        if self._health.ready:
+            return Page(200, b"ready\n" + self._age())
+        return Page(503, b"not ready: the tree is not served\n")
+
+    def _age(self) -> bytes:
+        """How old the state is that a replica serves; empty for another server."""
+        age_s = None if self._server is None else self._server.age_s
+        return b"" if age_s is None else f"replica, {age_s:.1f} s old\n".encode()

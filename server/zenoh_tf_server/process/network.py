@@ -1,0 +1,138 @@
+"""The Zenoh session of a server: an embedded router, or a client of an existing network."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import zenoh
+
+from zenoh_tf import connect_failure, wire, zenoh_config
+from zenoh_tf.credentials import Credentials
+from zenoh_tf.errors import AccessDenied
+
+from ..limits import Limits
+from ..security.settings import OPEN, Security
+
+#: How long a server waits for the router that it joins, which may be starting beside it.
+CONNECT_TIMEOUT_S: Final = 10.0
+RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+#: Messages of up to this many times the limit are received, so that the server can refuse them
+#: with a reply. Zenoh closes the connection of a client that sends a larger one.
+RECEIVE_MARGIN: Final = 4
+#: Where Zenoh reads the sizes of its thread pools.
+_RUNTIME: Final = "ZENOH_RUNTIME"
+#: Zenoh's receive threads. A publisher that outruns the server occupies one of them while it is
+#: held back (`ingest`). With Zenoh's own two, two such publishers shut out everybody's queries.
+_RECEIVE_THREADS: Final = 16
+
+
+class NetworkError(Exception):
+    """The session cannot be opened; the message is one line for the user."""
+
+
+def set_receive_threads() -> None:
+    """Let Zenoh receive on more threads than by default, in this process. Must be called before
+    its first session. A user's own `ZENOH_RUNTIME` stays."""
+    os.environ.setdefault(_RUNTIME, f"(rx: (worker_threads: {_RECEIVE_THREADS}))")
+
+
+def open_session(
+    listen: Sequence[str],
+    connect: Sequence[str],
+    limits: Limits,
+    security: Security = OPEN,
+    tree: str = "main",
+    *,
+    gossip: bool = False,
+) -> zenoh.Session:
+    """Open a session: a client of `connect` if that is not empty, else a router on `listen`.
+
+    `security` says who may use the router, and `tree` for which keys. `gossip`: the router tells
+    peers of each other, which ROS 2 nodes rely on.
+
+    Raises:
+        NetworkError: The endpoints cannot be reached or listened on.
+    """
+    max_message_bytes = RECEIVE_MARGIN * limits.message_bytes
+    try:
+        if connect:
+            config = zenoh_config.client(
+                connect,
+                CONNECT_TIMEOUT_S,
+                retry=RETRY,
+                max_message_bytes=max_message_bytes,
+                credentials=security.credentials,
+            )
+        else:
+            config = zenoh_config.router(
+                listen,
+                max_sessions=limits.connections,
+                max_message_bytes=max_message_bytes,
+                security=security.router_settings(tree),
+            )
+        # The stream of changes is of this priority: a burst must not be dropped at once.
+        config.insert_json5("transport/link/tx/queue/size/data_low", "16")
+        if gossip and not connect:
+            config.insert_json5("scouting/gossip/enabled", "true")
+        config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        if connect:
+            failure = connect_failure.explain(
+                connect[0], tree, CONNECT_TIMEOUT_S, security.credentials
+            )
+            if isinstance(failure, AccessDenied):
+                raise NetworkError(f"cannot connect: {failure}") from error
+        raise NetworkError(explain(str(error), listen, connect)) from error
+
+
+def open_client_session(
+    endpoint: str, timeout_s: float, limits: Limits, credentials: Credentials
+) -> zenoh.Session:
+    """Join the network of another server. The session connects again by itself when it has lost it.
+
+    Raises:
+        zenoh.ZError: Nobody answered within `timeout_s`.
+    """
+    max_bytes = RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES)
+    return zenoh.open(
+        zenoh_config.client(
+            [endpoint],
+            timeout_s,
+            retry=RETRY,
+            max_message_bytes=max_bytes,
+            credentials=credentials,
+        )
+    )
+
+
+def certificates(session: zenoh.Session) -> Callable[[str], str | None]:
+    """A function from a client's Zenoh id to the common name of its certificate, None if it has
+    shown none."""
+
+    def common_name(client: str) -> str | None:
+        for link in session.info.links():
+            if str(link.zid) == client:
+                return link.auth_identifier
+        return None
+
+    return common_name
+
+
+def addresses(session: zenoh.Session) -> Callable[[], dict[str, str]]:
+    """A function that returns the address at the other end of each link, such as
+    ``tcp/10.0.0.7:50312``, by the Zenoh id there."""
+    return lambda: {str(link.zid): link.dst for link in session.info.links()}
+
+
+def explain(reason: str, listen: Sequence[str], connect: Sequence[str] = ()) -> str:
+    """Zenoh's reason in terms of the flags, without the paths into its sources."""
+    if connect:
+        where = ", ".join(map(zenoh_config.address, connect))
+        return f"cannot connect to {where} within {CONNECT_TIMEOUT_S:g} s: is a router there?"
+    where = ", ".join(map(zenoh_config.address, listen))
+    if "Address already in use" in reason:
+        return f"cannot listen on {where}: the port is already in use"
+    return f"cannot listen on {where}: {reason.split(' at /', maxsplit=1)[0]}"

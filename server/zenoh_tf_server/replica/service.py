@@ -1,0 +1,284 @@
+"""The service of a replica: a `Service` for each copy of the primary's tree, one after another.
+
+A request is served by the copy that is complete when it comes, and its reply says how old that is.
+While a new copy is made, the last one answers. The instance in replies is the primary's, because
+the versions are: a transaction may read here and commit there.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, NoReturn
+
+from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind, ServerUnavailable
+from zenoh_tf.mirror_feed import MirrorFeed
+from zenoh_tf.mirror_source import Source, State
+from zenoh_tf.text import quoted
+
+from ..ingest.clock_offsets import ClockOffsets
+from ..limits import Limits
+from ..requests.counters import RequestCounters
+from ..requests.guard import RequestGuard
+from ..requests.handler import ReplyCallback
+from ..requests.info import InfoRequests
+from ..requests.service import Service
+from .copies import SharedCopies
+
+#: How long the first copy may take.
+_COPY_TIMEOUT_S: Final = 30.0
+#: Lookups that wait in a copy that was replaced end after this time, and are asked again.
+_REPLACED_S: Final = 0.5
+#: As many instances of the primary are remembered.
+_MAX_PAST: Final = 16
+#: Told in place of an age that is not known.
+_MAX_AGE_S: Final = 1e9
+
+
+class ReplicaService:
+    """Serves reads from copies of a tree."""
+
+    def __init__(
+        self,
+        name: str,
+        own_id: str,
+        limits: Limits,
+        loop: asyncio.AbstractEventLoop,
+        copies: SharedCopies,
+    ) -> None:
+        """`own_id`: what `hello` calls this replica. `copies` makes the trees."""
+        self.name = name
+        self.limits = limits
+        self.guard = RequestGuard()
+        self.requests = RequestCounters()
+        #: What the clients may do, as the reply to `hello` says it; None: everything.
+        self.access: Callable[[], dict[str, Any] | None] = lambda: None
+        #: Whether a client's token is there.
+        self.is_connected: Callable[[str], bool] = lambda client: True
+        self._own_id = own_id
+        self._copies = copies
+        self._loop = loop
+        self._more_counters: list[Callable[[], dict[str, int]]] = []
+        self._feed: MirrorFeed | None = None
+        #: By copy; besides the current one, the one before it for a moment.
+        self._services: dict[TransformTree, Service] = {}
+        self._past: deque[str] = deque(maxlen=_MAX_PAST)  # instances that are gone
+        self._state = State()  # until there is a feed
+
+    def start(self, source: Source) -> None:
+        """Follow the primary. Returns when there is a copy.
+
+        Raises:
+            TransformException: There is none in time.
+        """
+        self._feed = MirrorFeed(source, self._take, make_tree=self._copies.make_tree)
+        self._feed.wait_for_copy(_COPY_TIMEOUT_S)
+
+    def close(self) -> None:
+        """Follow the primary no more, and answer what waits."""
+        if self._feed is not None:
+            self._feed.close()
+        self._copies.close()
+        for service in list(self._services.values()):
+            service.close()
+
+    @property
+    def state(self) -> State:
+        """What is served."""
+        return self._state if self._feed is None else self._feed.state
+
+    @property
+    def instance(self) -> str:
+        """The primary's instance whose state is served."""
+        return self.state.instance
+
+    @property
+    def age_s(self) -> float:
+        """How old what is served may be, in seconds."""
+        return self._age_s(self.state)
+
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply."""
+        state = self.state  # before the read, which may see more
+        service = None if state.tree is None else self._services.get(state.tree)
+        if service is None:
+            reply_to(self.error(ServerUnavailable("the replica is stopping")), True)
+        else:
+            service.handle(operation, payload, _Dated(reply_to, state, self), chunk)
+
+    def error(self, error: Exception) -> bytes:
+        """The bytes of the reply to a request that failed as a whole."""
+        typed = wire.as_transform_exception(error)
+        self.requests.failed(type(typed).__name__)
+        return wire.pack(wire.error_reply(self.instance, typed))
+
+    def client_gone(self, client: str) -> None:
+        """Release what a client holds that is not connected any more."""
+        for service in list(self._services.values()):
+            service.client_gone(client)
+
+    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
+        """Let `stats` have the counters of another part of the server too."""
+        self._more_counters.append(counters)
+
+    # --- what metrics read
+
+    @property
+    def info_requests(self) -> InfoRequests:
+        """Those of the current copy."""
+        return self._current.info_requests
+
+    @property
+    def clocks(self) -> ClockOffsets:
+        """Those of the current copy's clients."""
+        return self._current.clocks
+
+    def authorities(self) -> list[str]:
+        """The names of those that have published to the primary."""
+        return [record["name"] for record in self.info_requests.authorities()]
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server."""
+        return self._current.stats()
+
+    # --- copies
+
+    @property
+    def _current(self) -> Service:
+        """The latest service; there is one once `start` has returned."""
+        return next(reversed(list(self._services.values())))
+
+    def _take(self, tree: TransformTree | None, instance: str) -> None:
+        """Serve a new copy, which `state` has right after this."""
+        if tree is None:
+            return
+        service = _CopyService(self, tree, instance)
+        service.requests = self.requests
+        service.waiters.is_connected = self.is_connected
+        service.add_counters(self._counters)
+        # From here on no client reads the copy before this one in memory.
+        service.offer = self._copies.share(tree, self.limits)
+        replaced = dict(self._services)
+        self._services[tree] = service
+        if replaced:
+            threading.Thread(
+                target=self._end, args=(replaced, instance), name="replaced copy", daemon=True
+            ).start()
+
+    def _end(self, replaced: dict[TransformTree, Service], instance: str) -> None:
+        time.sleep(_REPLACED_S)
+        for tree, service in replaced.items():
+            if service.instance not in (instance, *self._past):
+                self._past.append(service.instance)
+            self._services.pop(tree, None)
+            service.close()
+
+    def _counters(self) -> dict[str, Any]:
+        feed = self._feed
+        counters: dict[str, Any] = {
+            "replica_age_s": self.age_s,
+            "replica_seq": self.state.seq,
+            "replica_snapshots": 0 if feed is None else feed.snapshots,
+            "replica_contradictions": 0 if feed is None else feed.contradictions,
+        }
+        for more in self._more_counters:
+            counters |= more()
+        return counters
+
+    def _age_s(self, state: State) -> float:
+        feed = self._feed
+        return _MAX_AGE_S if feed is None else min(feed.age_s(state), _MAX_AGE_S)
+
+    def dates(self, state: State) -> dict[str, int]:
+        """What the reply to a read says that began in a state and has ended."""
+        reach = state.seq if self._feed is None else max(state.seq, self._feed.reach)
+        return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
+
+    def check_least(self, tree: TransformTree, instance: str, seq: int) -> None:
+        """Check that a read in a copy sees a commit.
+
+        Raises:
+            ReplicaBehind: It may not.
+        """
+        state = self.state
+        if (state.tree is tree and state.has(instance, seq)) or instance in self._past:
+            return
+        raise ReplicaBehind(
+            f"the replica has not received commit {seq} of server instance {quoted(instance)}, "
+            f"which this client must see: it has {state.seq} of {state.instance}",
+            limit=seq,
+            value=state.seq,
+        )
+
+
+class _Dated:
+    """The ReplyCallback of a request: adds to its reply of what it is, and how old."""
+
+    __slots__ = ("_replica", "_reply_to", "_state", "client")
+
+    def __init__(self, reply_to: ReplyCallback, state: State, replica: ReplicaService) -> None:
+        self.client = reply_to.client
+        self._reply_to = reply_to
+        self._state = state
+        self._replica = replica
+
+    def __call__(self, reply: bytes, failed: bool) -> None:
+        told = self._replica.dates(self._state)
+        self._reply_to(wire.with_field(reply, wire.REPLICA, told), failed)
+
+
+class _CopyService(Service):
+    """The service of one copy: it takes no writes."""
+
+    def __init__(self, replica: ReplicaService, tree: TransformTree, instance: str) -> None:
+        guard = _Guard(
+            lambda least, seq: replica.check_least(tree, least, seq),
+            lambda: replica.access(),  # noqa: PLW0108
+        )
+        super().__init__(tree, replica.name, instance, replica.limits, replica._loop, guard=guard)
+        self._identity["replica"] = replica._own_id
+
+    def _store(
+        self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
+    ) -> NoReturn:
+        raise InvalidArgumentException(
+            f"this is a replica, which takes no writes: send them to the key of tree "
+            f"{self.name!r} itself, not to that of its replica",
+            field="operation",
+        )
+
+
+class _Guard(RequestGuard):
+    """Refuses reads that must see more than there is."""
+
+    def __init__(
+        self,
+        check_least: Callable[[str, int], None],
+        rights: Callable[[], dict[str, Any] | None],
+    ) -> None:
+        super().__init__()
+        self.checked = frozenset(keys.OPERATIONS)
+        self._check_least = check_least
+        self._access = rights
+
+    def access(self, message: wire.Message) -> dict[str, Any] | None:
+        """The same for every client: what the primary allows to the replica's user."""
+        return self._access()
+
+    def check(self, operation: str, chunk: str | None, message: wire.Message) -> None:
+        """Check a request, and take from it what it must see at least."""
+        if wire.LEAST_SEQ in message:
+            instance, seq = (
+                wire.text(message, wire.LEAST_INSTANCE),
+                wire.integer(message, wire.LEAST_SEQ, low=0),
+            )
+            del message[wire.LEAST_SEQ], message[wire.LEAST_INSTANCE]
+            self._check_least(instance, seq)

@@ -1,0 +1,201 @@
+"""Batches: operations that run one after another, and share one reply and one budget.
+
+The replies are packed as they are made, so that a batch costs little more than its own reply.
+Thread safety: a batch belongs to one thread at a time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, Protocol
+
+from zenoh_tf import wire
+from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, NotDurable
+
+from ..limits import Limits
+from ..state.static_links import NO_TICKET
+from .reads import Reads
+
+if TYPE_CHECKING:
+    from zenoh_tf._core import Budget, Rows
+
+#: The reply to an operation whose own has no room. Each operation has room for that.
+NO_ROOM: Final = wire.pack(
+    {
+        "error": wire.encode_error(
+            LimitExceeded("the reply is full (--max-reply-bytes)", field="reply_bytes")
+        )
+    }
+)
+#: An error of an operation is shortened beyond the limit on bytes of errors.
+_SHORT: Final = "no room for details (--max-error-bytes)"
+#: Rows after which other threads get their turn.
+_SLICE_ROWS: Final = 1000
+#: Long enough for a thread that waits for the interpreter to get it, which a yield alone is not.
+_PAUSE_S: Final = 20e-6
+
+
+class Operations(Protocol):
+    """What the service does for the operations of a batch."""
+
+    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
+        """The reply to a commit, and a ticket for `wait_until_durable`."""
+
+    def wait_until_durable(self, ticket: int) -> None:
+        """Wait for what has a ticket. Raises NotDurable."""
+
+    def info(self, message: wire.Message, budget: Budget) -> wire.Message:
+        """The reply to an info request."""
+
+    def failure(self, error: Exception) -> wire.Message:
+        """The error as the reply to an operation has it."""
+
+
+class Batch:
+    """One message's operations."""
+
+    def __init__(
+        self,
+        body: wire.Message,
+        limits: Limits,
+        instance: str,
+        reads: Reads,
+        operations: Operations,
+    ) -> None:
+        """Parse the message.
+
+        Raises:
+            ProtocolError: It is malformed.
+            LimitExceeded: It has too many operations, or not even their errors fit in a reply.
+        """
+        self._list = wire.parse_batch(body)
+        limits.check("operations", len(self._list))
+        self._limits = limits
+        self._instance = instance
+        self._reads = reads
+        self._operations = operations
+        self._budget = limits.budget()
+        self._error_bytes = limits.error_bytes
+        self._rows = 0
+        self._replies: list[bytes] = []
+        #: Lookups that wait, by the index of their operation. They run when the others have.
+        self.waiting: dict[int, wire.Lookup] = {}
+        #: How many of the operations write.
+        self.commits = sum(kind == "commit" for kind, _ in self._list)
+        self._budget.take_reply(len(self._list) * len(NO_ROOM))
+
+    @property
+    def budget(self) -> Budget:
+        """What is left for this message."""
+        return self._budget
+
+    @property
+    def most_outcome_bytes(self) -> int:
+        """An upper bound of the length of `outcome`."""
+        errors = min(self._error_bytes, self.commits * self._limits.name_bytes * 8)
+        return self.commits * len(NO_ROOM) + errors
+
+    def run(self, expires_ns: int | None) -> None:
+        """Run all operations; commits only before `expires_ns`."""
+        tickets: dict[int, int] = {}
+
+        def commit(body: wire.Message) -> wire.Message:
+            reply, ticket = self._operations.commit_reply(self._commit(body), expires_ns)
+            if ticket != NO_TICKET:
+                tickets[len(self._replies)] = ticket
+            return reply
+
+        self._run(commit)
+        try:
+            self._operations.wait_until_durable(max(tickets.values(), default=NO_TICKET))
+        except NotDurable as error:
+            for index in tickets:
+                self._replies[index] = self._fit(self._failure(error))
+
+    def run_reads(self, outcome: bytes) -> None:
+        """Run all operations but the commits, whose replies are those in `outcome`."""
+        remembered = iter(wire.unpack(outcome, wire.MAX_REPLY_BYTES)["replies"])
+        self._run(lambda _: next(remembered))
+
+    def outcome(self) -> bytes:
+        """The replies to the commits, for `run_reads` of a repeat."""
+        pairs = zip(self._list, self._replies, strict=True)
+        return self._packed([reply for (kind, _), reply in pairs if kind == "commit"])
+
+    def reply(self) -> bytes:
+        """The reply's bytes."""
+        return self._packed(self._replies)
+
+    def settle(self, found: list[Rows]) -> bytes:
+        """The reply's bytes, with the results of the waiting lookups."""
+        for (index, lookup), rows in zip(self.waiting.items(), found, strict=True):
+            self._replies[index] = self._fit(wire.lookup_reply(lookup, *rows))
+        return self.reply()
+
+    def _packed(self, replies: list[bytes]) -> bytes:
+        return wire.batch_reply(replies, self._instance)
+
+    def _run(self, commit: Callable[[wire.Message], wire.Message]) -> None:
+        next_pause = _SLICE_ROWS
+        for kind, body in self._list:
+            try:
+                if kind == "lookup":
+                    reply = self._lookup(body)
+                elif kind == "commit":
+                    reply = commit(body)
+                else:
+                    reply = self._operations.info(body, self._budget)
+            except Exception as error:
+                reply = self._failure(error)
+            self._replies.append(self._fit(reply))
+            done = self._rows + len(self._replies)
+            if done >= next_pause:
+                next_pause = done + _SLICE_ROWS
+                time.sleep(_PAUSE_S)
+
+    def _lookup(self, body: wire.Message) -> wire.Message:
+        one = wire.parse_one_read(body)
+        if one is not None and (found := self._reads.one(*one, self._budget)):
+            self._count(1)
+            return found
+        lookup = wire.parse_lookup(body)
+        self._count(lookup.rows)
+        if not lookup.timeout_ns:
+            return self._reads.rows(lookup, self._budget)
+        if self.commits:
+            raise InvalidArgumentException(
+                "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
+                "send it in a batch of its own",
+                field="timeout_ns",
+            )
+        self.waiting[len(self._replies)] = lookup
+        return {}
+
+    def _commit(self, body: wire.Message) -> wire.Commit:
+        commit = wire.parse_commit(body)
+        self._count(len(commit.rows))
+        return commit
+
+    def _count(self, rows: int) -> None:
+        self._rows += rows
+        self._limits.check("rows", self._rows)
+
+    def _fit(self, reply: wire.Message) -> bytes:
+        """The reply's bytes, or those of an error if they have no room."""
+        data = wire.pack_in_steps(reply)
+        extra = len(data) - len(NO_ROOM)
+        if extra > 0:
+            try:
+                self._budget.take_reply(extra)
+            except LimitExceeded:
+                return NO_ROOM
+        return data
+
+    def _failure(self, error: Exception) -> wire.Message:
+        reply = self._operations.failure(error)
+        fields = reply["error"]
+        self._error_bytes -= 2 * len(fields["message"])
+        if self._error_bytes < 0:
+            fields["message"], fields["facts"] = _SHORT, {}
+        return reply

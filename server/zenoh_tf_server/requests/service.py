@@ -1,0 +1,359 @@
+"""The service without Zenoh: message bytes in, reply bytes out.
+
+Thread safety: all methods.
+Invariant: each ReplyCallback is called exactly once; for a waiting lookup that happens later, and
+on another thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+import weakref
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from zenoh_tf import TransformTree, handover, wire
+from zenoh_tf._core import reply_to_lookup
+from zenoh_tf.errors import TransactionConflict, TransformException
+
+from ..ingest.clock_offsets import ClockOffsets
+from ..ingest.future_stamps import FutureStamps
+from ..ingest.ingest import PutCounters
+from ..ingest.refusals import Refusals
+from ..limits import Limits
+from ..state.file import Stored
+from ..state.static_links import NO_TICKET, StaticLinks
+from ..state.tree_commits import apply
+from .admin import AdminRequests
+from .batches import Batch
+from .counters import RequestCounters
+from .guard import RequestGuard
+from .handler import ReplyCallback
+from .info import InfoRequests
+from .numbered_reply import NumberedReply
+from .reads import Reads
+from .reply_cache import ReplyCache
+from .waiters import Waiters
+from .writes import Writes
+
+if TYPE_CHECKING:
+    from zenoh_tf._core import Budget, Rows
+
+log = logging.getLogger("zenoh_tf.server")
+
+
+class Service:
+    """Serves the requests of one tree; see the module."""
+
+    def __init__(
+        self,
+        tree: TransformTree,
+        name: str,
+        instance: str,
+        limits: Limits,
+        loop: asyncio.AbstractEventLoop,
+        links: StaticLinks | None = None,
+        guard: RequestGuard | None = None,
+        future: FutureStamps | None = None,
+    ) -> None:
+        self.guard = guard or RequestGuard()
+        self.tree = tree
+        self.instance = instance
+        self.limits = limits
+        self.waiters = Waiters(tree, limits, loop)
+        self._reads = Reads(tree, limits)
+        #: Both are filled by the ingest of puts, and read by info requests.
+        self.puts = PutCounters()
+        self.refusals = Refusals(limits)
+        self.clocks = ClockOffsets()
+        counters = _counters_of(self)
+        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, counters)
+        self._future = future or FutureStamps()
+        self._reply_cache = ReplyCache(limits)
+        self._writes = Writes(instance, self._reply_cache)
+        self.name = name
+        #: Number of the tree's last commit, which replies to writes tell.
+        self.last_seq: Callable[[], int] | None = None
+        #: Is told of each commit that the tree has applied, with what became of its rows.
+        self.on_commit: Callable[[wire.Commit, Any], None] | None = None
+        self.requests = RequestCounters()
+        self._more_counters: list[Callable[[], dict[str, int]]] = []
+        self._links = links or StaticLinks(tree, limits, None, Stored())
+        self._admin_requests = AdminRequests(self._links, limits)
+        #: Where clients of this host can map the tree; the server that shares it sets it.
+        self.offer: handover.Offer | None = None
+        self._identity = {
+            "tree": name,
+            "instance": instance,
+            "server_version": version("zenoh-tf"),
+            "limits": limits.as_dict(),
+        }
+        # Functions, not bound methods: nothing in the service may refer to it. A replica's copy
+        # that was replaced then goes at once with its memory, not when garbage is collected.
+        self._operations: dict[str, Callable[[Service, wire.Message, ReplyCallback], None]] = {
+            "lookup": Service._lookup,
+            "commit": Service._commit,
+            "batch": Service._batch,
+            "info": Service._reply_to_info,
+            "admin": Service._admin,
+            "hello": Service._reply_to_hello,
+        }
+
+    def handle(
+        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+    ) -> None:
+        """Reply to one request. Never raises: an error is the reply.
+
+        `chunk` is what stands behind the operation in the query's key.
+        """
+        counts = self.requests.begin()
+        try:
+            if operation == "lookup":
+                reply = reply_to_lookup(self.tree, payload, self.instance)
+                if reply is not None:  # the common case
+                    reply_to(reply, False)
+                    counts.end(operation)
+                    return
+            message = self.limits.unpack(payload, operation == "batch")
+            if operation in self.guard.checked:
+                self.guard.check(operation, chunk, message)
+            if wire.WITH_SEQ in message:
+                reply_to = self._numbered(message, reply_to)
+            self._operations[operation](self, message, reply_to)
+        except Exception as error:
+            reply_to(self.error(error), True)
+        counts.end(operation)
+
+    def _numbered(self, message: wire.Message, reply_to: ReplyCallback) -> ReplyCallback:
+        """Take the wish for a number from a read, and add it to the reply."""
+        last_seq = self.last_seq
+        is_wanted = wire.flag(message, wire.WITH_SEQ)
+        del message[wire.WITH_SEQ]
+        if last_seq is None or not is_wanted:
+            return reply_to
+        return NumberedReply(reply_to, last_seq)
+
+    def error(self, error: Exception) -> bytes:
+        """The bytes of the reply to a request that failed as a whole."""
+        typed = self._typed(error)
+        self.requests.failed(type(typed).__name__)
+        reply = wire.error_reply(self.instance, typed)
+        if isinstance(typed, TransactionConflict):
+            self._add_seq(reply)
+        return wire.pack(reply)
+
+    def close(self) -> None:
+        self.waiters.close()
+
+    def stats(self) -> dict[str, int]:
+        """The counters of the tree and of the server; `metric_table` declares each key."""
+        return self.tree.stats() | self._counters()
+
+    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
+        """Let `stats` have the counters of another part of the server too."""
+        self._more_counters.append(counters)
+
+    def add_reads(self, reads: dict[str, Callable[[wire.Message, str], wire.Message]]) -> None:
+        """Serve more families: each function makes the fields of a reply to a client."""
+        for operation, read in reads.items():
+
+            def reply(
+                service: Service, message: wire.Message, reply_to: ReplyCallback, read: Any = read
+            ) -> None:
+                reply_to(service._pack_within(read(message, reply_to.client)), False)
+
+            self._operations[operation] = reply
+
+    @staticmethod
+    def _typed(error: Exception) -> TransformException:
+        if not isinstance(error, (TransformException, TypeError, ValueError, OverflowError)):
+            log.exception("internal error while serving a request", exc_info=error)
+        return wire.as_transform_exception(error)
+
+    def client_gone(self, client: str) -> None:
+        """Release what a client holds that is not connected any more."""
+        self.waiters.client_gone(client)
+        self.clocks.client_gone(client)
+
+    def _pack(self, reply: wire.Message) -> bytes:
+        reply["v"] = wire.VERSION
+        reply["instance"] = self.instance
+        return wire.pack_in_steps(reply)
+
+    def _pack_within(self, reply: wire.Message) -> bytes:
+        """Raises LimitExceeded for more bytes than a reply may have."""
+        data = self._pack(reply)
+        self.limits.check("reply_bytes", len(data))
+        return data
+
+    # --- reads
+
+    def _lookup(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        lookup = wire.parse_lookup(message)
+        self.limits.check("rows", lookup.rows)
+        budget = self.limits.budget()
+        if not lookup.timeout_ns:
+            reply_to(self._pack_within(self._reads.rows(lookup, budget)), False)
+            return
+
+        def settle(found: list[Rows]) -> None:
+            reply_to(self._pack_within(wire.lookup_reply(lookup, *found[0])), False)
+
+        self._wait(message, [lookup], budget, settle, reply_to)
+
+    def _wait(
+        self,
+        message: wire.Message,
+        lookups: list[wire.Lookup],
+        budget: Budget,
+        settle: Callable[[list[Rows]], None],
+        reply_to: ReplyCallback,
+    ) -> None:
+        def fail(error: Exception) -> None:
+            reply_to(self.error(error), True)
+
+        wait_id = wire.integer(message, "wait_id") if "wait_id" in message else None
+        self.waiters.ask(lookups, reply_to.client, budget, settle, fail, wait_id)
+
+    def _cancel(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        wait_ids = wire.column(message, "wait_ids", wire.I64)
+        self.limits.check("rows", wait_ids.size)
+        missed = self.waiters.cancel(reply_to.client, wait_ids.tolist())
+        reply_to(self._pack({"value": missed}), False)
+
+    # --- writes
+
+    def _commit(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        def run(expires_ns: int) -> tuple[bytes, bytes]:
+            commit = wire.parse_commit(message)
+            self.limits.check("rows", len(commit.rows))
+            stored, ticket = self.commit_reply(commit, expires_ns)
+            self._links.wait(ticket)
+            reply = self._pack(stored)
+            return reply, reply
+
+        self._writes.run(message, reply_to, self.error, "a transaction", run)
+
+    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
+        """The fields of the reply to a commit, and the ticket of its durability."""
+        self._future.check(commit)
+        commit.expires_ns = expires_ns
+        stored, ticket = self._store(commit, by_call=True)
+        return self._add_seq(wire.commit_reply(stored)), ticket
+
+    def _add_seq(self, reply: wire.Message) -> wire.Message:
+        """Add a number that is not below that of the write, or of what it was in conflict with."""
+        if self.last_seq is not None:
+            reply["seq"] = self.last_seq()
+        return reply
+
+    def wait_until_durable(self, ticket: int) -> None:
+        """Wait for what has a ticket. Raises NotDurable."""
+        self._links.wait(ticket)
+
+    def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
+        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
+        `max_stamp_ns`. Static links are stored soon after."""
+        return self._store(commit, max_stamp_ns, by_call=False)[0]
+
+    def _store(
+        self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
+    ) -> tuple[Any, int]:
+        """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
+        self.limits.check_names(commit.rows.names)
+        self.limits.check_names(commit.read_names)
+        if commit.static:
+            return self._links.commit(commit, by_call=by_call)
+        stored = apply(self.tree, commit, max_stamp_ns)
+        if self.on_commit is not None:
+            self.on_commit(commit, stored)
+        return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
+
+    # --- batches, info and administration
+
+    def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        batch = Batch(message, self.limits, self.instance, self._reads, self)
+        if batch.commits:
+
+            def run(expires_ns: int) -> tuple[bytes, bytes]:
+                batch.run(expires_ns)
+                return batch.reply(), batch.outcome()
+
+            def repeat(outcome: bytes) -> bytes:
+                batch.run_reads(outcome)
+                return batch.reply()
+
+            what = f"a batch with {batch.commits} transactions"
+            reserve = batch.most_outcome_bytes
+            self._writes.run(message, reply_to, self.error, what, run, repeat, reserve)
+            return
+        batch.run(None)
+        if batch.waiting:
+
+            def settle(found: list[Rows]) -> None:
+                reply_to(batch.settle(found), False)
+
+            self._wait(message, list(batch.waiting.values()), batch.budget, settle, reply_to)
+        else:
+            reply_to(batch.reply(), False)
+
+    def failure(self, error: Exception) -> wire.Message:
+        """The error as the reply to an operation of a batch has it."""
+        return {"error": wire.encode_error(self._typed(error))}
+
+    def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        what = message.get("what")
+        if what == "cancel":
+            self._cancel(message, reply_to)
+        else:
+            budget = self.limits.budget()
+            reply_to(self._pack_within(self.info_requests.reply(message, budget)), False)
+
+    def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if "clock_ns" in message:
+            told = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
+            self.clocks.client_told(reply_to.client, *told)
+        reply_to(self._pack({"value": self._hello(message)}), False)
+
+    def info(self, message: wire.Message, budget: Budget) -> wire.Message:
+        """The fields of the reply to an info request."""
+        if wire.text(message, "what") == "hello":
+            return {"value": self._hello(message)}
+        return self.info_requests.reply(message, budget)
+
+    def _counters(self) -> dict[str, int]:
+        counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        counters |= self._links.counters()
+        for more in self._more_counters:
+            counters |= more()
+        return counters
+
+    def _hello(self, message: wire.Message) -> dict[str, Any]:
+        access = self.guard.access(message)
+        known = self._identity | {"clock_ns": time.monotonic_ns()}
+        if self.last_seq is not None:
+            known["seq"] = self.last_seq()
+        if self.offer is not None and (access is None or "read" in access["may"]):
+            known[handover.HELLO_FIELD] = self.offer.fields()
+        return known if access is None else known | {"access": access}
+
+    def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        def run(expires_ns: int) -> tuple[bytes, bytes]:
+            reply = self._pack(self._add_seq(self._admin_requests.reply(message, expires_ns)))
+            return reply, reply
+
+        self._writes.run(message, reply_to, self.error, "an administrative operation", run)
+
+
+def _counters_of(service: Service) -> Callable[[], dict[str, int]]:
+    """The counters of a service, which this does not keep alive; none once it is gone."""
+    weak = weakref.ref(service)
+
+    def counters() -> dict[str, int]:
+        found = weak()
+        return {} if found is None else found._counters()
+
+    return counters

@@ -1,0 +1,40 @@
+"""What a server is started with, from its flags and its configuration file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from .federation.settings import Settings as FederationSettings
+from .ingest.future_stamps import FutureStamps
+from .limits import Limits
+from .monitoring import operations
+from .process import sharing
+from .ros2.settings import Settings as Ros2Settings
+from .security.settings import OPEN, Security
+from .state.state import StateSettings
+
+Concurrency = Literal["optimistic", "2pl", "giant"]
+TimeJump = Literal["reject", "clear"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    tree: str
+    listen: Sequence[str]  # endpoints of the embedded router; unused if `connect` is not empty
+    connect: Sequence[str]  # endpoints of an existing network to join
+    cache_time_s: float
+    concurrency: Concurrency
+    one_authority_per_frame: bool
+    time_jump: TimeJump
+    workers: int
+    limits: Limits
+    future: FutureStamps = field(default_factory=FutureStamps)
+    security: Security = OPEN
+    operations: operations.Settings = field(default_factory=operations.Settings)
+    state: StateSettings = field(default_factory=StateSettings)
+    sharing: sharing.Settings = field(default_factory=sharing.Settings)
+    ros2: Ros2Settings = field(default_factory=Ros2Settings)
+    federation: FederationSettings = field(default_factory=FederationSettings)
+    replica_of: Sequence[str] = ()  # endpoints of the primary's network

@@ -1,0 +1,92 @@
+"""Stores the last poses of chosen dynamic frames: a thread looks at them once a second.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Sequence
+from typing import Final
+
+from zenoh_tf import TransformTree
+from zenoh_tf.errors import TransformException
+
+from .file import Link, Stored, Table
+from .static_links import Changed, StaticLinks
+from .writer import StateWriter
+
+log = logging.getLogger("zenoh_tf.server.state")
+
+_PERIOD_S: Final = 1.0
+_JOIN_TIMEOUT_S: Final = 1.0
+
+
+class LastPoses:
+    """Follows the newest samples of some frames."""
+
+    def __init__(
+        self,
+        tree: TransformTree,
+        frames: Sequence[str],
+        links: StaticLinks,
+        writer: StateWriter,
+        stored: Stored,
+    ) -> None:
+        self._tree = tree
+        self._frames = frames
+        self._links = links
+        self._writer = writer
+        self._stored: dict[str, Link] = dict(stored.last_poses)
+        self._closing = threading.Event()
+        # Frames that are no longer to be remembered.
+        self._put({frame: None for frame in self._stored.keys() - set(frames)})
+        self._thread = threading.Thread(target=self._run, name="last poses", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Store the poses once more, and end the thread."""
+        self._closing.set()
+        self._thread.join(_JOIN_TIMEOUT_S)
+
+    def _run(self) -> None:
+        while True:
+            is_last = self._closing.wait(_PERIOD_S)
+            try:
+                self._store()
+            except Exception:  # no error may end the thread
+                log.exception("internal error while storing the last poses")
+            if is_last:
+                return
+
+    def _store(self) -> None:
+        with self._links.lock:  # so that no pose is stored after its frame was removed
+            poses = {frame: self._newest(frame) for frame in self._frames}
+            self._put({f: link for f, link in poses.items() if link != self._stored.get(f)})
+
+    def _put(self, changed: dict[str, Link | None]) -> None:
+        if not changed:
+            return
+        changes: Changed = {(Table.LAST_POSES, frame): link for frame, link in changed.items()}
+        for frame, link in changed.items():
+            if link is None:
+                self._stored.pop(frame, None)
+            else:
+                self._stored[frame] = link
+        self._writer.put(changes)
+
+    def _newest(self, frame: str) -> Link | None:
+        """The newest sample of a frame; None if it has none, or a static link."""
+        try:
+            while True:
+                record = self._tree._frame_record(frame)
+                parent = record["parent"]
+                if parent is None or record["static"]:
+                    return None
+                found = self._tree.lookup_latest_transform(parent, frame)
+                if self._tree._frame_record(frame)["parent"] == parent:
+                    pose = tuple(float(value) for value in found.transform.pose())
+                    return Link(parent, found.newest_stamp_ns, pose, record["authority"])
+        except TransformException:  # unknown, or it changed between the calls
+            return None

@@ -1,0 +1,166 @@
+"""What survives a restart: opens the state, restores the tree from it, and keeps it up to date."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import TransformRows
+from zenoh_tf.errors import TransformException
+
+from ..limits import Limits
+from .file import Link, StateError, StateFile, Stored, Sync
+from .remember import LastPoses
+from .static_links import StaticLinks
+from .tree_commits import apply
+from .writer import StateWriter
+
+log = logging.getLogger("zenoh_tf.server.state")
+
+
+@dataclass(frozen=True)
+class StateSettings:
+    """What the flags of `add_flags` say."""
+
+    folder: Path | None = None  # None: nothing survives
+    sync: Sync = "full"
+    remember: tuple[str, ...] = ()  # frames whose last pose survives
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the state."""
+    group = parser.add_argument_group("state")
+    group.add_argument(
+        "--state-dir",
+        type=Path,
+        metavar="DIR",
+        help="keep static links in this folder, so that they survive a restart and kill -9; one "
+        "folder per tree (default: nothing survives)",
+    )
+    group.add_argument(
+        "--state-sync",
+        choices=("full", "normal"),
+        default="full",
+        help="when a write of static links is answered. full: once the disk has it, so that it "
+        "survives a power cut. normal: once the operating system has it, so that it survives the "
+        "server's end only (default: %(default)s)",
+    )
+    group.add_argument(
+        "--remember",
+        action="append",
+        default=[],
+        metavar="FRAME",
+        help="keep also the last pose of this dynamic frame, stored about once a second, and "
+        "restore it with its old stamp; repeatable; needs --state-dir",
+    )
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if the flags do not fit together."""
+    if options.remember and options.state_dir is None:
+        parser.error(f"--remember {options.remember[0]!r} needs --state-dir")
+
+
+def from_flags(options: argparse.Namespace) -> StateSettings:
+    """The settings that the flags say."""
+    return StateSettings(
+        options.state_dir, options.state_sync, tuple(dict.fromkeys(options.remember))
+    )
+
+
+class State:
+    """The state of one server's tree. Close it when nothing writes to the tree any more."""
+
+    def __init__(
+        self, settings: StateSettings, tree: TransformTree, tree_name: str, limits: Limits
+    ) -> None:
+        """Restore the tree, which must be empty, and follow it from now on.
+
+        Raises:
+            StateError: The state cannot be used, or does not fit into the tree's limits.
+        """
+        self._file: StateFile | None = None
+        self._writer: StateWriter | None = None
+        self._poses: LastPoses | None = None
+        stored = Stored()
+        if settings.folder is not None:
+            self._file = StateFile(settings.folder, tree_name, settings.sync)
+            try:
+                stored = self._file.read()
+                _restore(tree, stored, settings, self._file.path)
+            except BaseException:
+                self._file.close()
+                raise
+            self._writer = StateWriter(self._file)
+        self.links = StaticLinks(tree, limits, self._writer, stored, settings.remember)
+        if self._writer is not None:
+            self._poses = LastPoses(tree, settings.remember, self.links, self._writer, stored)
+
+    def close(self) -> None:
+        """Store what is not stored yet. May be called again."""
+        poses, self._poses = self._poses, None
+        if poses is not None:
+            poses.close()
+        writer, self._writer = self._writer, None
+        if writer is not None and not writer.close():
+            log.error("the state is not stored: the disk does not answer")
+            return
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+
+def _restore(tree: TransformTree, stored: Stored, settings: StateSettings, path: Path) -> None:
+    """Commit what is stored to an empty tree, each link as its authority."""
+    by_authority: dict[str, dict[str, Link]] = {}
+    for child, link in stored.static_links.items():
+        by_authority.setdefault(link.authority, {})[child] = link
+    try:
+        for authority, links in by_authority.items():
+            apply(tree, _commit(links, authority, static=True))
+    except TransformException as error:
+        raise StateError(f"the static links of {path} do not fit into the tree: {error}") from error
+    poses = _restore_last_poses(tree, stored, settings)
+    log.info(
+        "restored %d static links and %d last poses: %s", len(stored.static_links), poses, path
+    )
+
+
+def _restore_last_poses(tree: TransformTree, stored: Stored, settings: StateSettings) -> int:
+    """Commit the last poses that still make sense. Returns how many."""
+    restored = 0
+    for frame in settings.remember:
+        link = stored.last_poses.get(frame)
+        if link is None or frame in stored.static_links:
+            continue
+        if link.stamp_ns > time.time_ns():
+            # Newer samples would be dropped as too old.
+            log.warning("last pose of %r left out: its stamp is ahead of this clock", frame)
+            continue
+        try:
+            apply(tree, _commit({frame: link}, link.authority, static=False))
+        except TransformException as error:  # it was stored up to a second before the static links
+            log.warning("last pose of %r left out: %s", frame, error)
+            continue
+        restored += 1
+    return restored
+
+
+def _commit(links: dict[str, Link], authority: str, *, static: bool) -> wire.Commit:
+    names = dict.fromkeys(name for child, link in links.items() for name in (link.parent, child))
+    index: dict[str, Any] = {name: number for number, name in enumerate(names)}
+    rows = TransformRows(
+        list(names),
+        np.array([index[link.parent] for link in links.values()], np.uint32),
+        np.array([index[child] for child in links], np.uint32),
+        np.array([link.stamp_ns for link in links.values()], np.int64),
+        np.array([link.pose for link in links.values()], np.float64).reshape(len(links), 7),
+    )
+    return wire.Commit(rows, authority, static)

@@ -1,0 +1,318 @@
+"""The tree's static links: which there are, who may announce them again, and what is stored.
+
+Every change of a static link goes through this class, under one lock. So the state file gets the
+changes in the order in which the tree has seen them. Dynamic commits take no lock here, unless
+one makes a static link dynamic.
+
+Thread safety: all methods.
+Invariant: `_names` has at least all frames with a static link.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import LookupException, TransactionConflict, TransformException
+
+from ..limits import Limits
+from ..rate_limited_log import RateLimitedLog
+from .file import Link, Stored, Table
+from .tree_commits import Stores, apply, last_links
+from .writer import StateWriter
+
+#: How often an announcement is tried that meets other commits of the same frames.
+_ANNOUNCE_ATTEMPTS: Final = 5
+#: An announcement of more rows is not tried row by row.
+_MAX_SINGLE_ROWS: Final = 4096
+#: A ticket of nothing.
+NO_TICKET: Final = 0
+
+Changed = dict[tuple[Table, str], Link | int | None]
+
+
+class StaticLinks:
+    """Commits and removes static links. What needs storing has a ticket for `wait`."""
+
+    def __init__(
+        self,
+        tree: TransformTree,
+        limits: Limits,
+        writer: StateWriter | None,
+        stored: Stored,
+        remembered: Iterable[str] = (),
+    ) -> None:
+        """`stored`: what the tree was restored from. `remembered`: frames with a last pose."""
+        self._tree = tree
+        self._limits = limits
+        self._writer = writer
+        #: Also held by the thread that stores last poses, so that no removed pose is stored.
+        self.lock = threading.Lock()
+        self._names = set(stored.static_links)
+        # Those of them that a call has set. No announcement replaces them: a call is a correction,
+        # and whoever announces does not know of it.
+        self._by_call = {name for name, link in stored.static_links.items() if link.by_call}
+        self._remembered = frozenset(remembered)
+        # Frames whose static link was removed, by the number of the removal; oldest first.
+        self._removed = OrderedDict(stored.removed_links)
+        self._last_removal = max(self._removed.values(), default=0)
+        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.state"))
+        #: Grows with every change of a static link.
+        self.changes = 0
+        #: False: nothing is stored, and dynamic commits need no call of `made_dynamic`.
+        self.is_stored = writer is not None
+
+    def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
+        """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the ticket.
+
+        An announcement stores a row only if its frame has no link and none was removed, or has a
+        static link that the same authority has published.
+
+        Args:
+            commit: The transforms.
+            by_call: They come from a call, not from a put.
+
+        Raises:
+            TransformException: The commit is rejected.
+        """
+        with self.lock:
+            if commit.announce:
+                return self._announce(commit)
+            return self._commit(commit, by_call=by_call)
+
+    def made_dynamic(self, commit: wire.Commit) -> int:
+        """Follow a dynamic commit that the tree has applied. Returns the ticket, which is
+        NO_TICKET unless a static link became dynamic."""
+        # A static commit adds its names before the tree applies it. So if the tree has applied
+        # this commit after a static one, the name is found here.
+        if self._names.isdisjoint(commit.rows.names):
+            return NO_TICKET
+        children = {commit.rows.names[index] for index in commit.rows.child.tolist()}
+        if children.isdisjoint(self._names):
+            return NO_TICKET
+        with self.lock:
+            switched = [name for name in children & self._names if not self._is_static(name)]
+            self.changes += bool(switched)
+            self._drop_names(switched)
+            return self._put({(Table.STATIC_LINKS, name): None for name in switched})
+
+    # The next three return the ticket, and raise TimeoutException if they could begin only after
+    # `expires_ns` of the monotonic clock.
+
+    def clear(self, keep_static: bool, expires_ns: int) -> int:
+        """Drop all samples, and static links unless they are kept."""
+        with self.lock:
+            self._tree._clear(keep_static, expires_ns)
+            self.changes += 1
+            gone = [] if keep_static else list(self._names)
+            return self._put(self._forget(gone) | self._forget_poses(self._remembered))
+
+    def reset(self, expires_ns: int) -> int:
+        """Drop every frame, and what is known of removed links."""
+        with self.lock:
+            self._tree._reset(expires_ns)
+            self.changes += 1
+            changes = self._forget_poses(self._remembered)
+            changes |= {(Table.STATIC_LINKS, name): None for name in self._names}
+            # The tree is as new: every broadcaster may announce its links to the next server.
+            changes |= {(Table.REMOVED_LINKS, name): None for name in self._removed}
+            self._names.clear()
+            self._by_call.clear()
+            self._removed.clear()
+            return self._put(changes)
+
+    def remove_frame(self, name: str, subtree: bool, expires_ns: int) -> int:
+        """Remove a frame, or all frames below it as well.
+
+        Raises:
+            TransformException: The frame cannot be removed.
+        """
+        with self.lock:
+            before = self._names | self._remembered
+            self._tree._remove_frame(name, subtree, expires_ns)
+            self.changes += 1
+            gone = self._missing(list(before)) if subtree else before & {name}
+            return self._put(
+                self._forget(list(gone & self._names)) | self._forget_poses(gone & self._remembered)
+            )
+
+    def records(self) -> list[dict[str, Any]]:
+        """The records of all frames with a static link."""
+        with self.lock:
+            names = list(self._names)
+        records = [record for name in names if (record := self._record(name)) is not None]
+        return [record for record in records if record["static"] and record["parent"] is not None]
+
+    def is_static_of(self, frame: str, authority: str) -> bool:
+        """True if a frame has a static link, and an authority has set it last, by a put."""
+        with self.lock:
+            record = self._record(frame)
+            return (
+                record is not None
+                and bool(record["static"])
+                and record["authority"] == authority
+                and frame not in self._by_call
+            )
+
+    def has_link(self, frame: str) -> bool:
+        """True if a frame has a parent."""
+        with self.lock:
+            record = self._record(frame)
+            return record is not None and record["parent"] is not None
+
+    def wait(self, ticket: int) -> None:
+        """Wait until a change is durable; not at all for NO_TICKET.
+
+        Raises:
+            NotDurable: It was applied, but cannot be stored now.
+        """
+        if ticket != NO_TICKET and self._writer is not None:
+            self._writer.wait(ticket)
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`: what is not stored yet, because of the disk for instance."""
+        return {} if self._writer is None else {"state_pending": self._writer.pending}
+
+    # --- the rest requires the lock
+
+    def _commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
+        links = last_links(commit, by_call=by_call)
+        new = links.keys() - self._names
+        self._names |= new
+        try:
+            stored = apply(self._tree, commit)
+        except BaseException:
+            self._names -= new
+            raise
+        self.changes += 1
+        if by_call:
+            self._by_call.update(links)
+        else:
+            self._by_call.difference_update(links)
+        changes: Changed = {(Table.STATIC_LINKS, child): link for child, link in links.items()}
+        for child in self._removed.keys() & links.keys():
+            del self._removed[child]
+            changes[Table.REMOVED_LINKS, child] = None
+        return stored, self._put(changes)
+
+    def _announce(self, commit: wire.Commit) -> tuple[Stores, int]:
+        stored = np.zeros(len(commit.rows), np.uint8)
+        rows = np.arange(len(commit.rows))
+        try:
+            return stored, self._announce_rows(commit, rows, stored)
+        except TransformException as error:
+            if not 1 < len(commit.rows) <= _MAX_SINGLE_ROWS:
+                raise
+            refusal = error
+        # One bad link must not keep the others back: they were set one after another, too.
+        ticket = NO_TICKET
+        for row in rows:
+            try:
+                ticket = max(ticket, self._announce_rows(commit, rows[row : row + 1], stored))
+            except TransformException as error:
+                refusal = error
+        self._log.warn(f"announced statics of {commit.authority!r}", f"some refused: {refusal}")
+        return stored, ticket
+
+    def _announce_rows(
+        self, commit: wire.Commit, rows: NDArray[np.int64], stored: NDArray[np.uint8]
+    ) -> int:
+        """Announce some rows in one commit, and mark those that are stored."""
+        for attempt in range(_ANNOUNCE_ATTEMPTS):
+            versions = [self._announceable(commit, int(row)) for row in rows]
+            may = np.array([version is not None for version in versions])
+            chosen = rows[may]
+            self._log_left_out(commit, rows[~may])
+            if not chosen.size:
+                return NO_TICKET
+            part = replace(
+                commit,
+                rows=commit.rows.take(chosen),
+                # The commit fails if another one changes one of the frames before it.
+                read_names=[commit.rows.names[commit.rows.child[row]] for row in chosen],
+                read_versions=np.array([v for v in versions if v is not None], np.uint64),
+            )
+            try:
+                _, ticket = self._commit(part, by_call=False)
+            except TransactionConflict:
+                if attempt + 1 == _ANNOUNCE_ATTEMPTS:
+                    raise
+                continue
+            stored[chosen] = 1
+            return ticket
+        return NO_TICKET
+
+    def _announceable(self, commit: wire.Commit, row: int) -> int | None:
+        """The frame's version if the row may be stored, else None."""
+        child = commit.rows.names[commit.rows.child[row]]
+        if child in self._removed:
+            return None
+        record = self._record(child)
+        if record is None:
+            return 0  # the version of a frame that does not exist
+        is_own = (
+            record["static"]
+            and record["authority"] == commit.authority
+            and child not in self._by_call
+        )
+        version: int = record["version"]
+        return version if is_own or record["parent"] is None else None
+
+    def _log_left_out(self, commit: wire.Commit, rows: NDArray[np.int64]) -> None:
+        if rows.size:
+            first = commit.rows.names[commit.rows.child[rows[0]]]
+            self._log.warn(
+                f"statics of {commit.authority!r}",
+                f"announced again, but {rows.size} left out, {first!r} first: they were changed by "
+                "a call or another authority, or removed, since",
+            )
+
+    def _record(self, frame: str) -> dict[str, Any] | None:
+        try:
+            return self._tree._frame_record(frame)
+        except LookupException:
+            return None
+
+    def _missing(self, frames: list[str]) -> set[str]:
+        """Those of some frames that do not exist."""
+        status, _, _ = self._tree._lookup_columns(frames, frames, None)
+        return {frame for frame, code in zip(frames, status.tolist(), strict=True) if code}
+
+    def _is_static(self, frame: str) -> bool:
+        record = self._record(frame)
+        return record is not None and bool(record["static"])
+
+    def _forget(self, names: list[str]) -> Changed:
+        """Note that static links were removed. Returns what to store."""
+        changes: Changed = {}
+        for name in names:
+            changes[Table.STATIC_LINKS, name] = None
+            self._last_removal += 1
+            self._removed[name] = changes[Table.REMOVED_LINKS, name] = self._last_removal
+            self._removed.move_to_end(name)
+        self._drop_names(names)
+        while len(self._removed) > self._limits.removed_statics:
+            oldest, _ = self._removed.popitem(last=False)
+            changes[Table.REMOVED_LINKS, oldest] = None
+        return changes
+
+    def _drop_names(self, names: list[str]) -> None:
+        self._names.difference_update(names)
+        self._by_call.difference_update(names)
+
+    @staticmethod
+    def _forget_poses(names: Iterable[str]) -> Changed:
+        return {(Table.LAST_POSES, name): None for name in names}
+
+    def _put(self, changes: Changed) -> int:
+        if not changes or self._writer is None:
+            return NO_TICKET
+        return self._writer.put(changes)

@@ -1,0 +1,5 @@
+"""What mirrors follow: the tree's change log as messages, snapshots, and the part that a mirror
+asks for.
+
+Comes in: changes that the tree has logged. Goes out: Zenoh messages, and replies to mirrors.
+"""

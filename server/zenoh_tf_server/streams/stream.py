@@ -1,0 +1,169 @@
+"""The commit stream: publishes what commits change, while someone listens.
+
+One thread takes the entries of the tree's change log and puts each batch as one message. A commit
+that comes alone goes out at once; after a message, the next one waits for a millisecond and then
+has everything. With nothing to say, a heartbeat tells the last number. The publisher drops what a
+link does not take: so no listener delays the server or another listener, and those that miss a
+message ask for it (docs/decisions/0010-the-stream-tells-versions.md).
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import Any, Final
+
+import zenoh
+
+from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf._core import ChangeLog
+
+from ..limits import Limits
+from .recent_messages import RecentMessages
+
+log = logging.getLogger("zenoh_tf.server")
+
+HEARTBEAT_S: Final = 0.1
+#: The least time between two messages.
+_INTERVAL_S: Final = 0.001
+#: A message takes entries until they have this many bytes; one commit is never split. Zenoh queues
+#: 1 MB for each link, and drops a message for which there is no room.
+_MESSAGE_BYTES: Final = 1 << 18
+#: A reply to `missed` takes messages until they have this many bytes.
+_MISSED_BYTES: Final = 1 << 20
+_JOIN_TIMEOUT_S: Final = 0.5
+
+
+class Stream:
+    """Publishes a tree's changes."""
+
+    def __init__(self, tree: TransformTree, instance: str, limits: Limits) -> None:
+        self._instance = instance
+        self._log = ChangeLog(tree)
+        self._recent = RecentMessages(limits.stream_bytes)
+        self._publisher: zenoh.Publisher | None = None
+        self._changed = threading.Event()  # the listeners, or `_closing`
+        self._active = threading.Event()  # the log is read
+        self._closing = False
+        # Of the last message; only the thread changes these.
+        self._last = 0
+        self._put_s = 0.0  # when that was
+        self._clock_ns = 0
+        self._messages = self._bytes = self._gaps = 0
+        self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
+
+    def start(self, session: zenoh.Session, tree: str) -> None:
+        """Publish to whoever listens to the stream of a tree."""
+        self._publisher = session.declare_publisher(
+            keys.stream(tree, self._instance),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.DATA_LOW,
+            # This session subscribes to puts of transforms, on a key that includes the stream's.
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+        self._publisher.declare_matching_listener(lambda status: self._wake())
+        self._thread.start()
+
+    def close(self) -> None:
+        """Publish no more."""
+        self._closing = True
+        self._wake()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_TIMEOUT_S)
+
+    def wait_until_active(self, timeout_s: float) -> None:
+        """Wait until the changes are published, if someone listens."""
+        if not self._active.is_set() and self._has_listeners():
+            self._active.wait(timeout_s)
+
+    def last_seq(self) -> int:
+        """The number of the tree's last commit, which may be in progress."""
+        return self._log.last
+
+    def missed(self, first: int) -> wire.Message:
+        """The fields of the reply to `missed`: the messages from the number `first` on."""
+        return wire.missed_reply(self._recent.since(first, _MISSED_BYTES), self._last)
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`."""
+        return {
+            "stream_messages": self._messages,
+            "stream_message_bytes": self._bytes,
+            "stream_gaps": self._gaps,
+            "stream_kept_bytes": self._recent.bytes,
+            "change_log_bytes": self._log.bytes,
+        }
+
+    def _wake(self) -> None:
+        self._changed.set()
+        self._log.wake()
+
+    def _has_listeners(self) -> bool:
+        publisher: Any = self._publisher
+        return publisher is not None and bool(publisher.matching_status.matching)
+
+    def _run(self) -> None:
+        while not self._closing:
+            self._changed.clear()
+            try:
+                if self._has_listeners():
+                    self._publish()
+                elif not self._closing:
+                    self._changed.wait()
+            except Exception:  # the stream must go on, with a gap
+                log.exception("internal error in the commit stream")
+                time.sleep(HEARTBEAT_S)
+
+    def _publish(self) -> None:
+        """Publish until nobody listens any more."""
+        self._begin()
+        try:
+            while not self._closing:
+                if self._changed.is_set():
+                    self._changed.clear()
+                    if not self._has_listeners():
+                        break
+                self._log.wait(HEARTBEAT_S)
+                self._put_changes()
+                time.sleep(_INTERVAL_S)
+        finally:
+            self._active.clear()
+            self._log.stop()
+            self._recent.clear()
+
+    def _begin(self) -> None:
+        """Go on with the next commit. Listeners see a gap if they know of an earlier one."""
+        self._recent.clear()
+        self._clock_ns = time.monotonic_ns()  # not later than the number, see `_put_changes`
+        self._last = self._log.start()
+        self._active.set()
+        self._put(self._last, None)
+
+    def _put_changes(self) -> None:
+        """Put what there is, or a heartbeat if its time has come."""
+        # Mirrors tell their age from the clock: what was committed before must be in this message
+        # or an earlier one, so the clock waits for commits in progress.
+        clock_ns, drawn = time.monotonic_ns(), self._log.last
+        _, last, lost, changes = self._log.take(_MESSAGE_BYTES)
+        if last >= drawn:
+            self._clock_ns = clock_ns
+        if last > self._last or time.monotonic() - self._put_s >= HEARTBEAT_S:
+            self._put(last, changes)
+        if lost:
+            self._gaps += 1
+            self._begin()
+
+    def _put(self, last: int, changes: wire.Changes | None) -> None:
+        first, self._last = self._last + 1, last
+        message = wire.StreamMessage(self._instance, first, last, self._clock_ns, changes)
+        data = wire.pack(wire.stream_body(message))
+        if last >= first:
+            self._recent.add(first, last, data)
+        self._messages += 1
+        self._bytes += len(data)
+        self._put_s = time.monotonic()
+        if self._publisher is not None:
+            self._publisher.put(data)

@@ -1,0 +1,283 @@
+"""The threads that receive and serve queries.
+
+Each query family (`keys.OPERATIONS`) has a Zenoh channel and its own threads. A short request is
+served by the thread that receives it: a hand-over to another thread would cost a sequential client
+a sixth of its rate. A family has one thread more than may serve at once. The thread that receives
+a query while all others serve puts it into the family's lane. So some thread always drains the
+channel: a full channel would block Zenoh's receive thread, and with it every client.
+
+Long requests go to lanes with threads of their own, so that short ones never wait behind them:
+one lane for long lookups, commits and batches, and one for the infos. `hello` has a family of its
+own, and as an info is served like a short request: no work delays it.
+
+How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in `replies`. No
+reply blocks a thread of this module.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import zenoh
+from zenoh.handlers import FifoChannel
+
+from zenoh_tf import keys
+
+from ..requests.handler import UNKNOWN, Handler
+from ..security.access_control import KEYED
+from .clients import Clients
+from .lanes import Budget, Lane, Request
+from .replies import Replies, Reply
+
+log = logging.getLogger("zenoh_tf.server")
+
+#: Small, because what is in a channel is not counted; a thread always drains it.
+_CHANNEL: Final = 8
+#: An attachment is a Zenoh id of at most 32 hexadecimal digits, and maybe a word.
+_MAX_ATTACHMENT_BYTES: Final = 64
+_MAX_SENDERS: Final = 1000
+#: A request of up to this size is short: about 15,000 lookups, or 3,000 transforms to store,
+#: which take a few milliseconds.
+SHORT_BYTES: Final = 256 << 10
+#: Families whose requests are rare: one thread serves them.
+_SMALL: Final = ("info", "admin", "hello", "snapshot", "missed")
+#: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
+_HELLO: Final = b"\xa5hello"
+_HELLO_BYTES: Final = 64
+_JOIN_TIMEOUT_S: Final = 0.5
+
+
+class Workers:
+    """The threads of all families and lanes."""
+
+    def __init__(
+        self,
+        service: Handler,
+        clients: Clients,
+        replies: Replies,
+        count: int,
+        operations: Sequence[str] = keys.OPERATIONS,
+    ) -> None:
+        #: What waits, also of requests that come in other ways.
+        self.budget = Budget(service.limits)
+        service.add_counters(self.budget.counters)
+        shared = _Shared(service, clients, replies, self.budget)
+        self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
+        self._families = [
+            _Family(
+                shared,
+                operation,
+                1 if operation in _SMALL else count,
+                self._lanes["info" if operation == "info" else "long"].lane,
+            )
+            for operation in operations
+        ]
+
+    def start(self, session: zenoh.Session, key: Callable[[str], str]) -> None:
+        """Receive the queries on the key of each family."""
+        for threads in self._lanes.values():
+            threads.start()
+        for family in self._families:
+            family.start(session, key)
+
+    def close(self) -> None:
+        """Receive no more queries, serve those received, and end the threads."""
+        for family in self._families:
+            family.undeclare()
+        for threads in self._lanes.values():
+            threads.lane.close()
+        for family in self._families:
+            family.join()
+        for threads in self._lanes.values():
+            threads.join()
+
+
+class _Shared:
+    """What all threads share: how a request is served or refused."""
+
+    def __init__(
+        self,
+        service: Handler,
+        clients: Clients,
+        replies: Replies,
+        budget: Budget,
+    ) -> None:
+        self.service = service
+        self.clients = clients
+        self.replies = replies
+        self.budget = budget
+        #: The families whose keys go on with the authority or operation of the request.
+        self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
+        self.keys: dict[str, zenoh.KeyExpr] = {}
+        #: What attachments say: the client's id, and whether it takes parts. Saves decoding.
+        self._senders: dict[bytes, tuple[str, bool]] = {}
+
+    def reply_to(self, query: zenoh.Query, operation: str, size: int) -> Reply:
+        """The ReplyCallback of a query with `size` bytes."""
+        # A reply's key must lie within its query's key.
+        key = query.key_expr if operation in self.keyed else self.keys[operation]
+        client, takes_parts = self.sender(query)
+        return Reply(query, key, client, takes_parts, size, self.replies)
+
+    def sender(self, query: zenoh.Query) -> tuple[str, bool]:
+        """The client that sent a query, and whether it takes parts."""
+        attachment = query.attachment
+        if attachment is None or len(attachment) > _MAX_ATTACHMENT_BYTES:
+            return UNKNOWN, False
+        data = attachment.to_bytes()
+        known = self._senders.get(data) or self._new_sender(data)
+        if known[0] in self.clients.connected:  # the common case
+            return known
+        return self.clients.known(known[0]), known[1]
+
+    def _new_sender(self, data: bytes) -> tuple[str, bool]:
+        client, _, word = data.decode("ascii", "replace").partition(" ")
+        known = client, word == keys.TAKES_PARTS
+        if len(self._senders) >= _MAX_SENDERS:
+            self._senders.clear()
+        self._senders[data] = known
+        return known
+
+    def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
+        """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
+        try:
+            if data is None:
+                payload = query.payload
+                data = payload.to_bytes() if payload is not None else b""
+            reply_to = self.reply_to(query, operation, len(data))
+            replies = self.replies
+            refusal = replies.refusal(reply_to.client) if replies.held_bytes else None
+            if refusal is None:
+                chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
+                self.service.handle(operation, data, reply_to, chunk)
+            else:
+                reply_to(self.service.error(refusal), True)
+        except Exception:  # no query may end a worker
+            log.exception("internal error while serving %s", operation)
+            query.drop()
+
+    def put(self, lane: Lane[zenoh.Query], query: zenoh.Query, operation: str, size: int) -> None:
+        """Let a query wait in a lane, or refuse it."""
+        refusal: Exception | None
+        if size > self.service.limits.message_bytes:
+            refusal = self.service.limits.exceeded("message_bytes", size)
+        else:
+            refusal = lane.put(Request(query, operation, self.sender(query)[0], size))
+        if refusal is not None:
+            self.reply_to(query, operation, size)(self.service.error(refusal), True)
+
+
+class _LaneThreads:
+    """Threads that serve one lane."""
+
+    def __init__(self, shared: _Shared, count: int) -> None:
+        self.lane: Lane[zenoh.Query] = Lane(shared.budget)
+        self._shared = shared
+        self._threads = [
+            threading.Thread(target=self._work, name=f"lane-{index}", daemon=True)
+            for index in range(count)
+        ]
+
+    def start(self) -> None:
+        for thread in self._threads:
+            thread.start()
+
+    def join(self) -> None:
+        for thread in self._threads:
+            thread.join(timeout=_JOIN_TIMEOUT_S)
+
+    def _work(self) -> None:
+        while (request := self.lane.wait()) is not None:
+            self._shared.serve(request.query, request.operation)
+
+
+class _Family:
+    """The channel and the threads of one family of queries."""
+
+    def __init__(
+        self, shared: _Shared, operation: str, count: int, long_lane: Lane[zenoh.Query]
+    ) -> None:
+        self._shared = shared
+        self._operation = operation
+        self._count = count
+        self._long_lane = long_lane
+        self._lane: Lane[zenoh.Query] = Lane(shared.budget)
+        self._lock = threading.Lock()
+        # Guarded by the lock. Invariant: the family's lane holds requests only while `count`
+        # threads are busy, and each of them looks there before it stops being busy.
+        self._busy = 0
+        self._queryable: zenoh.Queryable[Any] | None = None
+        self._threads: list[threading.Thread] = []
+
+    def start(self, session: zenoh.Session, key_of: Callable[[str], str]) -> None:
+        key = key_of(self._operation)
+        self._shared.keys[self._operation] = zenoh.KeyExpr(key)
+        channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
+        served = f"{key}/**" if self._operation in self._shared.keyed else key
+        self._queryable = session.declare_queryable(served, channel, complete=True)
+        # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
+        # the queryable itself.
+        handler: Any = self._queryable.handler
+        for index in range(self._count + 1):
+            thread = threading.Thread(
+                target=self._work,
+                args=(handler.recv,),
+                name=f"{self._operation}-{index}",
+                daemon=True,
+            )
+            thread.start()
+            self._threads.append(thread)
+
+    def undeclare(self) -> None:
+        if self._queryable is not None:
+            self._queryable.undeclare()
+
+    def join(self) -> None:
+        for thread in self._threads:
+            thread.join(timeout=_JOIN_TIMEOUT_S)
+
+    def _work(self, receive: Any) -> None:
+        while True:
+            try:
+                query: zenoh.Query = receive()
+            except zenoh.ZError:  # undeclared
+                return
+            try:
+                self._receive(query)
+            except Exception:  # no query may end a thread
+                log.exception("internal error while receiving on %s", self._operation)
+
+    def _receive(self, query: zenoh.Query) -> None:
+        payload = query.payload
+        size = len(payload) if payload is not None else 0
+        if size <= SHORT_BYTES:
+            data = payload.to_bytes() if payload is not None else b""
+            if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
+                if self._admit(query, size):
+                    self._shared.serve(query, self._operation, data)
+                    while (request := self._next()) is not None:
+                        self._shared.serve(request.query, self._operation)
+                return
+        self._shared.put(self._long_lane, query, self._operation, size)
+
+    def _admit(self, query: zenoh.Query, size: int) -> bool:
+        """True: this thread is now busy and must serve the query. False: the query waits in the
+        lane, or is refused."""
+        with self._lock:
+            if self._busy < self._count:
+                self._busy += 1
+                return True
+            # Within the lock, so that a thread that stops being busy finds the query.
+            self._shared.put(self._lane, query, self._operation, size)
+            return False
+
+    def _next(self) -> Request[zenoh.Query] | None:
+        """The lane's next request. None: there is none, and this thread is not busy now."""
+        with self._lock:
+            request = self._lane.take()
+            if request is None:
+                self._busy -= 1
+            return request
