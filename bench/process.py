@@ -13,7 +13,7 @@ from typing import Any
 import zenoh
 
 from bench.machine import ROOT
-from zenoh_tf import zenoh_config
+from zenoh_tf._net import zenoh_config
 
 
 class Process(subprocess.Popen[str]):

@@ -15,7 +15,8 @@ from bench.machine import cpu_s
 from bench.process import connect, server
 from bench.python_system import ROWS, SOURCE, TARGET, TIMES_NS, history
 from bench.report import Cell, Report, Target, Trial
-from zenoh_tf import StampedTransform, Transform, keys, wire
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import keys
 from zenoh_tf_client import TransformClient, lookup_requests
 
 LOOKUP = keys.operation("main", "lookup")

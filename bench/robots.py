@@ -12,8 +12,9 @@ import numpy as np
 import zenoh
 
 from bench.process import Process, connect, module
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
 from zenoh_tf._core import TransformRows
+from zenoh_tf._net import keys
 
 FRAMES = 60
 RATE_HZ = 100

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from zenoh_tf import wire
+from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import ServerBusy, TransformException
-from zenoh_tf.queries import NoReply
 from zenoh_tf_client import write_requests
 from zenoh_tf_client.exchange import Exchange
 from zenoh_tf_client.steps import Ask, Pause, Steps

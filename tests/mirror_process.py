@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from zenoh_tf import TransformException
-from zenoh_tf.mirroring import Mirroring
+from zenoh_tf.mirrors.mirroring import Mirroring
 from zenoh_tf_client import Mirror, TransformClient
 
 from . import forks

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import keys, zenoh_config
 
 
 class Raw:

@@ -15,7 +15,8 @@ import threading
 import numpy as np
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerBusy
 
 TIMEOUT_S = 60.0

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from zenoh_tf import keys, zenoh_config
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf_server.process.abandoned_keys import AbandonedKeys
 
 from . import forks
@@ -21,7 +21,7 @@ COUNT = 3000
 #: A publisher of each name, in a process that is then killed.
 PUBLISH = """
 import sys, zenoh
-from zenoh_tf import keys, zenoh_config
+from zenoh_tf._net import keys, zenoh_config
 session = zenoh.open(zenoh_config.client([sys.argv[1]], 10.0))
 publishers = []
 for number in range(int(sys.argv[2])):

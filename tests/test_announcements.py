@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from zenoh_tf import StampedTransform, Transform, keys
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf._net import keys
 from zenoh_tf_client import Broadcaster, TransformClient
 from zenoh_tf_client.announcer import Announcer
 from zenoh_tf_client.publisher import message
@@ -26,7 +27,7 @@ class ShortLease(ServerProcess):
 
     START = (
         "-c",
-        "import sys; from zenoh_tf import zenoh_config\n"
+        "import sys; from zenoh_tf._net import zenoh_config\n"
         "zenoh_config._COMMON['transport/link/tx/lease'] = 1000\n"
         "from zenoh_tf_server.main import main; sys.exit(main())",
     )

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits

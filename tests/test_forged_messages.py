@@ -6,9 +6,10 @@ import logging
 
 import pytest
 
-from zenoh_tf import StampedTransform, Transform, keys, wire
-from zenoh_tf.mirror_source import ServerStatus, State
-from zenoh_tf.stream_guard import StreamSenders, is_ahead
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import keys
+from zenoh_tf.mirrors.source import ServerStatus, State
+from zenoh_tf.mirrors.stream_guard import StreamSenders, is_ahead
 from zenoh_tf_client import TransformClient
 
 from .conftest import ServerProcess

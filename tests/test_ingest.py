@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from zenoh_tf import AuthorityInfo, StampedTransform, Transform, keys, wire
+from zenoh_tf import AuthorityInfo, StampedTransform, Transform, wire
+from zenoh_tf._net import keys
 from zenoh_tf_client import TransformClient, columns
 
 from .conftest import StartServer

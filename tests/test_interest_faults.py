@@ -17,7 +17,8 @@ from tests.servers import ServerProcess
 from tests.small_robot import DEADLINE_S, robot, stamped, wait
 from tests.tcp_proxy import TcpProxy
 from tests.test_mirror_equal import NAMES, Traffic, wait_until_quiet
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import ProtocolError, ServerUnavailable
 from zenoh_tf_client import Mirror, TransformClient
 

@@ -5,7 +5,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 
 AWKWARD = [

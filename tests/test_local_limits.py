@@ -10,9 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from zenoh_tf import handover, wire
+from zenoh_tf import wire
+from zenoh_tf._net import handover
+from zenoh_tf._net.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST
 from zenoh_tf.errors import ServerBusy
-from zenoh_tf.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.transport.lanes import Budget

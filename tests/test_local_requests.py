@@ -17,16 +17,17 @@ import numpy as np
 import pytest
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform, handover, keys, wire
-from zenoh_tf.credentials import Credentials
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import handover, keys
+from zenoh_tf._net.credentials import Credentials
+from zenoh_tf._net.local_requests import MAX_REQUEST_BYTES, REQUEST
+from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import (
     InvalidArgumentException,
     OutcomeUnknown,
     ServerUnavailable,
     TransformException,
 )
-from zenoh_tf.local_requests import MAX_REQUEST_BYTES, REQUEST
-from zenoh_tf.queries import NoReply, Queries
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.connection import Connection
 from zenoh_tf_client.local_requests import LocalRequests

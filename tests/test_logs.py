@@ -19,7 +19,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.monitoring import logs
 from zenoh_tf_server.monitoring.log_handler import DescriptorHandler

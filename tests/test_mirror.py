@@ -18,7 +18,8 @@ from tests.conftest import StartServer
 from tests.raw import raw
 from tests.servers import ServerProcess
 from tests.tcp_proxy import TcpProxy
-from zenoh_tf import StampedTransform, Transform, keys, wire
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LookupException,

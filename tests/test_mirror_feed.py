@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 import zenoh
 
-from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog
+from zenoh_tf._net import keys
 from zenoh_tf.errors import ProtocolError
-from zenoh_tf.mirror_feed import MirrorFeed
-from zenoh_tf.mirror_source import ServerStatus
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.source import ServerStatus
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.primary import Primary
 from zenoh_tf_server.process.sharing import Settings

@@ -10,7 +10,7 @@ import pytest
 from tests.logged_trees import CACHE_S, FEW_FRAMES, Writer, logged, make_tree, state
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import ServerBusy, ServerRestarted
-from zenoh_tf.mirroring import Mirroring, Request
+from zenoh_tf.mirrors.mirroring import Mirroring, Request
 from zenoh_tf_server.streams.recent_messages import RecentMessages
 
 SETTINGS = wire.TreeSettings(round(CACHE_S * 1e9), 64, 16, 255, 1000)

@@ -7,8 +7,9 @@ from pathlib import Path
 import msgpack
 import pytest
 
-from zenoh_tf import keys, wire
-from zenoh_tf.credentials import Credentials
+from zenoh_tf import wire
+from zenoh_tf._net import keys
+from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind
 from zenoh_tf_client import TransformClient, columns
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from zenoh_tf import server_clock
-from zenoh_tf.server_clock import COMPARISONS, ServerClock
+from zenoh_tf._net import server_clock
+from zenoh_tf._net.server_clock import COMPARISONS, ServerClock
 
 MS = 1_000_000
 #: The server's clock is ahead by this.

@@ -14,7 +14,8 @@ from contextlib import ExitStack
 import pytest
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform, zenoh_config
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf._net import zenoh_config
 from zenoh_tf.errors import (
     InvalidArgumentException,
     OutcomeUnknown,

@@ -20,7 +20,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf_server import flags
 from zenoh_tf_server.monitoring import health, service_manager
 from zenoh_tf_server.transport.clients import Clients

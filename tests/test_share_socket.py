@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from zenoh_tf import TransformTree, handover, wire
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import handover
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.shared_tree import RegionRefused, SharedTree
 from zenoh_tf_client import TransformClient

@@ -23,8 +23,8 @@ from zenoh_tf import (
     ServerUnavailable,
     StampedTransform,
     Transform,
-    handover,
 )
+from zenoh_tf._net import handover
 from zenoh_tf_client import TransformClient
 
 from . import forks

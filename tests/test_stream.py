@@ -15,8 +15,9 @@ import zenoh
 from tests.conftest import StartServer
 from tests.raw import Raw, raw
 from tests.servers import ServerProcess
-from zenoh_tf import StampedTransform, Transform, TransformTree, keys, wire
+from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import ChangeReplay
+from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ProtocolError, ServerRestarted
 
 DEADLINE_S = 30.0

@@ -11,7 +11,7 @@ import zenoh
 
 from tests.servers import START_TIMEOUT_S, ServerProcess
 from tests.tcp_proxy import TcpProxy
-from zenoh_tf import keys, zenoh_config
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf_server.process import tree_claim
 from zenoh_tf_server.process.network import NetworkError
 

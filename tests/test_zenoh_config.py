@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from zenoh_tf import zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf.errors import InvalidArgumentException
 
 

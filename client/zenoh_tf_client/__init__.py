@@ -1,7 +1,7 @@
 """The client library of zenoh-tf: a synchronous and an asynchronous client, and their results."""
 
 from zenoh_tf import __version__
-from zenoh_tf.credentials import Credentials
+from zenoh_tf._net.credentials import Credentials
 
 from .aio.batch import AsyncBatch
 from .aio.broadcaster import AsyncBroadcaster

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import AccessDenied, ProtocolError
 
 #: Query families that every client with rights may ask, and those that need the right to read.

@@ -22,7 +22,8 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import RingChannel
 
-from zenoh_tf import StampedTransform, keys
+from zenoh_tf import StampedTransform
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
 from .connection import Connection

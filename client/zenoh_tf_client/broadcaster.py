@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
-from zenoh_tf import StampedTransform, keys
+from zenoh_tf import StampedTransform
+from zenoh_tf._net import keys
 from zenoh_tf.errors import ServerUnavailable
 
 from .announcer import Announcer

@@ -8,10 +8,10 @@ from __future__ import annotations
 import time
 from typing import Final, TypeVar
 
-from zenoh_tf import keys, zenoh_config
-from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf._net import keys, zenoh_config
+from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
-from zenoh_tf.queries import NoReply, Queries
 
 from .exchange import Exchange
 from .local_requests import LocalRequests

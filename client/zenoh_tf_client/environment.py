@@ -6,8 +6,8 @@ from __future__ import annotations
 import os
 from typing import Final, cast
 
-from zenoh_tf import credentials
-from zenoh_tf.credentials import Credentials
+from zenoh_tf._net import credentials
+from zenoh_tf._net.credentials import Credentials
 
 from .client import DEFAULT_ENDPOINT, DEFAULT_TREE
 from .shared_reads import Mode

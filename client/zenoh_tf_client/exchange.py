@@ -19,7 +19,9 @@ from typing import Any, Final, TypeGuard, TypeVar
 
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
+from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import (
     LimitExceeded,
     OutcomeUnknown,
@@ -28,7 +30,6 @@ from zenoh_tf.errors import (
     ServerUnavailable,
     TransformException,
 )
-from zenoh_tf.queries import NoReply
 
 from . import info_requests
 from .access import Access
@@ -87,8 +88,7 @@ class Exchange:
         self.access: Access | None = None
         self._round_trip_ns: int | None = None  # of the last hello
         self._next_hello_s = 0.0
-        # A request id: random per client, then counted.
-        self._id_prefix = os.urandom(8)
+        self._id_prefix = os.urandom(8)  # of a request id, which goes on with a count
         self._id_count = itertools.count()
 
     def hello(self, timeout_s: float | None = None) -> Steps[ServerInfo]:

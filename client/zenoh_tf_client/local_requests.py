@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Final
 
 import zenoh
 
-from zenoh_tf import handover, keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import handover, keys
+from zenoh_tf._net.local_requests import CLIENT, FAMILIES, MAX_REQUEST_BYTES, REPLY, REQUEST
+from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import TransformException
-from zenoh_tf.local_requests import CLIENT, FAMILIES, MAX_REQUEST_BYTES, REPLY, REQUEST
-from zenoh_tf.queries import NoReply, Queries
 from zenoh_tf.shared_tree import RegionRefused
 
 from .session_calls import is_forked

@@ -15,7 +15,7 @@ from zenoh_tf.errors import (
     ServerUnavailable,
     TimeoutException,
 )
-from zenoh_tf.mirror_feed import MirrorFeed
+from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.text import quoted
 
 from . import lookup_requests

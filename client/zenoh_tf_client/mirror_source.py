@@ -11,8 +11,9 @@ from typing import Any
 import zenoh
 from zenoh.handlers import RingChannel
 
-from zenoh_tf import keys, wire
-from zenoh_tf.mirror_source import ServerStatus
+from zenoh_tf import wire
+from zenoh_tf._net import keys
+from zenoh_tf.mirrors.source import ServerStatus
 
 from .connection import Connection
 from .publisher import undeclare_unless_closed
@@ -21,7 +22,7 @@ from .session_calls import SessionCalls, is_forked
 
 
 class MirrorSource:
-    """The `zenoh_tf.mirror_feed.Source` of a client."""
+    """The `zenoh_tf.mirrors.feed.Source` of a client."""
 
     def __init__(self, connection: Connection, interest: wire.Interest | None = None) -> None:
         self._connection = connection

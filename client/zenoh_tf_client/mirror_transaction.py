@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Final, TypeVar
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf.mirror_feed import MirrorFeed
+from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.shared_tree import AskServer
 
 from .connection import Connection

@@ -24,7 +24,7 @@ import numpy as np
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import InvalidArgumentException
-from zenoh_tf.mirror_feed import MirrorFeed
+from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.recordings.blocks import join, slice_rows, take_rows, with_own_names
 from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf.ros2.cdr import TfMessage

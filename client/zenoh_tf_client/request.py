@@ -31,7 +31,7 @@ class Request(ABC, Generic[T]):
 
     __slots__ = ()
 
-    kind: str  # one of zenoh_tf.keys.OPERATIONS
+    kind: str  # one of zenoh_tf._net.keys.OPERATIONS
     wait_s: float  # how long the server itself may wait
 
     @property

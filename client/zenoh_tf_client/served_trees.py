@@ -7,7 +7,7 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 
 #: A message names at most this many trees.

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import handover, wire
+from zenoh_tf import wire
+from zenoh_tf._net import handover
 
 #: The limit of a server that does not tell.
 _DEFAULT_ROWS: Final = 100_000

@@ -19,10 +19,11 @@ import threading
 import weakref
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar, cast
 
-from zenoh_tf import TransformTree, handover, wire
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import handover
+from zenoh_tf._net.socket_trust import NotTrusted
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
-from zenoh_tf.socket_trust import NotTrusted
 
 from . import lookup_requests
 from .connection import Connection

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import zenoh
 
 from zenoh_tf import wire
-from zenoh_tf.queries import NoReply
+from zenoh_tf._net.queries import NoReply
 
 T = TypeVar("T")
 

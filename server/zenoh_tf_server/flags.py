@@ -10,7 +10,7 @@ import os
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from zenoh_tf import keys, zenoh_config
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
 from . import config_file, limits

@@ -15,7 +15,7 @@ from typing import NoReturn
 
 import uvloop
 
-from zenoh_tf import zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import printable
 

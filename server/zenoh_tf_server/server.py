@@ -8,7 +8,8 @@ import secrets
 import time
 from contextlib import ExitStack, closing
 
-from zenoh_tf import TransformTree, keys
+from zenoh_tf import TransformTree
+from zenoh_tf._net import keys
 
 from . import federation, ros2
 from .ingest.ingest import Ingest

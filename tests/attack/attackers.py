@@ -19,8 +19,9 @@ from collections.abc import Iterator
 import numpy as np
 import zenoh
 
-from zenoh_tf import handover, keys, wire
-from zenoh_tf.local_requests import CLIENT, REPLY, REQUEST
+from zenoh_tf import wire
+from zenoh_tf._net import handover, keys
+from zenoh_tf._net.local_requests import CLIENT, REPLY, REQUEST
 
 from . import messages
 

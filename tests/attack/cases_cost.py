@@ -7,7 +7,8 @@ import time
 
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import TransformException
 
 from . import messages

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 
 from . import messages
 from .arena import Arena

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 
 from . import messages
 from .arena import Arena, attackers, beside, message_cost

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied, TransformException
 from zenoh_tf_client import Credentials, TransformClient
 

@@ -13,7 +13,8 @@ import numpy as np
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from zenoh_tf import keys, wire, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import keys, zenoh_config
 
 TREE = "main"
 POSE = np.array([1, 0, 0, 0, 0, 0, 1], dtype="<f8")

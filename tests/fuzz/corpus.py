@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgpack
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 
 from .seeds import Mutator, seeds
 

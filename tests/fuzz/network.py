@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 
 from ..attack import messages
 from ..attack.processes import Server

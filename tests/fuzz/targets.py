@@ -16,7 +16,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf_server import config_file, flags
 from zenoh_tf_server.limits import Limits

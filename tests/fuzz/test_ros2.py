@@ -14,7 +14,7 @@ import time
 import pytest
 import zenoh
 
-from zenoh_tf import zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf.ros2 import attachment
 from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_data

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import pytest
 import zenoh
 
-from zenoh_tf import StampedTransform, Transform, keys, wire, zenoh_config
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied
 from zenoh_tf_client import Credentials, TransformClient
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_server import flags

@@ -23,7 +23,7 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from zenoh_tf import zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.urdf import reader
 from zenoh_tf_client.urdf.joint_states import JointStateFeed

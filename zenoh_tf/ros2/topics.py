@@ -20,7 +20,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from .. import keys as service_keys
+from .._net import keys as service_keys
 from ..errors import ProtocolError, TransformException
 from ..text import quoted
 from . import attachment, keys

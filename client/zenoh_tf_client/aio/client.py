@@ -7,8 +7,8 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from zenoh_tf import Dropped
-from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
-from zenoh_tf.zenoh_config import address
+from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf._net.zenoh_config import address
 
 from ..broadcaster import Broadcaster
 from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE

@@ -12,7 +12,7 @@ import contextlib
 from collections.abc import Callable
 from typing import Final, Self, TypeVar
 
-from zenoh_tf.credentials import Credentials
+from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 
 from .. import connection

@@ -9,8 +9,8 @@ import asyncio
 from abc import ABC, abstractmethod
 from typing import Any
 
+from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import TransformException
-from zenoh_tf.queries import NoReply
 
 from ..steps import Pause, Steps
 from .transport import Outcome, SentQuery, Transport

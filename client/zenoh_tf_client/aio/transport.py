@@ -15,8 +15,8 @@ from typing import Final
 
 import zenoh
 
+from zenoh_tf._net.queries import ZENOH_TIMEOUT, Queries, ReplyParts
 from zenoh_tf.errors import ServerUnavailable, TransformException
-from zenoh_tf.queries import ZENOH_TIMEOUT, Queries, ReplyParts
 
 from ..steps import Ask
 from .threads import Worker

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import threading
 
+from zenoh_tf._net.zenoh_config import address
 from zenoh_tf.errors import InvalidArgumentException
-from zenoh_tf.zenoh_config import address
 from zenoh_tf_client import environment
 from zenoh_tf_client.client import TransformClient
 

@@ -14,8 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from zenoh_tf import TransformException, keys, wire
+from zenoh_tf import TransformException, wire
 from zenoh_tf._core import TransformRows
+from zenoh_tf._net import keys
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state
 from zenoh_tf.ros2.keys import JOINT_STATE

@@ -1,7 +1,7 @@
 """Listens to the server of one robot, over a Zenoh session of its own.
 
 A robot that is away, frozen or wrong holds up its own threads only. Its feed goes on by itself
-when it is back, also with another server: see `zenoh_tf.mirror_feed`.
+when it is back, also with another server: see `zenoh_tf.mirrors.feed`.
 
 Thread safety: all methods.
 """
@@ -17,11 +17,12 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, connect_failure, wire, zenoh_config
-from zenoh_tf.credentials import Credentials
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import connect_failure, zenoh_config
+from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import TransformException
-from zenoh_tf.mirror_feed import MirrorFeed
-from zenoh_tf.mirroring import make_tree
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.mirroring import make_tree
 
 from ..ingest.ingest import Ingest
 from ..ingest.put_queues import Put

@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 
-from zenoh_tf import keys, zenoh_config
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import quoted
 

@@ -20,7 +20,8 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.text import quoted
 

@@ -19,7 +19,7 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 
 log = logging.getLogger("zenoh_tf.server")
 

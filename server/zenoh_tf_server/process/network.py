@@ -8,8 +8,9 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import connect_failure, wire, zenoh_config
-from zenoh_tf.credentials import Credentials
+from zenoh_tf import wire
+from zenoh_tf._net import connect_failure, zenoh_config
+from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import AccessDenied
 
 from ..limits import Limits

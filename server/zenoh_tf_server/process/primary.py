@@ -14,11 +14,12 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import RingChannel
 
-from zenoh_tf import connect_failure, keys, wire, zenoh_config
-from zenoh_tf.credentials import Credentials
+from zenoh_tf import wire
+from zenoh_tf._net import connect_failure, keys, zenoh_config
+from zenoh_tf._net.credentials import Credentials
+from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import AccessDenied, ServerUnavailable
-from zenoh_tf.mirror_source import ServerStatus
-from zenoh_tf.queries import NoReply, Queries
+from zenoh_tf.mirrors.source import ServerStatus
 
 from .network import CONNECT_TIMEOUT_S, NetworkError
 
@@ -29,7 +30,7 @@ _EXPLAIN_TIMEOUT_S: Final = 1.0
 
 
 class Primary:
-    """The `zenoh_tf.mirror_feed.Source` of a server."""
+    """The `zenoh_tf.mirrors.feed.Source` of a server."""
 
     def __init__(
         self,

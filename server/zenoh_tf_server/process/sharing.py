@@ -1,8 +1,8 @@
 """Shares the server's tree with clients of the same host, who map its memory.
 
 The tree is in a region of memory, whose file descriptor every client gets that may open a Unix
-socket (`zenoh_tf.handover`). Clients believe what they read until the region's lease ends, which a
-thread of the core extends as long as the process lives and runs (core/lease.hpp).
+socket (`zenoh_tf._net.handover`). Clients believe what they read until the region's lease ends,
+which a thread of the core extends as long as the process lives and runs (core/lease.hpp).
 
 No answer may come from this tree once a successor has accepted a write. The successor listens where
 this server did, so it can only start when this process has ended: a server that joins an existing
@@ -33,9 +33,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from zenoh_tf import TransformTree, handover
+from zenoh_tf import TransformTree
 from zenoh_tf._core import LeaseKeeper
-from zenoh_tf.socket_trust import check_folder
+from zenoh_tf._net import handover
+from zenoh_tf._net.socket_trust import check_folder
 from zenoh_tf.text import quoted
 
 from .network import NetworkError

@@ -21,7 +21,7 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 from zenoh_tf.text import quoted
 
 from .network import NetworkError

@@ -12,7 +12,9 @@ import functools
 import itertools
 import logging
 
-from zenoh_tf import TransformTree, handover, mirroring, wire
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import handover
+from zenoh_tf.mirrors import mirroring
 
 from ..limits import Limits
 from ..process.network import NetworkError

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 
 from ..process.abandoned_keys import AbandonedKeys
 from ..process.free_memory import FreeMemory

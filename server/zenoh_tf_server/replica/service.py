@@ -16,10 +16,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
-from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind, ServerUnavailable
-from zenoh_tf.mirror_feed import MirrorFeed
-from zenoh_tf.mirror_source import Source, State
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.source import Source, State
 from zenoh_tf.text import quoted
 
 from ..ingest.clock_offsets import ClockOffsets

@@ -23,7 +23,8 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import credentials, keys, wire, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import credentials, keys, zenoh_config
 
 from ..limits import Limits
 from ..process.network import CONNECT_TIMEOUT_S, RECEIVE_MARGIN, RETRY, NetworkError, explain

@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from zenoh_tf import keys, wire
+from zenoh_tf import wire
+from zenoh_tf._net import keys
 from zenoh_tf.errors import AccessDenied
 
 from ..security import access_rules

@@ -15,8 +15,9 @@ from collections.abc import Callable
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf import TransformTree, handover, wire
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import reply_to_lookup
+from zenoh_tf._net import handover
 from zenoh_tf.errors import TransactionConflict, TransformException
 
 from ..ingest.clock_offsets import ClockOffsets

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 
 from . import access_rules
 from .access_rules import EVERYTHING, AccessRule

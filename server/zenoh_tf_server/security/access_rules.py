@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NoReturn
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 
 #: Operation -> meaning.

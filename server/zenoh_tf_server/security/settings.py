@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, cast
 
-from zenoh_tf import credentials, tls_files, zenoh_config
-from zenoh_tf.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf._net import credentials, tls_files, zenoh_config
+from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException
 
 from . import access_control

@@ -26,8 +26,9 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog, InterestReader, wait_for_changes
+from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerRestarted, TransformException
 
 from ..fair_share import FairShare

@@ -18,8 +18,9 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, keys, wire
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog
+from zenoh_tf._net import keys
 
 from ..limits import Limits
 from .recent_messages import RecentMessages

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 
 from ..requests.handler import UNKNOWN

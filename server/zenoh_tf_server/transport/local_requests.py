@@ -22,8 +22,7 @@ import threading
 import time
 from typing import Final
 
-from zenoh_tf.errors import ServerBusy
-from zenoh_tf.local_requests import (
+from zenoh_tf._net.local_requests import (
     CLIENT,
     FAMILIES,
     MAX_REPLY_BYTES,
@@ -31,6 +30,7 @@ from zenoh_tf.local_requests import (
     REPLY,
     REQUEST,
 )
+from zenoh_tf.errors import ServerBusy
 from zenoh_tf.text import quoted
 
 from ..rate_limited_log import RateLimitedLog

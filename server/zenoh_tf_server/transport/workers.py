@@ -24,7 +24,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from zenoh_tf import keys
+from zenoh_tf._net import keys
 
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED

@@ -11,10 +11,10 @@ import ssl
 import struct
 from typing import Final
 
+from ..errors import AccessDenied, InvalidArgumentException, ServerUnavailable
+from ..errors import TransformException as Failure
 from . import tls_files, zenoh_config
 from .credentials import Credentials
-from .errors import AccessDenied, InvalidArgumentException, ServerUnavailable
-from .errors import TransformException as Failure
 
 _TIMEOUT_S: Final = 2.0
 #: How long a server may take to refuse a client's certificate after the handshake.

@@ -20,8 +20,8 @@ from typing import Final
 
 from zenoh_tf import wire
 from zenoh_tf._core import LAYOUT
+from zenoh_tf._net.socket_trust import check_peer
 from zenoh_tf.shared_tree import RegionRefused, SharedTree
-from zenoh_tf.socket_trust import check_peer
 
 SUFFIX: Final = ".sock"
 #: What `hello` says of a shared tree is in this field.

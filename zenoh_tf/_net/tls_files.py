@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import ssl
 
+from ..errors import InvalidArgumentException
 from .credentials import FilePath
-from .errors import InvalidArgumentException
 
 
 def load_certificate(

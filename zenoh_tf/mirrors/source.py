@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import zenoh
 from zenoh.handlers import RingChannel
 
-from . import wire
-from .tree import TransformTree
+from .. import wire
+from ..tree import TransformTree
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,9 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import RingChannel
 
-from . import wire
-from .errors import (
+from .. import wire
+from .._net.server_clock import COMPARISONS, ServerClock, now_ns
+from ..errors import (
     ProtocolError,
     ServerBusy,
     ServerRestarted,
@@ -35,11 +36,10 @@ from .errors import (
     TimeoutException,
     TransformException,
 )
-from .mirror_source import Source, State
+from ..tree import TransformTree
 from .mirroring import MakeTree, Mirroring, Observer, Request, make_tree
-from .server_clock import COMPARISONS, ServerClock, now_ns
+from .source import Source, State
 from .stream_guard import Alarm, StreamSenders, is_ahead
-from .tree import TransformTree
 
 log = logging.getLogger("zenoh_tf.mirror")
 

@@ -29,8 +29,8 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from .errors import InvalidArgumentException
-from .text import quoted
+from ..errors import InvalidArgumentException
+from ..text import quoted
 
 PREFIX: Final = "tf/v1"
 #: The query families, in the order of docs/protocol.md.

@@ -10,7 +10,7 @@ import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .errors import InvalidArgumentException
+from ..errors import InvalidArgumentException
 
 #: The path of a file, as callers may give it.
 FilePath = str | os.PathLike[str]

@@ -5,7 +5,7 @@ delivers as well. Where there are no rules, what contradicts the server is found
 
 Thread safety: none; the owner locks, or uses one thread.
 
-Internal: for `zenoh_tf.mirror_feed`.
+Internal: for `zenoh_tf.mirrors.feed`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import logging
 import time
 from typing import Final
 
-from . import keys
-from .errors import InvalidArgumentException
-from .mirror_source import ServerStatus, State
+from .._net import keys
+from ..errors import InvalidArgumentException
+from .source import ServerStatus, State
 
 log = logging.getLogger("zenoh_tf.mirror")
 

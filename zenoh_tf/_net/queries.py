@@ -15,8 +15,8 @@ from typing import Final
 import zenoh
 from zenoh.handlers import Callback
 
+from ..errors import ServerUnavailable
 from . import keys
-from .errors import ServerUnavailable
 
 #: The error reply that Zenoh makes up when no server replies in time.
 ZENOH_TIMEOUT: Final = b"Timeout"

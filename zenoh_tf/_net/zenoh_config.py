@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import zenoh
 
+from ..errors import InvalidArgumentException
 from .credentials import NO_CREDENTIALS, Credentials, zenoh_settings
-from .errors import InvalidArgumentException
 
 #: The protocols that Zenoh's Python package can connect and listen with.
 PROTOCOLS: Final = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream")

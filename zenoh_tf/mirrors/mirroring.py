@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, Protocol
 
-from . import wire
-from ._core import ChangeReplay
-from .errors import (
+from .. import wire
+from .._core import ChangeReplay
+from ..errors import (
     ProtocolError,
     ServerBusy,
     ServerRestarted,
@@ -32,7 +32,7 @@ from .errors import (
     TimeoutException,
     TransformException,
 )
-from .tree import TransformTree
+from ..tree import TransformTree
 
 #: Requests for pieces that are under way at once.
 _IN_FLIGHT: Final = 2
