@@ -271,6 +271,38 @@ asyncio.run(main())
     )
 
 
+COLLECTED = """
+import atexit, gc, threading, time
+atexit.register(lambda: print("end", flush=True))  # after the exit handler of the package
+from zenoh_tf_client.session_calls import SessionCalls
+
+class Connection:
+    def __init__(self):
+        self.calls = SessionCalls(self.close_session)
+        self.ring = self
+
+    def close_session(self):
+        print("closes", flush=True)
+        time.sleep(0.5)
+        print("closed", flush=True)
+
+    def __del__(self):
+        self.calls.close()
+
+Connection()
+threading.Thread(target=gc.collect, daemon=True).start()
+time.sleep(0.1)
+"""
+
+
+def test_the_end_waits_for_what_the_garbage_collector_closes() -> None:
+    """It clears weak references first, so the exit handler must know the session otherwise."""
+    done = subprocess.run(
+        [sys.executable, "-c", COLLECTED], check=True, timeout=50, stdout=subprocess.PIPE, text=True
+    )
+    assert done.stdout.split() == ["closes", "closed", "end"]
+
+
 def test_the_exit_status_is_the_scripts_own(endpoint: str) -> None:
     script = CONNECT + NEVER_CLOSED["daemon threads that read"] + "\nsys.exit(3)\n"
     for _ in range(RUNS):

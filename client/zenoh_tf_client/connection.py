@@ -90,6 +90,7 @@ class Connection:
     def __del__(self) -> None:
         # Zenoh would close the session when it is freed, outside of `calls`.
         if hasattr(self, "local"):
+            self.calls.add_owner(self)  # the garbage collector has cleared that reference
             self.close()
 
     @property

@@ -39,6 +39,9 @@ _PAUSE_AT_EXIT_S = 1.0
 
 _all: weakref.WeakSet[SessionCalls] = weakref.WeakSet()
 _all_lock = threading.Lock()
+#: Those that were closed and may have a thread inside. The garbage collector clears weak references
+#: before it calls `__del__`, which closes. No lock: the collector may run while one is held.
+_closing: set[SessionCalls] = set()
 #: True once this process has begun to open a session.
 _zenoh_was_used = False
 #: True in a child that was forked after this process had used Zenoh.
@@ -112,8 +115,16 @@ class SessionCalls:
         """Close the session; calls that are inside fail soon. May be called again."""
         if _forked:
             return
+        if self._closed:
+            return
+        _closing.add(self)  # then the exit handler waits for it, or it is seen to have begun
+        if _is_daemon_at_exit():
+            self.never_free()  # the exit handler closes what it knows of
+            return
         with self._changed:
             if self._closed:
+                if self._inside == 0:
+                    _closing.discard(self)
                 return
             self._closed = True
             self._inside += 1  # the exit handler waits for it, too
@@ -131,6 +142,8 @@ class SessionCalls:
             with contextlib.suppress(zenoh.ZError):
                 self._close_session()
         finally:
+            if not _exiting:
+                _closing.discard(self)
             self.__exit__(None, None, None)
 
     def wait_until_none(self, timeout_s: float) -> None:
@@ -182,6 +195,7 @@ def _close_all() -> None:
     _exiting = True
     with _all_lock:
         all_calls = list(_all)
+    all_calls = list(dict.fromkeys([*all_calls, *list(_closing)]))
     for calls in all_calls:
         calls.close()
     deadline_s = time.monotonic() + _EXIT_TIMEOUT_S
