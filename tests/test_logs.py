@@ -140,7 +140,8 @@ def test_hostile_messages_never_reach_the_log_raw(start_server: StartServer, for
                 congestion_control=zenoh.CongestionControl.BLOCK,
             )
         # A key that the server's own escaping would never make.
-        session.put("tf/v1/main/set/\x1b]0;title\x07\x85", b"", express=True)
+        key = "tf/v1/main/set/\x1b]0;title\x07\x85"
+        session.put(key, b"", congestion_control=zenoh.CongestionControl.BLOCK)
         while tf.stats()["bad_puts"] < len(puts) + 1:
             time.sleep(0.02)
         with raw(server.endpoint) as wires:
