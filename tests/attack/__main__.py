@@ -89,7 +89,7 @@ def main() -> int:
                 key: [dataclasses.asdict(one) | {"kept": one.kept} for one in found]
                 for key, found in results.items()
             }
-            options.json.write_text(json.dumps(records, indent=1) + "\n")
+            options.json.write_text(json.dumps(records, indent=1, default=float) + "\n")
     missed = [number for number, found in results.items() if not all(one.kept for one in found)]
     print(f"missed: {', '.join(missed) or 'none'}")
     return 1 if missed else 0

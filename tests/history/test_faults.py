@@ -6,7 +6,7 @@ import pytest
 
 from .builds import build_faulty_driver, compile_as_one_file, faulty_text
 from .checker import describe, find_anomaly
-from .faults import FAULTS, HISTORIES, SOUND, Fault
+from .faults import FAULTS, FAULTY_HISTORIES, HISTORIES, SOUND, Fault
 from .history import record, runs
 
 pytestmark = pytest.mark.timeout(600)
@@ -17,14 +17,14 @@ pytestmark = pytest.mark.timeout(600)
 def test_a_fault_is_found(fault: Fault, tmp_path: Path) -> None:
     driver = build_faulty_driver(fault)
     for concurrency in fault.modes:
-        for plain in runs(concurrency, HISTORIES):
+        for plain in runs(concurrency, FAULTY_HISTORIES):
             run = plain._replace(reads=fault.reads)
             history = record(driver, run, tmp_path / "history")
             if anomaly := find_anomaly(history):
                 print(f"\n{run}\n{describe(history, anomaly)}")
                 break
         else:
-            pytest.fail(f"not found in {HISTORIES} histories, {concurrency}")
+            pytest.fail(f"not found in {FAULTY_HISTORIES} histories, {concurrency}")
 
 
 @pytest.mark.parametrize("fault", FAULTS + SOUND, ids=lambda f: f.name)
