@@ -115,7 +115,7 @@ MUTATED := build/mutants-client
 mutants-client: native ## the same of the client's exchange, by cosmic-ray and tests/test_exchange*.py
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "cosmic-ray>=8.4"
 	@rm -rf $(MUTATED) && mkdir -p $(MUTATED)
-	@cp client/zenoh_tf_client/exchange.py $(MUTATED)
+	@cp client/zenoh_tf_client/session/exchange.py $(MUTATED)
 	@$(BIN)/cosmic-ray init tests/mutation/exchange.toml $(MUTATED)/session.sqlite
 	@$(BIN)/cr-filter-operators $(MUTATED)/session.sqlite tests/mutation/exchange.toml
 	@$(CACHED) $(BIN)/cosmic-ray baseline tests/mutation/exchange.toml

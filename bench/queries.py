@@ -17,7 +17,8 @@ from bench.python_system import ROWS, SOURCE, TARGET, TIMES_NS, history
 from bench.report import Cell, Report, Target, Trial
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys
-from zenoh_tf_client import TransformClient, lookup_requests
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.requests import lookups as lookup_requests
 
 LOOKUP = keys.operation("main", "lookup")
 #: Each waiting lookup gives up after this; none should come near it.

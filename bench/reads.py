@@ -16,7 +16,8 @@ from bench.python_system import END_NS, PERIOD_NS, SOURCE, TARGET, history
 from bench.queries import LOOKUP, fill
 from bench.report import Cell, Report, Target, Trial, ratios
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
-from zenoh_tf_client import Mirror, TransformClient, lookup_requests
+from zenoh_tf_client import Mirror, TransformClient
+from zenoh_tf_client.requests import lookups
 
 Call = Callable[[], object]
 Tree = TransformTree | TransformClient | Mirror
@@ -93,7 +94,7 @@ def _ways(report: Report, name: str, calls: Mapping[str, Call], theirs: Process 
 @contextlib.contextmanager
 def _bare_query(endpoint: str) -> Iterator[Call]:
     """An empty query with as many bytes as a lookup, of a server that does nothing else."""
-    request = wire.pack(lookup_requests.lookup_transform(TARGET, SOURCE).body())
+    request = wire.pack(lookups.lookup_transform(TARGET, SOURCE).body())
     with connect(endpoint) as session:
         reply_bytes = ask(session, LOOKUP, request)
     with (

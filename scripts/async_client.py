@@ -16,22 +16,17 @@ import sys
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parents[1] / "client/zenoh_tf_client"
-#: Source -> what is made of it.
-FILES = {
-    "client_lookups.py": "aio/lookups.py",
-    "client_writes.py": "aio/writes.py",
-    "client_introspection.py": "aio/introspection.py",
-    "client_sensor_data.py": "aio/sensor_data.py",
-    "transaction.py": "aio/transaction.py",
-    "batch.py": "aio/batch.py",
-}
+#: From each is made the file of the same name in `aio/`.
+FILES = (
+    *("lookups.py", "writes.py", "introspection.py", "sensor_data.py"),
+    *("transaction.py", "batch.py"),
+)
 #: Modules that the asynchronous client has of its own.
-OWN = {"connection", "shared_reads"}
+OWN = {r"session\.connection", r"session\.shared_reads"}
 ARGUMENTS = r"\((?:[^()]|\([^()]*\))*\)"
 REPLACEMENTS = [
     # Imports and names.
-    (r"^from \. import", "from .. import"),
-    (rf"^from \.(?!{'|'.join(OWN)})(?=\w)", "from .."),
+    (rf"^from \.(?!(?:{'|'.join(OWN)})\b)(?=\w)", "from .."),
     (r"^import time$", "import asyncio"),
     (r"^from collections.abc import Callable", "from collections.abc import Awaitable, Callable"),
     (r"\bClient(?=(Lookups|Writes|Introspection|SensorData)\b)", "Async"),
@@ -97,10 +92,10 @@ def _formatted(text: str) -> str:
 
 def main() -> int:
     stale = []
-    for source, made in FILES.items():
-        text, path = made_from(source, (CLIENT / source).read_text()), CLIENT / made
+    for name in FILES:
+        text, path = made_from(name, (CLIENT / name).read_text()), CLIENT / "aio" / name
         if not path.exists() or path.read_text() != text:
-            stale.append(made)
+            stale.append(f"aio/{name}")
             if "--check" not in sys.argv:
                 path.write_text(text)
     if "--check" in sys.argv and stale:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from zenoh_tf_client import AsyncTransformClient
-from zenoh_tf_client.aio.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
+from zenoh_tf_client.aio.session.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
 
 from .conftest import Main
 from .servers import ServerProcess

@@ -15,7 +15,7 @@ import uvloop
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.shared_reads import Mode
+from zenoh_tf_client.session.shared_reads import Mode
 
 from .both_clients import Blocking, LoopThread
 from .ports import free_endpoint

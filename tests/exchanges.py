@@ -12,9 +12,9 @@ import pytest
 from zenoh_tf import wire
 from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import ServerBusy, TransformException
-from zenoh_tf_client import write_requests
-from zenoh_tf_client.exchange import Exchange
-from zenoh_tf_client.steps import Ask, Pause, Steps
+from zenoh_tf_client.requests import writes
+from zenoh_tf_client.session.exchange import Exchange
+from zenoh_tf_client.session.steps import Ask, Pause, Steps
 
 TIMEOUT_S = 5.0
 SERVER_AHEAD_NS = 10**15
@@ -119,7 +119,7 @@ def no_reply(at_once: bool = False) -> Any:
     return NoReply("nothing came", at_once)
 
 
-WRITE = write_requests.clear()
+WRITE = writes.clear()
 
 
 def new(clock: Clock, **limits: Any) -> Exchange:

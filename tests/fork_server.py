@@ -17,8 +17,8 @@ import types
 from dataclasses import dataclass
 from pathlib import Path
 
-import zenoh_tf_client.cli.main  # noqa: F401
 import zenoh_tf_server.main  # noqa: F401
+import zenoh_tf_tools.cli.main  # noqa: F401
 
 #: Standard input, output and errors, and where the wait status goes.
 _FILES = 4

@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.connection import Connection
-from zenoh_tf_client.shared_reads import Mode
+from zenoh_tf_client.session.connection import Connection
+from zenoh_tf_client.session.shared_reads import Mode
 
 from . import forks
 from .ports import free_endpoint

@@ -12,8 +12,8 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import keys
 from zenoh_tf_client import Broadcaster, TransformClient
-from zenoh_tf_client.announcer import Announcer
-from zenoh_tf_client.publisher import message
+from zenoh_tf_client.publish.announcer import Announcer
+from zenoh_tf_client.publish.publisher import message
 
 from .conftest import StartServer
 from .ports import free_endpoint

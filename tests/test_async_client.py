@@ -22,7 +22,7 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf_client import AsyncTransformClient
-from zenoh_tf_client.aio.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
+from zenoh_tf_client.aio.session.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
 
 from .asynchronous import Run, assert_idle, connected, fill, sent_by
 from .ports import free_endpoint

@@ -12,9 +12,9 @@ DASHBOARD = "docker/grafana/dashboard.json"
 #: Check, file, a pattern in it, what takes its place, and a part of the report.
 PLANTED: list[tuple[str, str, str, str, str]] = [
     ("docstrings", "zenoh_tf/_core.pyi", r"\bstamp_ns: int \|", "when: int |", "explain 'when'"),
-    ("docstrings", f"{CLIENT}/client_lookups.py", r"Raises:", "Errors:", "list its errors"),
+    ("docstrings", f"{CLIENT}/lookups.py", r"Raises:", "Errors:", "list its errors"),
     ("docstrings", f"{CLIENT}/batch.py", r'"""[^"]*?"""', "", "Batch has no docstring"),
-    ("references", f"{CLIENT}/mirror_reads.py", "As `TransformTree", "See `", "let the docstring"),
+    ("references", f"{CLIENT}/mirror/reads.py", "As `TransformTree", "See `", "let the docstring"),
     ("both_clients", f"{AIO}/client.py", r"async def close", "async def end", "has no close"),
     ("both_clients", f"{AIO}/introspection.py", r"async def stats", "def stats", "does not wait"),
     ("both_clients", f"{AIO}/watch.py", "timeout_s: float", "timeout_s: int", "arguments differ"),

@@ -17,7 +17,8 @@ from zenoh_tf import (
     StampedTransform,
     Transform,
 )
-from zenoh_tf_client import TransformClient, exchange
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.session import exchange
 from zenoh_tf_server.ingest.clock_offsets import WINDOW_NS, ClockOffsets
 
 from .conftest import StartServer

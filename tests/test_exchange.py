@@ -19,8 +19,8 @@ from zenoh_tf.errors import (
     ServerRestarted,
     ServerUnavailable,
 )
-from zenoh_tf_client import columns, info_requests, lookup_requests, write_requests
-from zenoh_tf_client.exchange import Exchange
+from zenoh_tf_client.requests import columns, info, lookups, writes
+from zenoh_tf_client.session.exchange import Exchange
 
 from .exchanges import (
     SERVER_AHEAD_NS,
@@ -47,7 +47,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def test_a_read_is_one_query() -> None:
     script = Script(done(["map"]))
-    assert script.run(greeted().call(info_requests.frames())) == ["map"]
+    assert script.run(greeted().call(info.frames())) == ["map"]
     assert (script.keys, script.pauses_s) == (["info"], [])
     assert 0 < script.timeouts_s[0] <= TIMEOUT_S
 
@@ -55,28 +55,28 @@ def test_a_read_is_one_query() -> None:
 def test_an_error_is_raised_and_not_asked_again() -> None:
     script = Script(failed(LookupException("no frame")))
     with pytest.raises(LookupException, match="no frame"):
-        script.run(greeted().call(info_requests.frames()))
+        script.run(greeted().call(info.frames()))
     assert script.keys == ["info"]
 
 
 def test_a_busy_server_is_asked_again_within_the_time() -> None:
     busy = failed(ServerBusy("busy", retry_after_s=0.5))
     script = Script(busy, busy, done(["map"]))
-    assert script.run(greeted().call(info_requests.frames())) == ["map"]
+    assert script.run(greeted().call(info.frames())) == ["map"]
     assert script.keys == 3 * ["info"]
     assert all(0.5 <= pause_s <= 1.0 for pause_s in script.pauses_s) and len(script.pauses_s) == 2
     assert all(limit_s < TIMEOUT_S - 0.4 for limit_s in script.timeouts_s[1:])
     for retry_after_s in (2 * TIMEOUT_S, None, -1.0):  # too late, or not to be repeated
         script = Script(failed(ServerBusy("busy", retry_after_s=retry_after_s)))
         with pytest.raises(ServerBusy):
-            script.run(greeted().call(info_requests.frames()))
+            script.run(greeted().call(info.frames()))
         assert script.pauses_s == []
 
 
 def test_no_reply_leaves_only_a_writes_outcome_open() -> None:
     exchange = greeted()
     with pytest.raises(ServerUnavailable, match="nothing came"):
-        Script(no_reply()).run(exchange.call(info_requests.frames()))
+        Script(no_reply()).run(exchange.call(info.frames()))
     assert exchange.server is None
     exchange = greeted()
     with pytest.raises(OutcomeUnknown, match="nothing came"):
@@ -88,9 +88,7 @@ def test_no_reply_leaves_only_a_writes_outcome_open() -> None:
 
 def test_a_single_lookup_without_a_reply_fails_like_any_read() -> None:
     with pytest.raises(ServerUnavailable, match="nothing came"):
-        Script(no_reply()).run(
-            greeted().call(lookup_requests.lookup_transform("map", "base", None))
-        )
+        Script(no_reply()).run(greeted().call(lookups.lookup_transform("map", "base", None)))
 
 
 def test_a_write_has_an_id_an_expiry_and_an_instance() -> None:
@@ -130,7 +128,7 @@ def test_a_write_for_a_server_that_was_restarted_goes_to_the_next_one() -> None:
 
 def test_another_instance_is_greeted_before_the_next_write() -> None:
     exchange = greeted()
-    Script(done(["map"], "two")).run(exchange.call(info_requests.frames()))
+    Script(done(["map"], "two")).run(exchange.call(info.frames()))
     assert exchange.server is None
     script = Script(hello("two"), done(seq=1, instance="two"))
     script.run(exchange.call(WRITE))
@@ -141,7 +139,7 @@ def test_the_clock_is_asked_for_now_and_then() -> None:
     exchange = greeted()
     exchange._next_hello_s = 0.0
     script = Script(done(["map"]), hello())
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
+    assert script.run(exchange.call(info.frames())) == ["map"]
     assert script.keys == ["info", "hello"]
     exchange._next_hello_s = 0.0
     script = Script(hello(), done(seq=1))
@@ -152,7 +150,7 @@ def test_the_clock_is_asked_for_now_and_then() -> None:
 def test_a_message_beyond_the_servers_limit_is_not_sent() -> None:
     script = Script()
     with pytest.raises(LimitExceeded) as caught:
-        script.run(greeted(message_bytes=10).call(info_requests.frames()))
+        script.run(greeted(message_bytes=10).call(info.frames()))
     assert (caught.value.field, caught.value.limit) == ("message_bytes", 10)
     assert script.asked == []
 
@@ -163,7 +161,7 @@ def test_a_message_beyond_the_servers_limit_is_not_sent() -> None:
 def test_how_long_queries_and_pauses_may_take(clock: Clock) -> None:
     exchange = new(clock)
     for wait_s in (0.0, 2.0):
-        call = replace(info_requests.frames(), wait_s=wait_s)  # type: ignore[type-var]
+        call = replace(info.frames(), wait_s=wait_s)  # type: ignore[type-var]
         script = Script(busy(0.25), done(["map"]), clock=clock)
         script.run(exchange.call(call))
         left_s = TIMEOUT_S + wait_s - 1.0 - 0.75
@@ -174,15 +172,15 @@ def test_how_long_queries_and_pauses_may_take(clock: Clock) -> None:
     script = Script(
         busy((TIMEOUT_S - 1.5) / 3), done(["map"]), clock=clock
     )  # half a second is left
-    script.run(exchange.call(info_requests.frames()))
+    script.run(exchange.call(info.frames()))
     assert script.timeouts_s[1] == pytest.approx(0.5)
     for late_s in (0.0, 0.3):  # no time is left
         script = Script(busy((TIMEOUT_S - 1.0 + late_s) / 3), clock=clock)
         with pytest.raises(ServerBusy):
-            script.run(exchange.call(info_requests.frames()))
+            script.run(exchange.call(info.frames()))
         assert script.pauses_s == []
     script = Script(busy(0.0), done(["map"]), clock=clock)  # at once
-    script.run(exchange.call(info_requests.frames()))
+    script.run(exchange.call(info.frames()))
     assert script.pauses_s == [0.0]
 
 
@@ -196,10 +194,10 @@ def test_the_clock_is_asked_for_after_a_second_then_every_ten(clock: Clock) -> N
     for period_s in (1.0, 10.0, 10.0):
         clock.now_s = begin_s + period_s - 0.375
         script = Script(done(["map"]), clock=clock)
-        script.run(exchange.call(info_requests.frames()))
+        script.run(exchange.call(info.frames()))
         clock.now_s = begin_s + period_s - 0.25  # when the reply is there, it is time
         script = Script(done(["map"]), hello_at(clock), clock=clock)
-        script.run(exchange.call(info_requests.frames()))
+        script.run(exchange.call(info.frames()))
         assert script.keys == ["info", "hello"] and script.timeouts_s[1] == 0.5
         assert script.asked[1][1]["round_trip_ns"] == 250_000_000
         begin_s += period_s
@@ -209,7 +207,7 @@ def test_the_clock_is_asked_for_after_a_second_then_every_ten(clock: Clock) -> N
     assert script.keys == ["hello", "admin"]
     clock.now_s += 20.0  # a read is answered all the same
     script = Script(done(["map"]), no_reply(), clock=clock)
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
+    assert script.run(exchange.call(info.frames())) == ["map"]
     assert exchange.server is None
 
 
@@ -228,11 +226,11 @@ def test_the_expiry_of_a_write_is_exact(clock: Clock) -> None:
 
 
 def test_a_message_as_long_as_the_limit_is_sent(clock: Clock) -> None:
-    length = len(wire.pack(info_requests.frames().body()))
+    length = len(wire.pack(info.frames().body()))
     script = Script(done(["map"]), clock=clock)
-    script.run(new(clock, message_bytes=length).call(info_requests.frames()))
+    script.run(new(clock, message_bytes=length).call(info.frames()))
     with pytest.raises(LimitExceeded) as caught:
-        Script().run(new(clock, message_bytes=length - 1).call(info_requests.frames()))
+        Script().run(new(clock, message_bytes=length - 1).call(info.frames()))
     assert caught.value.value == length
 
 
@@ -244,10 +242,10 @@ DENIED: Any = {"may": [], "publish": []}
 @pytest.mark.parametrize("other", ["a", "z"])
 def test_a_reply_of_another_instance_is_not_the_known_servers(other: str) -> None:
     exchange = greeted()
-    assert Script(done(["map"], other)).run(exchange.call(info_requests.frames())) == ["map"]
+    assert Script(done(["map"], other)).run(exchange.call(info.frames())) == ["map"]
     assert exchange.server is None
     exchange = greeted()
-    Script(done(["map"])).run(exchange.call(info_requests.frames()))
+    Script(done(["map"])).run(exchange.call(info.frames()))
     assert exchange.server is not None
 
 
@@ -256,11 +254,11 @@ def test_a_write_for_one_instance_goes_to_no_other() -> None:
     exchange = greeted()
     script = Script(failed(ServerRestarted("it is another one"), "two"))
     with pytest.raises(ServerRestarted):
-        script.run(exchange.call(write_requests.commit(rows, "one")))
+        script.run(exchange.call(writes.commit(rows, "one")))
     assert (script.keys, exchange.server) == (["commit"], None)
     script = Script(hello("two"), failed(ServerRestarted("it is another one"), "two"))
     with pytest.raises(ServerRestarted):
-        script.run(exchange.call(write_requests.commit(rows, "one")))
+        script.run(exchange.call(writes.commit(rows, "one")))
     assert script.asked[1][1]["instance"] == "one"
 
 
@@ -268,14 +266,14 @@ def test_rights_are_checked_before_a_request_is_sent(clock: Clock) -> None:
     exchange = Exchange("main", "tcp/127.0.0.1:1", "ada", TIMEOUT_S)
     Script(hello_at(clock, access=DENIED), clock=clock).run(exchange.hello())
     exchange._next_hello_s = 1e9
-    for request in (WRITE, info_requests.frames()):
+    for request in (WRITE, info.frames()):
         with pytest.raises(AccessDenied, match="user 'ada' may not"):
             Script().run(exchange.call(request))
     rights = {"may": ["clear", "read"], "publish": []}
     Script(hello_at(clock, access=rights), clock=clock).run(exchange.hello())
     exchange._next_hello_s = 1e9
     read, write = Script(done(["map"]), clock=clock), Script(done(), clock=clock)
-    read.run(exchange.call(info_requests.frames()))
+    read.run(exchange.call(info.frames()))
     write.run(exchange.call(WRITE))
     assert (read.keys, write.keys) == (["info"], ["admin/clear"])
     Script(hello_at(clock), clock=clock).run(exchange.hello())  # without rules
@@ -283,7 +281,7 @@ def test_rights_are_checked_before_a_request_is_sent(clock: Clock) -> None:
 
 
 def test_a_request_that_ends_at_once_may_be_denied_by_now(clock: Clock) -> None:
-    for request, failure in ((WRITE, OutcomeUnknown), (info_requests.frames(), ServerUnavailable)):
+    for request, failure in ((WRITE, OutcomeUnknown), (info.frames(), ServerUnavailable)):
         denied = hello_at(clock, access=DENIED)
         script = Script(no_reply(at_once=True), denied)
         with pytest.raises(AccessDenied):
@@ -307,5 +305,5 @@ def test_a_request_that_ends_at_once_may_be_denied_by_now(clock: Clock) -> None:
     for instance, outcome in (("one", AccessDenied), ("two", OutcomeUnknown)):
         with pytest.raises(outcome):
             Script(no_reply(at_once=True), hello_at(clock, access=DENIED)).run(
-                greeted().call(write_requests.commit(rows, instance))
+                greeted().call(writes.commit(rows, instance))
             )

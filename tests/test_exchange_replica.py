@@ -11,10 +11,10 @@ import pytest
 
 from zenoh_tf import wire
 from zenoh_tf.errors import AccessDenied, ReplicaBehind, ServerUnavailable
-from zenoh_tf_client import info_requests
-from zenoh_tf_client.exchange import Exchange
-from zenoh_tf_client.receipt import Receipt
-from zenoh_tf_client.request import Call
+from zenoh_tf_client.requests import info
+from zenoh_tf_client.requests.receipt import Receipt
+from zenoh_tf_client.requests.request import Call
+from zenoh_tf_client.session.exchange import Exchange
 
 from .exchanges import (
     TIMEOUT_S,
@@ -51,12 +51,12 @@ NEAR: dict[str, Any] = {"replica": {"seq": 7, "age_ns": 2 * 10**9}}
 def test_a_replica_answers_reads_and_sees_the_clients_writes() -> None:
     exchange = with_replica()
     script = Script(done(["map"], **NEAR))
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
+    assert script.run(exchange.call(info.frames())) == ["map"]
     assert script.keys == ["at/0af3/info"] and exchange.replica_age_s == 2.0
     Script(done(seq=9)).run(exchange.call(WRITE))
     assert exchange.seen.is_behind
     script = Script(failed(ReplicaBehind("not yet")), done(["map"], **NEAR))
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
+    assert script.run(exchange.call(info.frames())) == ["map"]
     assert script.keys == 2 * ["at/0af3/info"] and len(script.pauses_s) == 1
     assert wire.least("one", 9).items() <= script.asked[0][1].items()
     assert not exchange.seen.is_behind
@@ -67,15 +67,15 @@ def test_the_server_answers_what_the_replica_lacks() -> None:
     Script(done(seq=5)).run(exchange.call(WRITE))
     behind = failed(ReplicaBehind("not yet"))
     script = Script(*4 * [behind], done(["map"]))
-    assert script.run(exchange.call(info_requests.frames())) == ["map"]
+    assert script.run(exchange.call(info.frames())) == ["map"]
     assert script.keys == [*4 * ["at/0af3/info"], "info"] and len(script.pauses_s) == 3
     assert exchange.replica_age_s is None
     script = Script(*4 * [behind], no_reply())
     with pytest.raises(ReplicaBehind):
-        script.run(exchange.call(info_requests.frames()))
+        script.run(exchange.call(info.frames()))
 
 
-FRAMES = info_requests.frames()
+FRAMES = info.frames()
 DENIED: Any = {"may": [], "publish": []}
 
 

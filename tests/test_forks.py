@@ -39,7 +39,7 @@ def test_a_file_and_a_module(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text("import sys; print(__name__, sys.argv)")
     file = tmp_path / "program.py"
     assert forks.run([sys.executable, file, "a"]).stdout == f"__main__ ['{file}', 'a']\n"
-    assert "usage: zenoh-tf" in forks.run([sys.executable, "-m", "zenoh_tf_client", "-h"]).stdout
+    assert "usage: zenoh-tf" in forks.run([sys.executable, "-m", "zenoh_tf_tools", "-h"]).stdout
 
 
 def test_one_that_runs_on_is_killed() -> None:

@@ -13,7 +13,8 @@ import zenoh
 
 from zenoh_tf import AuthorityInfo, StampedTransform, Transform, wire
 from zenoh_tf._net import keys
-from zenoh_tf_client import TransformClient, columns
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.requests import columns
 
 from .conftest import StartServer
 from .ports import free_endpoint

@@ -29,9 +29,9 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.connection import Connection
-from zenoh_tf_client.local_requests import LocalRequests
-from zenoh_tf_client.server_info import ServerInfo
+from zenoh_tf_client.session.connection import Connection
+from zenoh_tf_client.session.local_requests import LocalRequests
+from zenoh_tf_client.session.server_info import ServerInfo
 
 from . import forks
 from .conftest import StartServer, linux

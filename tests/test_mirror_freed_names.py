@@ -17,7 +17,7 @@ from zenoh_tf._core import ChangeLog
 from zenoh_tf.errors import TransformException
 from zenoh_tf.wire.stream import ORPHANED
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.mirror_source import MirrorSource
+from zenoh_tf_client.mirror.source import MirrorSource
 
 from .conftest import StartServer
 

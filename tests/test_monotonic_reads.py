@@ -6,12 +6,12 @@ from typing import Any
 
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.exchange import Exchange
-from zenoh_tf_client.info_requests import stats
-from zenoh_tf_client.receipt import Receipt
-from zenoh_tf_client.seen_states import SeenStates
-from zenoh_tf_client.server_info import parse_server_info
-from zenoh_tf_client.steps import Ask
+from zenoh_tf_client.requests.info import stats
+from zenoh_tf_client.requests.receipt import Receipt
+from zenoh_tf_client.session.exchange import Exchange
+from zenoh_tf_client.session.seen_states import SeenStates
+from zenoh_tf_client.session.server_info import parse_server_info
+from zenoh_tf_client.session.steps import Ask
 
 from .conftest import ServerProcess
 from .raw import raw

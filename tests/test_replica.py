@@ -17,8 +17,8 @@ import pytest
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
 from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
-from zenoh_tf_client.receipt import Receipt
-from zenoh_tf_client.shared_reads import Mode
+from zenoh_tf_client.requests.receipt import Receipt
+from zenoh_tf_client.session.shared_reads import Mode
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.sharing import Settings
 from zenoh_tf_server.replica.copies import SharedCopies

@@ -11,7 +11,8 @@ from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind
-from zenoh_tf_client import TransformClient, columns
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.requests import columns
 
 from .conftest import StartServer
 from .raw import raw

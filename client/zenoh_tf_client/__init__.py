@@ -11,15 +11,15 @@ from .aio.mirror import AsyncMirror
 from .aio.transaction import AsyncTransaction
 from .aio.watch import AsyncWatch
 from .batch import Batch
-from .broadcaster import Broadcaster
 from .client import TransformClient
-from .handle import Handle
-from .mirror import Mirror
-from .mirror_interest import OutsideInterest
-from .receipt import Receipt
+from .mirror.interest import OutsideInterest
+from .mirror.mirror import Mirror
+from .mirror.watch import Watch
+from .mirror.watching import PoseEvent
+from .publish.broadcaster import Broadcaster
+from .requests.handle import Handle
+from .requests.receipt import Receipt
 from .transaction import Transaction
-from .watch import Watch
-from .watching import PoseEvent
 
 __all__ = [
     "AsyncBatch",

@@ -13,11 +13,11 @@ from typing import Any, Self, TypeVar
 
 from zenoh_tf.errors import TransformException
 
-from .batch_operations import BatchOperations
-from .batch_request import BatchRequest
-from .connection import Connection
-from .handle import Handle
-from .request import Request
+from .requests.batch import BatchRequest
+from .requests.batch_operations import BatchOperations
+from .requests.handle import Handle
+from .requests.request import Request
+from .session.connection import Connection
 
 T = TypeVar("T")
 

@@ -10,21 +10,21 @@ from zenoh_tf import Dropped, Gate
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
 
-from . import shared_reads
 from .batch import Batch
-from .broadcaster import Broadcaster
-from .client_introspection import ClientIntrospection
-from .client_lookups import ClientLookups
-from .client_sensor_data import ClientSensorData
-from .client_writes import ClientWrites
-from .connection import Connection
-from .mirror import Mirror
-from .mirror_interest import interest_of
-from .receipt import Receipt
-from .shared_reads import Mode, SharedReads
+from .introspection import ClientIntrospection
+from .lookups import ClientLookups
+from .mirror.interest import interest_of
+from .mirror.mirror import Mirror
+from .mirror.watch import Watch
+from .mirror.watching import Terms
+from .publish.broadcaster import Broadcaster
+from .requests.receipt import Receipt
+from .sensor_data import ClientSensorData
+from .session import shared_reads
+from .session.connection import Connection
+from .session.shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
-from .watch import Watch
-from .watching import Terms
+from .writes import ClientWrites
 
 T = TypeVar("T")
 

@@ -29,10 +29,10 @@ from zenoh_tf.errors import (
     TransactionConflict,
 )
 
-from . import columns, lookup_requests, write_requests
-from .connection import Connection
-from .request import Read, Rows, VersionedRead
-from .shared_reads import SharedReads
+from .requests import columns, lookups, writes
+from .requests.request import Read, Rows, VersionedRead
+from .session.connection import Connection
+from .session.shared_reads import SharedReads
 
 T = TypeVar("T")
 
@@ -111,7 +111,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(lookup_requests.lookup_transform(target, source, stamp_ns))
+        return self._read(lookups.lookup_transform(target, source, stamp_ns))
 
     def lookup_transform_full(
         self,
@@ -148,7 +148,7 @@ class Transaction:
             ProtocolError: The reply is malformed.
         """
         return self._read(
-            lookup_requests.lookup_transform_full(
+            lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame
             )
         )
@@ -172,7 +172,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(lookup_requests.can_transform(target, source, stamp_ns))
+        return self._read(lookups.can_transform(target, source, stamp_ns))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one snapshot.
@@ -198,7 +198,7 @@ class Transaction:
         Example:
             ``X_map_cup = tx.lookup_latest_transform_xact("map", "cup").transform``
         """
-        return self._read(lookup_requests.lookup_latest_transform_xact(target, source))
+        return self._read(lookups.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -221,7 +221,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(lookup_requests.lookup_latest_transforms_xact(pairs))
+        return self._read(lookups.lookup_latest_transforms_xact(pairs))
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -244,7 +244,7 @@ class Transaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return self._read(lookup_requests.latest_common_time(a, b))
+        return self._read(lookups.latest_common_time(a, b))
 
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
@@ -307,7 +307,7 @@ class Transaction:
         commit = columns.commit(self._sets, authority, static)
         commit.read_names = list(self._versions)
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
-        self._connection.call(write_requests.commit(commit, self._instance))
+        self._connection.call(writes.commit(commit, self._instance))
 
     def _is_done(self) -> bool:
         """Whether there is nothing to commit, and nothing to compare."""

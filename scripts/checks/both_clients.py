@@ -83,8 +83,8 @@ def arguments(member: Member) -> str:
 def made_files(repository: Repository) -> Iterator[Violation]:
     """The files that scripts/async_client.py makes are current."""
     folder = "client/zenoh_tf_client"
-    for source, made in async_client.FILES.items():
-        text = async_client.made_from(source, repository.text(f"{folder}/{source}"))
-        if repository.text(f"{folder}/{made}") != text:
-            problem = f"differs from what {source} gives: run scripts/async_client.py"
-            yield Violation(f"{folder}/{made}", 1, problem)
+    for name in async_client.FILES:
+        text = async_client.made_from(name, repository.text(f"{folder}/{name}"))
+        if repository.text(f"{folder}/aio/{name}") != text:
+            problem = f"differs from what ../{name} gives: run scripts/async_client.py"
+            yield Violation(f"{folder}/aio/{name}", 1, problem)

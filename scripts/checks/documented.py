@@ -8,11 +8,11 @@ import shlex
 from collections.abc import Iterator
 from dataclasses import fields
 
-from zenoh_tf_client.cli.main import _parser
 from zenoh_tf_client.tf2 import FilterFailureReason
-from zenoh_tf_client.urdf import joint_states, kinematics
 from zenoh_tf_server import flags as server_flags
 from zenoh_tf_server.monitoring.metric_table import FROM_AUTHORITIES, FROM_STATS
+from zenoh_tf_tools.cli.main import _parser
+from zenoh_tf_tools.urdf import joint_states, kinematics
 
 from .repository import Repository, Violation
 

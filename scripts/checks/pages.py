@@ -28,7 +28,7 @@ SHOWN = {
     "message_filter.py": "docs/from-tf2.md",
 }
 MAX_EXAMPLE_LINES = 40
-PACKAGES = ("zenoh_tf", "server/zenoh_tf_server", "client/zenoh_tf_client")
+PACKAGES = ("zenoh_tf", "server/zenoh_tf_server", "client")
 NAMING_FILES = ("docs/architecture.md", "docs/concurrency.md", "docs/glossary.md")
 FILE_NAME = re.compile(r"[\w/]+\.(?:pyi?|hpp|cpp)\b")
 

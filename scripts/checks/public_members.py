@@ -8,14 +8,14 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import zenoh_tf_client
+from zenoh_tf_client.mirror.reads import MirrorReads
 
 from .repository import Repository
 
 AnyFunction = ast.FunctionDef | ast.AsyncFunctionDef
 STUBS = ("zenoh_tf/_core.pyi", "zenoh_tf/_transform.pyi")
 #: A base whose methods refer to those of the same names in another class.
-REFERRING = zenoh_tf_client.mirror_reads.MirrorReads
+REFERRING = MirrorReads
 
 
 @dataclass(frozen=True)

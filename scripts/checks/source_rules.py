@@ -14,22 +14,30 @@ PACKAGES = {
     "zenoh_tf": "zenoh_tf",
     "zenoh_tf_server": "server/zenoh_tf_server",
     "zenoh_tf_client": "client/zenoh_tf_client",
+    "zenoh_tf_tools": "client/zenoh_tf_tools",
+}
+#: What each may import of the others.
+MAY_IMPORT = {
+    "zenoh_tf": {"zenoh_tf"},
+    "zenoh_tf_server": {"zenoh_tf_server", "zenoh_tf"},
+    "zenoh_tf_client": {"zenoh_tf_client", "zenoh_tf"},
+    "zenoh_tf_tools": {"zenoh_tf_tools", "zenoh_tf_client", "zenoh_tf"},
 }
 RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
 EXTRAS = {
-    "cryptography": "zenoh_tf_client",
-    "foxglove": "zenoh_tf_client",
-    "matplotlib": "zenoh_tf_client",
+    "cryptography": "zenoh_tf_tools",
+    "foxglove": "zenoh_tf_tools",
+    "matplotlib": "zenoh_tf_tools",
     "prometheus_client": "zenoh_tf_server",
     "foxglove_schemas_protobuf": "zenoh_tf",
     "mcap": "zenoh_tf",
     "mcap_protobuf": "zenoh_tf",
-    "rich": "zenoh_tf_client",
+    "rich": "zenoh_tf_tools",
     "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
-    "shtab": "zenoh_tf_client",
-    "viser": "zenoh_tf_client",
+    "shtab": "zenoh_tf_tools",
+    "viser": "zenoh_tf_tools",
     "xxhash": "zenoh_tf",
 }
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
@@ -41,11 +49,11 @@ HEADLESS = re.compile(r"\b(for|of|by|to|from) who\b|(^|[.;:] |[#/*\"] *)Who(ever
 
 
 def imports(repository: Repository) -> Iterator[Violation]:
-    """Client and server import zenoh_tf and never each other; extras have one place each."""
+    """Tools import the client, it and the server the library; extras have one place each."""
     for package, folder in PACKAGES.items():
         for path in repository.files(".py", under=[folder]):
             for line, name in _imported(repository.text(path)):
-                if name in PACKAGES and name not in (package, "zenoh_tf"):
+                if name in PACKAGES and name not in MAY_IMPORT[package]:
                     yield Violation(path, line, f"{package} must not import {name}")
                 known = name in PACKAGES or name in sys.stdlib_module_names or name in RUN_TIME
                 if not known and EXTRAS.get(name) != package:

@@ -14,7 +14,7 @@ from pathlib import Path
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Credentials, TransformClient
-from zenoh_tf_client.cli import certificate_files
+from zenoh_tf_tools.cli.setup import certificate_files
 
 from . import messages
 from .arena import Arena, beside

@@ -145,7 +145,7 @@ def static_lost(arena: Arena) -> list[Finding]:
         if not arena.has_flag("--state-dir"):
             flags = []
         with arena.server(*flags, endpoint=endpoint):
-            command = [arena.python, "-m", "zenoh_tf_client", "--connect", endpoint]
+            command = [arena.python, "-m", "zenoh_tf_tools", "--connect", endpoint]
             command += ["set", "map", "dock", "1", "2", "3", "--static"]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr

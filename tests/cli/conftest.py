@@ -15,8 +15,9 @@ from typing import Any
 import pytest
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf_client import TransformClient, environment
-from zenoh_tf_client.cli.main import main
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.session import environment
+from zenoh_tf_tools.cli.main import main
 
 from .. import forks
 from ..servers import Pool, ServerProcess
@@ -26,7 +27,7 @@ Run = Callable[..., Done]
 
 HALF_TURN = (0, 0, 1, 0)
 
-MODULE = ("-m", "zenoh_tf_client")
+MODULE = ("-m", "zenoh_tf_tools")
 
 
 @pytest.fixture

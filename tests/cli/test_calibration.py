@@ -10,7 +10,7 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli import calibration_diff, calibration_files
+from zenoh_tf_tools.cli.setup import calibration_diff, calibration_files
 
 from ..servers import ServerProcess
 from .conftest import Run, document, refusal, succeeds

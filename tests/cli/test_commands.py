@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.main import _parser
+from zenoh_tf_tools.cli.main import _parser
 
 from .. import forks
 from .conftest import Run, document, refusal, succeeds
@@ -315,7 +315,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
 @pytest.mark.usefixtures("chain")
 def test_a_reader_that_goes_away_is_no_error(server: Any) -> None:
     with forks.Popen(
-        [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, "frames"],
+        [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, "frames"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:

@@ -133,7 +133,7 @@ def test_interrupted() -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
         with forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_client", "--connect", endpoint, "frames"],
+            [sys.executable, "-m", "zenoh_tf_tools", "--connect", endpoint, "frames"],
             stderr=subprocess.PIPE,
         ) as process:
             mute.settimeout(20)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.main import _for_argparse, _parser
+from zenoh_tf_tools.cli.main import _for_argparse, _parser
 
 from .conftest import Run
 

@@ -9,7 +9,7 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli import rates
+from zenoh_tf_tools.cli.show import rates
 
 from .conftest import Run
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zenoh_tf_client.cli.main import main
+from zenoh_tf_tools.cli.main import main
 
 from ..recorded import RUN, needs_recording
 from ..recordings.files import Log, write

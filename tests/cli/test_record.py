@@ -38,7 +38,7 @@ class RecorderProcess:
         self.path = path
         options = ("--connect", endpoint, "--json")
         self.process = forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_client", *options, "record", str(path), *flags],
+            [sys.executable, "-m", "zenoh_tf_tools", *options, "record", str(path), *flags],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
@@ -340,7 +340,7 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)); "
-        "from zenoh_tf_client.cli.main import main; sys.exit(main())"
+        "from zenoh_tf_tools.cli.main import main; sys.exit(main())"
     )
     command = [sys.executable, "-c", code, "--connect", server.endpoint, "record", str(path)]
     with forks.Popen(command, stderr=subprocess.PIPE) as process:

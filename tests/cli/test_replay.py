@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.ingest import Feed
+from zenoh_tf_tools.cli.recordings.ingest import Feed
 
 from .. import forks
 from ..recordings.files import Log, write
@@ -99,7 +99,7 @@ def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -
     path = str(write(tmp_path / "log"))
     options = ("--connect", server.endpoint, "replay", path, "--loop", "--rate", "10")
     with forks.Popen(
-        [sys.executable, "-m", "zenoh_tf_client", *options],
+        [sys.executable, "-m", "zenoh_tf_tools", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:
@@ -208,7 +208,7 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
     )
     command = (
         "-m",
-        "zenoh_tf_client",
+        "zenoh_tf_tools",
         "--connect",
         server.endpoint,
         "replay",
@@ -281,7 +281,7 @@ def test_without_the_extra(zenoh_tf: Run, tmp_path: Path, library: str, kind: st
     path = write(tmp_path / "log", kind=kind)
     code = (
         f"import sys; sys.modules[{library!r}] = None; "
-        "from zenoh_tf_client.cli.main import main; sys.exit(main())"
+        "from zenoh_tf_tools.cli.main import main; sys.exit(main())"
     )
     line = refusal(zenoh_tf("replay", str(path), start=("-c", code)))
     assert "pip install 'zenoh-tf[recordings]'" in line
@@ -351,7 +351,7 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
     log = [(float(i), "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(120)]
     path = write(tmp_path / "log", log)
     server = start_server()
-    command = ("-m", "zenoh_tf_client", "--connect", server.endpoint, "--timeout", "2")
+    command = ("-m", "zenoh_tf_tools", "--connect", server.endpoint, "--timeout", "2")
     with forks.Popen(
         [sys.executable, *command, "replay", str(path), "--rate", "30"],
         stdout=subprocess.PIPE,

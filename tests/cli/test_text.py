@@ -9,8 +9,8 @@ import time
 
 import pytest
 
-from zenoh_tf_client.cli import stamps
-from zenoh_tf_client.cli.output import roll_pitch_yaw, when
+from zenoh_tf_tools import stamps
+from zenoh_tf_tools.cli.output import roll_pitch_yaw, when
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.rates import AuthorityRate, LinkRate, Period
-from zenoh_tf_client.cli.top import _board
+from zenoh_tf_tools.cli.show.rates import AuthorityRate, LinkRate, Period
+from zenoh_tf_tools.cli.show.top import _board
 
 from .conftest import Run
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import zenoh_tf_client
 
 COPY = Path(__file__).resolve().parents[2] / "build/mutants-client/exchange.py"
-NAME = f"{zenoh_tf_client.__name__}.exchange"
+NAME = f"{zenoh_tf_client.__name__}.session.exchange"
 
 _spec = importlib.util.spec_from_file_location(NAME, COPY)
 assert _spec is not None and _spec.loader is not None

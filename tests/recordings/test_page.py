@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf_client.cli.main import _parser
+from zenoh_tf_tools.cli.main import _parser
 
 from .. import forks
 from .files import Log, write
@@ -51,7 +51,7 @@ def test_every_command_runs(server: Any, folder: Path) -> None:
             program, *arguments = shlex.split(command)
             assert program == "zenoh-tf"
             done = forks.run(
-                [sys.executable, "-m", "zenoh_tf_client", *arguments],
+                [sys.executable, "-m", "zenoh_tf_tools", *arguments],
                 timeout=50,
                 cwd=folder,
                 env=environment,
@@ -88,7 +88,7 @@ def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str)
     assert len(examples) >= 2
     for line in examples:
         with forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_client", "--connect", server.endpoint, *line],
+            [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, *line],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=folder,

@@ -55,7 +55,7 @@ def test_the_first_five_minutes(server: ServerProcess) -> None:
             for line in questions:
                 arguments = [*shlex.split(line)[1:], "--connect", server.endpoint]
                 done = forks.run(
-                    [sys.executable, "-m", "zenoh_tf_client", *arguments],
+                    [sys.executable, "-m", "zenoh_tf_tools", *arguments],
                     timeout=50,
                 )
                 assert done.returncode == 0, done.stderr

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from zenoh_tf_client import Credentials, TransformClient
-from zenoh_tf_client.cli import certificate_files
-from zenoh_tf_client.shared_reads import Mode
+from zenoh_tf_client.session.shared_reads import Mode
+from zenoh_tf_tools.cli.setup import certificate_files
 
 from ..ports import free_endpoint
 from ..servers import ServerProcess

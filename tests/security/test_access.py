@@ -17,7 +17,7 @@ from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied
 from zenoh_tf_client import Credentials, TransformClient
-from zenoh_tf_client import columns as client_columns
+from zenoh_tf_client.requests import columns as client_columns
 
 from ..servers import ServerProcess
 from .conftest import Files, Serve, connect

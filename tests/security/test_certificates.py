@@ -21,7 +21,7 @@ pytest.importorskip("cryptography")
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return forks.run(
-        [sys.executable, "-m", "zenoh_tf_client", *arguments],
+        [sys.executable, "-m", "zenoh_tf_tools", *arguments],
         timeout=50,
     )
 

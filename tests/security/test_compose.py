@@ -36,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = (DOCKER / "compose-tls.yaml").read_text()
     (line,) = (line for line in text.splitlines() if "zenoh-tf certificates" in line)
     command = shlex.split(line.strip("# "))
-    command[:3] = [sys.executable, "-m", "zenoh_tf_client", "certificates"]
+    command[:3] = [sys.executable, "-m", "zenoh_tf_tools", "certificates"]
     command[4:4] = [str(folder / "certificates")]
     subprocess.run(command, check=True, capture_output=True, timeout=50)
     return folder
@@ -76,14 +76,14 @@ def test_the_services_work_together(
     def command_of(service: str) -> list[str]:
         """What the service repeats: `while sleep N; do zenoh-tf ...; done`."""
         (loop,) = services[service]["command"]
-        return ["zenoh_tf_client", *shlex.split(loop.split(";")[1])[2:]]
+        return ["zenoh_tf_tools", *shlex.split(loop.split(";")[1])[2:]]
 
     for service in ("sensor", "screen"):
         done = run(service, *command_of(service))
         assert done.returncode == 0, done.stderr
     assert "base" in done.stdout
-    done = run("server", "zenoh_tf_client.health")
+    done = run("server", "zenoh_tf_tools.health")
     assert done.returncode == 0, done.stderr
     for service, command in (("screen", "clear"), ("sensor", "frames")):
-        done = run(service, "zenoh_tf_client", command)
+        done = run(service, "zenoh_tf_tools", command)
         assert done.returncode == 1 and "AccessDenied" in done.stderr, done.stderr

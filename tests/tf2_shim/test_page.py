@@ -58,6 +58,6 @@ def test_every_command_runs(shared_server: Any) -> None:
             words[1:] = ["--help"]
         if words[0] in ("echo", "monitor", "top"):  # they go on
             words += ["--count", "1"]
-        done = run("-m", "zenoh_tf_client", "--connect", shared_server.endpoint, *words)
+        done = run("-m", "zenoh_tf_tools", "--connect", shared_server.endpoint, *words)
         assert (done.returncode, done.stderr) == (0, ""), command
         assert done.stdout, command

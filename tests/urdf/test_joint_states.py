@@ -25,9 +25,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.urdf import reader
-from zenoh_tf_client.urdf.joint_states import JointStateFeed
-from zenoh_tf_client.urdf.kinematics import JointTransforms
+from zenoh_tf_tools.urdf import reader
+from zenoh_tf_tools.urdf.joint_states import JointStateFeed
+from zenoh_tf_tools.urdf.kinematics import JointTransforms
 
 from .. import forks
 from ..servers import ServerProcess
@@ -212,7 +212,7 @@ class Command:
 
     def __init__(self, *args: str) -> None:
         self.process = forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_client", "urdf", str(ARM), *args],
+            [sys.executable, "-m", "zenoh_tf_tools", "urdf", str(ARM), *args],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
@@ -297,7 +297,7 @@ def test_a_restarted_server_gets_everything_again(start_server: Any, command: An
 
 def test_print_and_joint_states_exclude_each_other() -> None:
     done = forks.run(
-        [sys.executable, "-m", "zenoh_tf_client", "urdf", str(ARM), "--print", "--joint-states"],
+        [sys.executable, "-m", "zenoh_tf_tools", "urdf", str(ARM), "--print", "--joint-states"],
         timeout=40,
     )
     assert done.returncode == 2

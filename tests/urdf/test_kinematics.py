@@ -18,8 +18,8 @@ from zenoh_tf import (
     Transform,
     TransformTree,
 )
-from zenoh_tf_client.urdf import reader
-from zenoh_tf_client.urdf.kinematics import FrameNames, JointTransforms, Moved, fixed_transforms
+from zenoh_tf_tools.urdf import reader
+from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, Moved, fixed_transforms
 
 HERE = Path(__file__).parent
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"

@@ -33,7 +33,7 @@ ALONE = [line for line in LINES if line not in TRY_IT]
 def start(line: str, endpoint: str, folder: Path) -> subprocess.Popen[str]:
     command, *arguments = shlex.split(line)
     if command == "zenoh-tf":
-        arguments = ["-m", "zenoh_tf_client", *arguments]
+        arguments = ["-m", "zenoh_tf_tools", *arguments]
     else:
         assert command == "python"
     shutil.copy(ROOT / "examples/arm.urdf", folder / "robot.urdf")

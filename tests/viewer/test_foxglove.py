@@ -19,8 +19,8 @@ from websockets.sync.connection import Connection
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.foxglove import _EXAMPLES
-from zenoh_tf_client.cli.main import main
+from zenoh_tf_tools.cli.main import main
+from zenoh_tf_tools.cli.show.foxglove import _EXAMPLES
 
 from ..ports import free_port
 from ..servers import ServerProcess

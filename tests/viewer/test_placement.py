@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf_client.viewer.placement import place, roots_by_size
-from zenoh_tf_client.viewer.source import Link
-from zenoh_tf_client.viewer.trails import MAX_TRAILS, trail_segments
+from zenoh_tf_tools.viewer.placement import place, roots_by_size
+from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.trails import MAX_TRAILS, trail_segments
 
 S = 10**9
 

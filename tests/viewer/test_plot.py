@@ -17,11 +17,11 @@ import pytest
 from zenoh_tf import LookupException, StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.cli.main import main
-from zenoh_tf_client.cli.plot import _EXAMPLES
-from zenoh_tf_client.plotting.figure import save
-from zenoh_tf_client.plotting.pair import PairHistory, follow, replayed
-from zenoh_tf_client.viewer.recorded import RecordedSource
+from zenoh_tf_tools.cli.main import main
+from zenoh_tf_tools.cli.show.plot import _EXAMPLES
+from zenoh_tf_tools.plotting.figure import save
+from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
+from zenoh_tf_tools.viewer.recorded import RecordedSource
 
 from ..recordings.files import write
 from ..servers import ServerProcess
@@ -122,7 +122,7 @@ def test_figures_with_any_name(tmp_path: Path, name: str) -> None:
 
 
 def test_angles_do_not_jump() -> None:
-    from zenoh_tf_client.plotting.figure import _angles  # noqa: PLC0415 - internal
+    from zenoh_tf_tools.plotting.figure import _angles  # noqa: PLC0415 - internal
 
     turns = [Transform.from_rpy(0.1, 0.2, yaw).rotation for yaw in (3.0, 3.1, 3.2, 3.3)]
     angles = _angles(np.array(turns))

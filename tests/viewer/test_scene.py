@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf_client.viewer import scene
-from zenoh_tf_client.viewer.panel import Panel
-from zenoh_tf_client.viewer.source import Link
-from zenoh_tf_client.viewer.viewer import Options, Viewer, close_server, open_server
+from zenoh_tf_tools.viewer import scene
+from zenoh_tf_tools.viewer.panel import Panel
+from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.viewer import Options, Viewer, close_server, open_server
 
 from ..ports import free_port
 

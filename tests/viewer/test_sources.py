@@ -10,9 +10,9 @@ import pytest
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import Mirror, TransformClient
-from zenoh_tf_client.viewer.live import LiveSource
-from zenoh_tf_client.viewer.recorded import RecordedSource
-from zenoh_tf_client.viewer.source import Link
+from zenoh_tf_tools.viewer.live import LiveSource
+from zenoh_tf_tools.viewer.recorded import RecordedSource
+from zenoh_tf_tools.viewer.source import Link
 
 from ..recordings.files import write
 from ..servers import ServerProcess

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from zenoh_tf_client.cli.main import main
-from zenoh_tf_client.cli.viewer import _EXAMPLES
+from zenoh_tf_tools.cli.main import main
+from zenoh_tf_tools.cli.show.view import _EXAMPLES
 
 from .. import forks
 from ..ports import free_port
@@ -25,9 +25,9 @@ from ..recordings.files import write
 from ..servers import ServerProcess
 
 PAGE = (Path(__file__).parents[2] / "docs/view.md").read_text()
-MODULE = ("-m", "zenoh_tf_client")
+MODULE = ("-m", "zenoh_tf_tools")
 #: As the module, in a process that lacks a library.
-WITHOUT = "import sys; sys.modules[sys.argv.pop(1)] = None; import zenoh_tf_client.cli.main as m; "
+WITHOUT = "import sys; sys.modules[sys.argv.pop(1)] = None; import zenoh_tf_tools.cli.main as m; "
 
 Done = subprocess.CompletedProcess[str]
 

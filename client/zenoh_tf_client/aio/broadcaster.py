@@ -8,8 +8,8 @@ from typing import Self
 
 from zenoh_tf import StampedTransform
 
-from ..broadcaster import Broadcaster
-from .connection import Connection
+from ..publish.broadcaster import Broadcaster
+from .session.connection import Connection
 
 
 class AsyncBroadcaster:

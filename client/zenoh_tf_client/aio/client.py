@@ -10,21 +10,21 @@ from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
 
-from ..broadcaster import Broadcaster
 from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
-from ..mirror_interest import interest_of
-from ..receipt import Receipt
-from ..shared_reads import Mode, check
-from ..watching import Terms
+from ..mirror.interest import interest_of
+from ..mirror.watching import Terms
+from ..publish.broadcaster import Broadcaster
+from ..requests.receipt import Receipt
+from ..session.shared_reads import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
-from .connection import Connection
 from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
 from .mirror import AsyncMirror, make_mirror
 from .sensor_data import AsyncSensorData
-from .shared_reads import SharedReads
+from .session.connection import Connection
+from .session.shared_reads import SharedReads
 from .transaction import AsyncTransaction, run_transaction
 from .watch import AsyncWatch
 from .writes import AsyncWrites

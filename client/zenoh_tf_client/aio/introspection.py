@@ -1,6 +1,6 @@
 """The methods of `AsyncTransformClient` that describe the tree."""
 
-# Made from client_introspection.py by scripts/async_client.py: edit that file.
+# Made from introspection.py by scripts/async_client.py: edit that file.
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
 from zenoh_tf import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
-from .. import info_requests
-from .connection import Connection
-from .shared_reads import SharedReads
+from ..requests import info
+from .session.connection import Connection
+from .session.shared_reads import SharedReads
 
 
 class AsyncIntrospection:
@@ -37,9 +37,9 @@ class AsyncIntrospection:
         if type(found) is not AskServer:
             return found
         self._reads.note(found)
-        names, after = await self._connection.call(info_requests.frames_page(None))
+        names, after = await self._connection.call(info.frames_page(None))
         while after is not None:
-            page, after = await self._connection.call(info_requests.frames_page(after))
+            page, after = await self._connection.call(info.frames_page(after))
             names += page
         return names
 
@@ -62,7 +62,7 @@ class AsyncIntrospection:
         found = self._reads.tree.frame(name)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, info_requests.frame(name))
+        return await self._reads.ask(found, info.frame(name))
 
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """Say why a lookup succeeds or fails: the chain link by link, and what limits it.
@@ -92,7 +92,7 @@ class AsyncIntrospection:
         found = self._reads.tree.ancestors(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, info_requests.ancestors(target, source, stamp_ns))
+        return await self._reads.ask(found, info.ancestors(target, source, stamp_ns))
 
     async def authorities(self) -> list[AuthorityInfo]:
         """List what each authority has published.
@@ -105,7 +105,7 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.authorities())
+        return await self._connection.call(info.authorities())
 
     async def clients(self) -> list[ClientInfo]:
         """List the clients that are connected to the server, and how far their clocks are off.
@@ -118,7 +118,7 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.clients())
+        return await self._connection.call(info.clients())
 
     async def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """Return the parent of a frame.
@@ -141,7 +141,7 @@ class AsyncIntrospection:
         found = self._reads.tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, info_requests.parent(frame, stamp_ns))
+        return await self._reads.ask(found, info.parent(frame, stamp_ns))
 
     async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """Return the frames on the path between two frames.
@@ -167,7 +167,7 @@ class AsyncIntrospection:
         found = self._reads.tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, info_requests.chain(target, source, stamp_ns))
+        return await self._reads.ask(found, info.chain(target, source, stamp_ns))
 
     async def stats(self) -> dict[str, int]:
         """Return the counters of the tree, of the server, and of how this client reads.
@@ -182,4 +182,4 @@ class AsyncIntrospection:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._connection.call(info_requests.stats()) | self._reads.stats()
+        return await self._connection.call(info.stats()) | self._reads.stats()

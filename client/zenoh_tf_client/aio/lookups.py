@@ -1,6 +1,6 @@
 """The lookups of `AsyncTransformClient`."""
 
-# Made from client_lookups.py by scripts/async_client.py: edit that file.
+# Made from lookups.py by scripts/async_client.py: edit that file.
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from zenoh_tf import (
 )
 from zenoh_tf.shared_tree import AskServer
 
-from .. import lookup_requests
-from .shared_reads import SharedReads
+from ..requests import lookups
+from .session.shared_reads import SharedReads
 
 
 class AsyncLookups:
@@ -62,7 +62,7 @@ class AsyncLookups:
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(
-            found, lookup_requests.lookup_transform(target, source, stamp_ns, timeout_s)
+            found, lookups.lookup_transform(target, source, stamp_ns, timeout_s)
         )
 
     async def lookup_transform_full(
@@ -105,7 +105,7 @@ class AsyncLookups:
         )
         if type(found) is not AskServer:
             return found
-        request = lookup_requests.lookup_transform_full(
+        request = lookups.lookup_transform_full(
             target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
         )
         return await self._reads.ask(found, request)
@@ -136,7 +136,7 @@ class AsyncLookups:
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(
-            found, lookup_requests.can_transform(target, source, stamp_ns, timeout_s)
+            found, lookups.can_transform(target, source, stamp_ns, timeout_s)
         )
 
     async def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
@@ -164,7 +164,7 @@ class AsyncLookups:
         found = self._reads.tree.lookup_latest_transform(target, source)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookup_requests.lookup_latest_transform(target, source))
+        return await self._reads.ask(found, lookups.lookup_latest_transform(target, source))
 
     async def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -191,9 +191,7 @@ class AsyncLookups:
         found = self._reads.tree.lookup_latest_transform_xact(target, source)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(
-            found, lookup_requests.lookup_latest_transform_xact(target, source)
-        )
+        return await self._reads.ask(found, lookups.lookup_latest_transform_xact(target, source))
 
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -220,7 +218,7 @@ class AsyncLookups:
         found = self._reads.tree.lookup_latest_transforms_xact(pairs)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookup_requests.lookup_latest_transforms_xact(pairs))
+        return await self._reads.ask(found, lookups.lookup_latest_transforms_xact(pairs))
 
     async def lookup_transforms(
         self,
@@ -249,9 +247,7 @@ class AsyncLookups:
         found = self._reads.tree.lookup_transforms(targets, sources, stamps_ns)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(
-            found, lookup_requests.lookup_transforms(targets, sources, stamps_ns)
-        )
+        return await self._reads.ask(found, lookups.lookup_transforms(targets, sources, stamps_ns))
 
     async def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
         """Look up the pose of `source` in `target` at many times in one request.
@@ -298,7 +294,7 @@ class AsyncLookups:
         found = self._reads.tree.latest_common_time(a, b)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookup_requests.latest_common_time(a, b))
+        return await self._reads.ask(found, lookups.latest_common_time(a, b))
 
     async def lookup_velocity(
         self,
@@ -349,7 +345,7 @@ class AsyncLookups:
         )
         if type(found) is not AskServer:
             return found
-        request = lookup_requests.lookup_velocity(
+        request = lookups.lookup_velocity(
             tracking_frame,
             observation_frame,
             stamp_ns,

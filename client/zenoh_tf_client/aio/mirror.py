@@ -19,12 +19,12 @@ from zenoh_tf import (
     wire,
 )
 
-from ..mirror import Mirror
-from ..receipt import Receipt
-from .connection import Connection
+from ..mirror.mirror import Mirror
+from ..requests.receipt import Receipt
 from .mirror_transaction import AsyncMirrorTransaction
-from .shared_reads import SharedReads
-from .threads import in_thread
+from .session.connection import Connection
+from .session.shared_reads import SharedReads
+from .session.threads import in_thread
 from .transaction import AsyncTransaction, repeat
 
 T = TypeVar("T")

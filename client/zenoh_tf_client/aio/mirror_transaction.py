@@ -7,19 +7,19 @@ from typing import Self, TypeVar
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
-from ..mirror import Mirror
-from ..mirror_transaction import CATCH_UP_S, look_up, reads_by_query
-from ..request import Read, Rows, VersionedRead
-from .connection import Connection
-from .shared_reads import SharedReads
-from .threads import in_thread
+from ..mirror.mirror import Mirror
+from ..mirror.transaction import CATCH_UP_S, look_up, reads_by_query
+from ..requests.request import Read, Rows, VersionedRead
+from .session.connection import Connection
+from .session.shared_reads import SharedReads
+from .session.threads import in_thread
 from .transaction import AsyncTransaction
 
 T = TypeVar("T")
 
 
 class AsyncMirrorTransaction(AsyncTransaction):
-    """One attempt, as `..mirror_transaction.MirrorTransaction`. Concurrency: one task at a time."""
+    """One attempt, as `..mirror.transaction.MirrorTransaction`. Concurrency: one task at a time."""
 
     def __init__(
         self, connection: Connection, reads: SharedReads, mirror: Mirror, attempt: int

@@ -1,6 +1,6 @@
 """The methods of `AsyncTransformClient` for sensor data: point clouds."""
 
-# Made from client_sensor_data.py by scripts/async_client.py: edit that file.
+# Made from sensor_data.py by scripts/async_client.py: edit that file.
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from zenoh_tf.points import Sweep, deskew
 from zenoh_tf.shared_tree import AskServer
 
-from .. import lookup_requests
-from .shared_reads import SharedReads
+from ..requests import lookups
+from .session.shared_reads import SharedReads
 
 
 class AsyncSensorData:
@@ -69,4 +69,4 @@ class AsyncSensorData:
         found = deskew(self._reads.tree, sweep, source, fixed_frame)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookup_requests.deskew(sweep, source, fixed_frame))
+        return await self._reads.ask(found, lookups.deskew(sweep, source, fixed_frame))

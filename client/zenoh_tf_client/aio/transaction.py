@@ -31,10 +31,10 @@ from zenoh_tf.errors import (
     TransactionConflict,
 )
 
-from .. import columns, lookup_requests, write_requests
-from ..request import Read, Rows, VersionedRead
-from .connection import Connection
-from .shared_reads import SharedReads
+from ..requests import columns, lookups, writes
+from ..requests.request import Read, Rows, VersionedRead
+from .session.connection import Connection
+from .session.shared_reads import SharedReads
 
 T = TypeVar("T")
 
@@ -113,7 +113,7 @@ class AsyncTransaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._read(lookup_requests.lookup_transform(target, source, stamp_ns))
+        return await self._read(lookups.lookup_transform(target, source, stamp_ns))
 
     async def lookup_transform_full(
         self,
@@ -150,7 +150,7 @@ class AsyncTransaction:
             ProtocolError: The reply is malformed.
         """
         return await self._read(
-            lookup_requests.lookup_transform_full(
+            lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame
             )
         )
@@ -174,7 +174,7 @@ class AsyncTransaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._read(lookup_requests.can_transform(target, source, stamp_ns))
+        return await self._read(lookups.can_transform(target, source, stamp_ns))
 
     async def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one snapshot.
@@ -200,7 +200,7 @@ class AsyncTransaction:
         Example:
             ``X_map_cup = (await tx.lookup_latest_transform_xact("map", "cup")).transform``
         """
-        return await self._read(lookup_requests.lookup_latest_transform_xact(target, source))
+        return await self._read(lookups.lookup_latest_transform_xact(target, source))
 
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -223,7 +223,7 @@ class AsyncTransaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._read(lookup_requests.lookup_latest_transforms_xact(pairs))
+        return await self._read(lookups.lookup_latest_transforms_xact(pairs))
 
     async def latest_common_time(self, a: str, b: str) -> int | None:
         """Return the newest time that every link between two frames can serve.
@@ -246,7 +246,7 @@ class AsyncTransaction:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        return await self._read(lookup_requests.latest_common_time(a, b))
+        return await self._read(lookups.latest_common_time(a, b))
 
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
@@ -309,7 +309,7 @@ class AsyncTransaction:
         commit = columns.commit(self._sets, authority, static)
         commit.read_names = list(self._versions)
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
-        await self._connection.call(write_requests.commit(commit, self._instance))
+        await self._connection.call(writes.commit(commit, self._instance))
 
     def _is_done(self) -> bool:
         """Whether there is nothing to commit, and nothing to compare."""

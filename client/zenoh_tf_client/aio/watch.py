@@ -11,9 +11,9 @@ from typing import Self
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
-from ..mirror import Mirror
-from ..watching import PoseEvent, Terms, Watching
-from .threads import in_thread
+from ..mirror.mirror import Mirror
+from ..mirror.watching import PoseEvent, Terms, Watching
+from .session.threads import in_thread
 
 
 class AsyncWatch:

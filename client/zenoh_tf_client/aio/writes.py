@@ -1,6 +1,6 @@
 """The writes of `AsyncTransformClient`."""
 
-# Made from client_writes.py by scripts/async_client.py: edit that file.
+# Made from writes.py by scripts/async_client.py: edit that file.
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 from zenoh_tf import StampedTransform
 
-from .. import write_requests
-from .connection import Connection
+from ..requests import writes
+from .session.connection import Connection
 
 
 class AsyncWrites:
@@ -42,7 +42,7 @@ class AsyncWrites:
         Example:
             ``tf.set_transform(StampedTransform("map", "base", time.time_ns(), X_map_base))``
         """
-        return await self._connection.call(write_requests.set_transform(stamped, authority, static))
+        return await self._connection.call(writes.set_transform(stamped, authority, static))
 
     async def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
@@ -63,7 +63,7 @@ class AsyncWrites:
             LimitExceeded: A limit was hit, such as the number of frames.
             ProtocolError: The reply is malformed.
         """
-        await self._connection.call(write_requests.set_transforms_xact(stampeds, authority, static))
+        await self._connection.call(writes.set_transforms_xact(stampeds, authority, static))
 
     async def clear(self, keep_static: bool = True) -> None:
         """Forget all samples, for all clients of the server. The frames' names stay.
@@ -78,7 +78,7 @@ class AsyncWrites:
             LimitExceeded: A limit was hit, such as the number of frames.
             ProtocolError: The reply is malformed.
         """
-        await self._connection.call(write_requests.clear(keep_static))
+        await self._connection.call(writes.clear(keep_static))
 
     async def reset(self) -> None:
         """Drop every frame at one instant: all samples, static links and names.
@@ -95,7 +95,7 @@ class AsyncWrites:
             >>> await tf.frames()
             []
         """
-        await self._connection.call(write_requests.reset())
+        await self._connection.call(writes.reset())
 
     async def remove_frame(self, name: str, subtree: bool = False) -> None:
         """Forget a frame: its link, its history and its name.
@@ -113,4 +113,4 @@ class AsyncWrites:
             LimitExceeded: A limit was hit, such as the number of frames.
             ProtocolError: The reply is malformed.
         """
-        await self._connection.call(write_requests.remove_frame(name, subtree))
+        await self._connection.call(writes.remove_frame(name, subtree))

@@ -12,8 +12,8 @@ import threading
 
 from zenoh_tf._net.zenoh_config import address
 from zenoh_tf.errors import InvalidArgumentException
-from zenoh_tf_client import environment
 from zenoh_tf_client.client import TransformClient
+from zenoh_tf_client.session import environment
 
 from .wait_loop import WaitLoop
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from zenoh_tf.errors import ServerUnavailable
 from zenoh_tf_client.aio.client import AsyncTransformClient
-from zenoh_tf_client.aio.connection import Connection
+from zenoh_tf_client.aio.session.connection import Connection
 from zenoh_tf_client.client import TransformClient
 
 T = TypeVar("T")

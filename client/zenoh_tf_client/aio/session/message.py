@@ -1,0 +1,68 @@
+"""A message that is under way, for one operation or for several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from ...session.exchange import Exchange
+from .drive import Drive
+from .joining import Joined, join
+from .operation import AnyOperation
+from .transport import Transport
+
+if TYPE_CHECKING:
+    from .outbox import Outbox
+
+
+class Message(Drive):
+    """Sends operations together, and gives each its result."""
+
+    __slots__ = ("_joined", "_left", "_operations", "_outbox", "waits")
+
+    def __init__(
+        self,
+        operations: Sequence[AnyOperation],
+        transport: Transport,
+        exchange: Exchange,
+        outbox: Outbox,
+    ) -> None:
+        first = operations[0].request
+        self._joined: Joined | None = None
+        if len(operations) > 1:
+            self._joined = join([operation.request for operation in operations])
+        super().__init__(transport, exchange.call(self._joined or first))
+        self._outbox = outbox
+        self._operations = operations
+        self._left = len(operations)  # those that are not cancelled
+        #: Whether the server may wait before it replies.
+        self.waits = first.wait_s > 0
+        for operation in operations:
+            operation.message = self
+
+    def cancel_one(self) -> None:
+        """Note that the caller of an operation has gone. Nobody waits after the last one."""
+        self._left -= 1
+        if self._left == 0:
+            self._cancel()
+            self._outbox.finished(self)
+
+    def _done(self, result: Any, error: Exception | None) -> None:
+        self._outbox.finished(self)
+        operations, joined = self._operations, self._joined
+        self._operations = ()  # or each would refer to the other, and wait for the collector
+        if error is None:
+            if joined is None:
+                operations[0].succeed(result)
+                return
+            for operation, each in zip(operations, result, strict=True):
+                operation.settle(each)
+        elif joined is not None and joined.is_refused(error):
+            # Bisects, so that only the operation that is to blame fails.
+            waiting = [operation for operation in operations if not operation.future.done()]
+            half = (len(waiting) + 1) // 2
+            self._outbox.send(waiting[:half])
+            self._outbox.send(waiting[half:])
+        else:
+            for operation in operations:
+                operation.fail(error)

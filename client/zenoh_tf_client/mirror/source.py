@@ -1,0 +1,68 @@
+"""Where the feed of a mirror listens and asks: the connection of its client.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from zenoh_tf import wire
+from zenoh_tf._net import keys
+from zenoh_tf.mirrors.source import ServerStatus
+
+from ..publish.publisher import undeclare_unless_closed
+from ..requests.request import Call
+from ..session.calls import SessionCalls, is_forked
+from ..session.connection import Connection
+
+
+class MirrorSource:
+    """The `zenoh_tf.mirrors.feed.Source` of a client."""
+
+    def __init__(self, connection: Connection, interest: wire.Interest | None = None) -> None:
+        self._connection = connection
+        self._key = keys.streams(connection.tree, interest.id if interest else "")
+        #: Kept here for `SessionCalls.never_free`.
+        self._subscribers: list[zenoh.Subscriber[Any]] = []
+        connection.calls.add_owner(self)
+
+    @property
+    def tree(self) -> str:
+        """The tree's name."""
+        return self._connection.tree
+
+    @property
+    def calls(self) -> SessionCalls:
+        """To be entered while a message is waited for."""
+        return self._connection.calls
+
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
+        """Listen to the stream; see `Source`."""
+        connection = self._connection
+        with connection.calls:
+            subscriber = connection.session.declare_subscriber(self._key, channel)
+        self._subscribers.append(subscriber)
+        return subscriber
+
+    def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
+        """Undeclare a subscriber; see `Source`."""
+        if is_forked():
+            return False
+        undeclare_unless_closed(subscriber.undeclare, self._connection.calls)
+        with contextlib.suppress(ValueError):  # undeclared before
+            self._subscribers.remove(subscriber)
+        return True
+
+    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+        """Send a request; see `Source`."""
+        return self._connection.call(Call(operation, body, lambda reply: reply))
+
+    def status(self) -> ServerStatus:
+        """Ask the server for its instance id, its clock and its last commit."""
+        server = self._connection.hello()
+        return ServerStatus(server.instance, server.clock_ns, server.seq)

@@ -1,0 +1,102 @@
+"""`Watch`: follows the pose of a pair of frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Self
+
+from zenoh_tf.errors import ServerUnavailable, TimeoutException
+from zenoh_tf.text import quoted
+
+from ..session.calls import raise_if_forked
+from .mirror import Mirror
+from .watching import PoseEvent, Terms, Watching
+
+
+class Watch:
+    """Tells how the pose of a pair of frames changes; made by `TransformClient.watch`.
+
+    The server pushes the changes into a mirror of the pair, and does its part once for all who
+    watch the same pair at the same rate. Nothing queues up: each event is made when it is taken,
+    and has the newest pose. A context manager, which closes itself at the end.
+
+    Thread safety: all methods. Each event goes to one of the threads that wait.
+
+    Example:
+        ``for event in watch: print(event.reason, event.pose, event.age_s)``
+
+    Attributes:
+        target: The frame to express the pose in.
+        source: The frame whose pose is followed.
+    """
+
+    def __init__(self, mirror: Mirror, target: str, source: str, terms: Terms) -> None:
+        """Use `TransformClient.watch` instead."""
+        self.target = target
+        self.source = source
+        self._mirror = mirror
+        self._watching = Watching(mirror, target, source, terms)
+
+    def __repr__(self) -> str:
+        state = "closed" if self._mirror._feed.closed else "open"
+        return f"<Watch of {quoted(self.source)} in {quoted(self.target)}, {state}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[PoseEvent]:
+        """Iterate over events, until the watch or its client is closed."""
+        while not self._mirror._feed.closed:
+            if event := self._next(None):
+                yield event
+
+    def get(self, timeout_s: float | None = None) -> PoseEvent:
+        """Return the next event: at once, if the pose has changed enough since the last one.
+
+        The first one is `"found"` or `"lost"`.
+
+        Args:
+            timeout_s: How long to wait for it, in seconds; None: until there is one, which is after
+                `heartbeat_s` at the latest.
+
+        Raises:
+            TimeoutException: There was none in time.
+            ServerUnavailable: The watch or its client is closed.
+        """
+        event = self._next(timeout_s)
+        if event is not None:
+            return event
+        if self._mirror._feed.closed:
+            raise ServerUnavailable("the watch is closed")
+        raise TimeoutException(f"the pose has not changed within {timeout_s:g} s")
+
+    def close(self) -> None:
+        """Stop following. Iterations end, and `get` raises an error. May be called again."""
+        self._mirror.close()
+
+    def _next(self, timeout_s: float | None) -> PoseEvent | None:
+        raise_if_forked()
+        feed, watching = self._mirror._feed, self._watching
+        deadline_s = float("inf") if timeout_s is None else time.monotonic() + timeout_s
+        event: PoseEvent | None = None
+
+        def look() -> bool:  # under the feed's lock: one thread at a time
+            nonlocal event
+            if event is None:
+                event = watching.look()
+            return event is not None
+
+        while not feed.wait(look, min(watching.heartbeat_in_s, deadline_s - time.monotonic())):
+            if feed.closed or time.monotonic() >= deadline_s:
+                return None
+        return event

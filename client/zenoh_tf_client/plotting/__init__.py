@@ -1,1 +1,0 @@
-"""``zenoh-tf plot``: one pair of frames over time (`pair.py`), as a figure (`figure.py`)."""

@@ -1,0 +1,221 @@
+"""Sends a broadcaster's static transforms again to each new server instance.
+
+A server that restarts without a state has lost them. The same instance still has them, so a mere
+reconnect sends nothing: an operator may have corrected or removed one meanwhile. Transforms that
+were sent while no server was there go to the next one as they are. The others are marked as an
+announcement, which the server applies only where no call and nobody else has changed or removed the
+link.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+import weakref
+from collections.abc import Sequence
+from typing import Any, Final
+
+import zenoh
+from zenoh.handlers import RingChannel
+
+from zenoh_tf import StampedTransform
+from zenoh_tf._net import keys
+from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
+
+from ..session.connection import Connection
+from ..session.server_info import ServerInfo
+from .publisher import Publisher, message, undeclare_unless_closed
+
+log = logging.getLogger("zenoh_tf.client")
+
+#: How often the thread looks for a new server. It looks, and does not wait inside Zenoh: a thread
+#: that returns from there while Python ends would abort the process.
+_PERIOD_S: Final = 0.2
+#: Reports of servers between two looks; the newest count.
+_QUEUED_REPORTS: Final = 64
+#: An announcement that failed is repeated after this time at most.
+_MAX_RETRY_S: Final = 5.0
+#: A message of an announcement, even if the server takes more.
+_MESSAGE_BYTES: Final = 1 << 20
+_MESSAGE_ROWS: Final = 4096
+
+
+class Announcer:
+    """Keeps the static transforms of one broadcaster, and follows the servers of its tree."""
+
+    def __init__(self, connection: Connection, publisher: Publisher) -> None:
+        """Follow the servers. Raises ServerUnavailable if the connection is closed."""
+        self._connection = connection
+        self._publisher = publisher
+        self._lock = threading.Lock()
+        # Guarded by the lock.
+        self._statics: dict[str, StampedTransform] = {}
+        self._unsent: set[str] = set()  # child frames that were sent while no server was there
+        self._informed = connection.known_instance  # has all that is not in _unsent
+        self._present = {self._informed} - {None}  # the servers that are there
+        self._may_be_new = False  # one of them
+        self._closed = threading.Event()
+        self._next_try_s = 0.0
+        self._retry_s = _PERIOD_S
+        connection.calls.add_owner(self)
+        with connection.calls:
+            # Not a callback: Zenoh would run it on a thread of its own, also while Python ends.
+            self._servers: zenoh.Subscriber[Any] = (
+                connection.session.liveliness().declare_subscriber(
+                    keys.servers(connection.tree), RingChannel(_QUEUED_REPORTS), history=True
+                )
+            )
+        threading.Thread(
+            target=_follow,
+            args=(weakref.ref(self), self._closed),
+            name="announce statics",
+            daemon=True,
+        ).start()
+
+    def __len__(self) -> int:
+        return len(self._statics)
+
+    def send(self, rows: Sequence[StampedTransform]) -> None:
+        """Publish static transforms, and keep them.
+
+        Raises LimitExceeded if they do not fit into one message, and ServerUnavailable if the
+        broadcaster or its client is closed.
+        """
+        payload = message(rows)
+        with self._lock:
+            self._read_reports()
+            self._publisher.put(payload)
+            for row in rows:
+                self._statics[row.child_frame] = row
+                if not self._present:
+                    self._unsent.add(row.child_frame)
+                else:
+                    self._unsent.discard(row.child_frame)
+
+    def close(self) -> None:
+        """Follow the servers no more. May be called again."""
+        self._closed.set()
+        undeclare_unless_closed(self._servers.undeclare, self._connection.calls)
+
+    def look(self) -> None:
+        """Inform a server that is new. Raises ServerUnavailable if the connection is closed."""
+        with self._lock:
+            self._read_reports()
+            is_due = bool(self._present) and (self._may_be_new or bool(self._unsent))
+        if not is_due or time.monotonic() < self._next_try_s:
+            return
+        try:
+            done = self._inform()
+        except Exception as error:
+            if self._closed.is_set() or self._connection.closed:
+                return
+            self._retry_s = min(2 * self._retry_s, _MAX_RETRY_S)
+            self._next_try_s = time.monotonic() + self._retry_s
+            # A server that is gone again is no news.
+            level = logging.DEBUG if isinstance(error, ServerUnavailable) else logging.WARNING
+            log.log(
+                level,
+                "cannot announce static transforms, trying again in %.1f s: %s: %s",
+                self._retry_s,
+                type(error).__name__,
+                error,
+            )
+            return
+        if done:
+            self._retry_s = _PERIOD_S
+
+    def _read_reports(self) -> None:
+        """Take in which servers have come and gone. Requires the lock."""
+        with self._connection.calls:
+            while not self._closed.is_set():
+                try:
+                    token = self._servers.handler.try_recv()
+                except zenoh.ZError:  # closed meanwhile
+                    return
+                if token is None:
+                    return
+                # Anyone may declare a token under a key that is no server's.
+                with contextlib.suppress(InvalidArgumentException):
+                    instance = keys.last_name(str(token.key_expr))
+                    if token.kind == zenoh.SampleKind.PUT:
+                        self._present.add(instance)
+                        self._may_be_new |= instance != self._informed
+                    else:
+                        self._present.discard(instance)
+
+    def _inform(self) -> bool:
+        """Send what the server lacks. False: it does not receive puts yet."""
+        with self._lock:
+            self._may_be_new = False  # a server that appears from now on sets it again
+        try:
+            is_informed = self._send_to_server()
+        except BaseException:
+            self._may_be_new = True
+            raise
+        if not is_informed:
+            self._may_be_new = True
+        return is_informed
+
+    def _send_to_server(self) -> bool:
+        server = self._connection.hello()
+        with self._lock:
+            unsent = list(self._unsent)
+            is_new = server.instance != self._informed
+            others = [name for name in self._statics if name not in self._unsent] if is_new else []
+            if not unsent and not others:
+                self._informed = server.instance
+                return True
+        if not self._publisher.has_subscribers():
+            return False
+        self._send_again(unsent, server, announce=False)
+        self._send_again(others, server, announce=True)
+        # Its reply comes after it has received the puts, which took the same way.
+        if self._connection.hello().instance != server.instance:
+            return False
+        with self._lock:
+            self._informed = server.instance
+            self._unsent.difference_update(unsent)
+        return True
+
+    def _send_again(self, frames: list[str], server: ServerInfo, *, announce: bool) -> None:
+        rows = max(1, min(server.rows, _MESSAGE_ROWS))
+        for start in range(0, len(frames), rows):
+            self._send_chunk(frames[start : start + rows], server, announce)
+
+    def _send_chunk(self, frames: list[str], server: ServerInfo, announce: bool) -> None:
+        limit = min(server.message_bytes, _MESSAGE_BYTES)
+        with self._lock:  # so that no older transform is sent after a newer one of its frame
+            payload = message([self._statics[name] for name in frames], announce=announce)
+            if len(payload) <= limit:
+                self._publisher.put(payload)
+                return
+        if len(frames) == 1:
+            log.warning(
+                "the static transform of %r is not announced: it has %d bytes, and the limit is %d",
+                frames[0][:100],
+                len(payload),
+                limit,
+            )
+            return
+        half = len(frames) // 2
+        self._send_chunk(frames[:half], server, announce)
+        self._send_chunk(frames[half:], server, announce)
+
+
+def _follow(announcer_ref: weakref.ref[Announcer], closed: threading.Event) -> None:
+    """Inform new servers, until the announcer is closed or collected."""
+    while not closed.wait(_PERIOD_S):
+        announcer = announcer_ref()
+        if announcer is None:
+            return
+        try:
+            announcer.look()
+        except ServerUnavailable:  # the connection is closed
+            return
+        except Exception:  # no error may end announcing
+            log.exception("internal error while announcing static transforms")
+        del announcer  # or the wait would keep it alive

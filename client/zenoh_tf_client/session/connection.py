@@ -1,0 +1,201 @@
+"""One Zenoh session with the server of one tree: sends requests, and reports missing replies.
+
+Thread safety: all methods; calls of different threads run side by side.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Final, TypeVar
+
+from zenoh_tf._net import keys, zenoh_config
+from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf._net.queries import NoReply, Queries
+from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
+
+from ..requests.receipt import Receipt
+from ..requests.request import Request
+from .calls import SessionCalls
+from .exchange import Exchange
+from .local_requests import LocalRequests
+from .opening import open_session
+from .served_trees import no_server_message, served_trees
+from .server_info import ServerInfo
+from .steps import Pause, Steps
+
+T = TypeVar("T")
+
+_HELLO_PERIOD_S: Final = 0.05
+#: If other trees are served, the wait for one that is not ends after this time.
+_OTHER_TREES_GRACE_S: Final = 1.0
+_OTHER_TREES_PERIOD_S: Final = 0.25
+_OTHER_TREES_TIMEOUT_S: Final = 0.4
+
+
+class Connection:
+    """A session with one server; see the module. Close it with `close`."""
+
+    def __init__(
+        self,
+        endpoint: str,
+        tree: str,
+        timeout_s: float,
+        credentials: Credentials = NO_CREDENTIALS,
+        *,
+        local: bool = True,
+    ) -> None:
+        """Connect to the server of `tree` at `endpoint`.
+
+        `local`: send requests through the server's socket as well, if it is on this host.
+
+        Raises:
+            ServerUnavailable: No server answered within `timeout_s`.
+            AccessDenied: The server does not let this client in, or cannot be trusted.
+            InvalidArgumentException: `endpoint` or `timeout_s` makes no sense.
+        """
+        if not 0 < timeout_s < 1e6:
+            raise InvalidArgumentException(
+                f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
+            )
+        zenoh_config.check_endpoint(endpoint)
+        zenoh_config.check_encrypted(endpoint, credentials)
+        self.endpoint = endpoint
+        self._address = zenoh_config.address(endpoint)  # for messages: without secrets
+        self.tree = tree
+        self.timeout_s = timeout_s
+        self.exchange = Exchange(tree, self._address, credentials.user, timeout_s)
+        deadline_s = time.monotonic() + timeout_s
+        self.session = open_session(endpoint, tree, timeout_s, credentials)
+        self.calls = SessionCalls(self.session.close)
+        self.calls.add_owner(self)
+        # Each query carries the client's id, so that the server can hold clients apart. The token
+        # under the same id tells the server when the client is gone.
+        client_id = str(self.session.zid())
+        self.exchange.client_id = client_id
+        self.exchange.router = self._router
+        self.queries = Queries(
+            self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
+        )
+        self.local = LocalRequests(self.queries, tree, client_id, on=local)
+        self._is_local = local
+        try:
+            self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
+            self._wait_for_server(deadline_s)
+            if self.exchange.access is not None:
+                self.exchange.access.check_any()
+        except BaseException:
+            self.close()
+            raise
+
+    def __del__(self) -> None:
+        # Zenoh would close the session when it is freed, outside of `calls`.
+        if hasattr(self, "local"):
+            self.calls.add_owner(self)  # the garbage collector has cleared that reference
+            self.close()
+
+    @property
+    def instance(self) -> str:
+        """Instance id of the server that answered last; asks for it if none is known."""
+        return self.known_instance or self._take(self.exchange.greet()).instance
+
+    @property
+    def known_instance(self) -> str | None:
+        """The same without asking: None if no server is known."""
+        server = self.known_server
+        return None if server is None else server.instance
+
+    @property
+    def known_server(self) -> ServerInfo | None:
+        """What answers reads, the replica or the server, without asking: None if none is known."""
+        replica = self.exchange.replica
+        return self.exchange.server if replica is None else replica.server
+
+    @property
+    def reads_may_be_old(self) -> bool:
+        """True once a replica has answered: only the server can tell whether a read is current."""
+        return self.exchange.reads_may_be_old
+
+    @property
+    def replica_age_s(self) -> float | None:
+        """How old the last reply may be, in seconds; None if it was the server's own."""
+        return self.exchange.replica_age_s
+
+    @property
+    def closed(self) -> bool:
+        """True once `close` was called."""
+        return self.calls.closed
+
+    def close(self) -> None:
+        """Close the session; calls of other threads fail soon. May be called again."""
+        self.calls.close()
+        self.local.close()
+
+    @property
+    def last_receipt(self) -> Receipt | None:
+        """Of the latest write that the server has replied to; None if there was none."""
+        return self.exchange.seen.last_receipt
+
+    def check_publish(self, authority: str) -> None:
+        """Raise AccessDenied if this client may not publish as `authority`."""
+        if self.exchange.access is not None:
+            self.exchange.access.check_publish(authority)
+
+    def hello(self, timeout_s: float | None = None) -> ServerInfo:
+        """Ask the server who it is; as `Exchange.hello`."""
+        return self._take(self.exchange.hello(timeout_s))
+
+    def greet(self, timeout_s: float | None = None) -> ServerInfo:
+        """Ask what answers reads who it is; as `Exchange.greet`."""
+        return self._take(self.exchange.greet(timeout_s))
+
+    def call(self, request: Request[T]) -> T:
+        """Send a request and return its result; as `Exchange.call`."""
+        return self._take(self.exchange.call(request))
+
+    def _router(self) -> str | None:
+        """The id of the router that the session has a link to; None if it has none now."""
+        with self.calls:
+            return next(map(str, self.session.info.routers_zid()), None)
+
+    def _take(self, steps: Steps[T]) -> T:
+        """Take the steps one after another, and return their result."""
+        outcome: bytes | NoReply | None = None
+        error: TransformException | None = None
+        while True:
+            try:
+                step = steps.send(outcome) if error is None else steps.throw(error)
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            outcome = error = None
+            if isinstance(step, Pause):
+                time.sleep(step.seconds)
+                continue
+            key, payload, timeout_s = step.key, step.payload, step.timeout_s
+            try:
+                if not self._is_local or timeout_s > self.timeout_s:  # the server may wait so long
+                    outcome = self.queries.ask(key, payload, timeout_s)
+                else:
+                    outcome = self.local.ask(self.exchange.server, key, payload, timeout_s)
+            except TransformException as failure:
+                error = failure
+
+    def _wait_for_server(self, deadline_s: float) -> None:
+        """Ask until a server answers, because it may still be starting. Give up early if the
+        network serves other trees only, because the name is then probably wrong."""
+        next_check_s = time.monotonic() + _OTHER_TREES_GRACE_S
+        while True:
+            left_s = deadline_s - time.monotonic()
+            try:
+                self.greet(max(left_s, 0.1))
+                return
+            except ServerUnavailable:
+                is_last = left_s <= _HELLO_PERIOD_S
+                if is_last or time.monotonic() >= next_check_s:
+                    trees = served_trees(self.session, _OTHER_TREES_TIMEOUT_S)
+                    if is_last or (trees and self.tree not in trees):
+                        raise ServerUnavailable(
+                            no_server_message(self.tree, self._address, trees, self.timeout_s)
+                        ) from None
+                    next_check_s = time.monotonic() + _OTHER_TREES_PERIOD_S
+            time.sleep(_HELLO_PERIOD_S)

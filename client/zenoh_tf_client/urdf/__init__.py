@@ -1,5 +1,0 @@
-"""Robots described in URDF: which transforms their joints are, and how positions move them.
-
-`reader` reads a file, `kinematics` turns positions into transforms, `joint_states` listens to a
-robot. docs/urdf.md is for users.
-"""

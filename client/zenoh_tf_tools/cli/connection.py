@@ -1,0 +1,89 @@
+"""Opens the connection that every command uses."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from zenoh_tf import LookupException, TransformException
+from zenoh_tf.similar import did_you_mean
+from zenoh_tf_client import TransformClient
+from zenoh_tf_client.session import environment
+from zenoh_tf_client.session.shared_reads import Mode
+
+
+@contextmanager
+def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[TransformClient]:
+    """A client for the tree that the options name, closed at the end.
+
+    `reads`: how it reads; None for what the environment says.
+
+    Raises what ``TransformClient.connect`` raises. An error about a frame that does not exist gets
+    a note with the names that may be meant.
+    """
+    with _client(args, reads) as tf:
+        try:
+            yield tf
+        except LookupException as error:
+            _suggest_names(tf, error)
+            raise
+
+
+def _suggest_names(tf: TransformClient, error: LookupException) -> None:
+    asked = dict.fromkeys(
+        name for name in (error.target_frame, error.source_frame, error.frame) if name is not None
+    )
+    try:
+        names = set(tf.frames())
+    except TransformException:
+        return  # the error that the user sees is the first one
+    question = did_you_mean([name for name in asked if name not in names], names)
+    if question is not None:
+        error.add_note(question)
+
+
+def _client(args: argparse.Namespace, reads: Mode | None) -> TransformClient:
+    credentials = environment.client_credentials(
+        ca=args.tls_ca,
+        certificate=args.tls_certificate,
+        key=args.tls_key,
+        user=args.user,
+        password_file=args.password_file,
+    )
+    return TransformClient.connect(
+        args.connect,
+        tree=args.tree,
+        timeout_s=args.timeout,
+        credentials=credentials,
+        reads=reads or environment.reads(),
+    )
+
+
+def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:
+    """Add the options that say who the user is. There is none for the password itself, because
+    every user of the machine can see the arguments of a process."""
+    group = parser.add_argument_group("keys and users")
+    for option, metavar, variable, meaning in (
+        (
+            "--tls-ca",
+            "FILE",
+            environment.CA_VARIABLE,
+            "authorities that sign certificates",
+        ),
+        ("--tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
+        ("--tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
+        ("--user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
+        (
+            "--password-file",
+            "FILE",
+            environment.PASSWORD_FILE_VARIABLE,
+            "file with the user's password in its first line",
+        ),
+    ):
+        group.add_argument(
+            option,
+            metavar=metavar,
+            default=default,
+            help=f"{meaning} (default: the environment's {variable})",
+        )

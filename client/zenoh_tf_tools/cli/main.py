@@ -1,0 +1,194 @@
+"""Entry point of ``zenoh-tf``: parses arguments, runs a command, reports errors.
+
+Exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 a fault was found. An error is one line
+on stderr, with ``--json`` a JSON object. Ctrl-C ends the process by its signal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import re
+import signal
+import sys
+from collections.abc import Sequence
+from decimal import Decimal
+from importlib.metadata import version
+from typing import NoReturn
+
+from zenoh_tf import (
+    BackwardExtrapolationException,
+    ForwardExtrapolationException,
+    TransformException,
+)
+from zenoh_tf.text import printable
+from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
+from zenoh_tf_client.session import environment
+from zenoh_tf_tools import stamps
+from zenoh_tf_tools.cli import completion, output
+from zenoh_tf_tools.cli.connection import add_credentials
+from zenoh_tf_tools.cli.numbers import positive_seconds
+from zenoh_tf_tools.cli.recordings import query, record, replay
+from zenoh_tf_tools.cli.setup import calibration, certificates, urdf
+from zenoh_tf_tools.cli.show import foxglove, monitor, plot, top
+from zenoh_tf_tools.cli.show import view as viewer
+from zenoh_tf_tools.cli.tree import doctor, explain, follow, inspect, lookups, static, write
+from zenoh_tf_tools.errors import CommandError
+
+# argparse takes "-1e-3" and "-5." for options, but "-0.001" for a number.
+_NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+# argparse takes a time such as "-1s" for an option, too.
+_NEGATIVE_TIME = re.compile(r"-(\d+\.?\d*|\.\d+)(s|ns)")
+_TIME_OPTIONS = ("--at", "--stamp", "--start", "--end")
+
+_EPILOG = """\
+exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 the command has found what is wrong
+            (doctor: a fault; explain: why the lookup fails)
+errors:     one line on stderr; with --json a JSON object there, with the keys
+            "type", "message" and "fields" (the fields of the exception)
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; ``argv`` defaults to the process's arguments. Returns the exit code."""
+    given = sys.argv[1:] if argv is None else list(argv)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # Names may have characters that the terminal's encoding lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")
+    args = _parser(json_errors="--json" in given).parse_args(_for_argparse(given))
+    try:
+        code: int = args.run(args)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr, flush=True)
+        # Shells expect that an interrupted command is ended by the signal. An ordinary exit
+        # would also wait for a session that is still being opened.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
+        return 130
+    except BrokenPipeError:
+        # The reader of the output went away (`| head`). What is still buffered is discarded,
+        # or Python would report an error at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except TransformException as error:
+        notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+        name, message = type(error).__name__, f"{error}{_distance(error)}{notes}"
+        if args.json:
+            return _fail_json(1, name, message, error.facts)
+        return _fail(f"{name}: {message}")
+    except CommandError as error:
+        return _fail_json(1, "CommandError", str(error), {}) if args.json else _fail(str(error))
+
+
+def run() -> NoReturn:
+    """Run ``main`` and end the process with its exit code."""
+    sys.exit(main())
+
+
+def _fail(message: str) -> int:
+    print("zenoh-tf: " + printable(" ".join(message.split())), file=sys.stderr)
+    return 1
+
+
+def _distance(error: TransformException) -> str:
+    """Say how far a time lies outside of the data; the message itself is in nanoseconds."""
+    if error.stamp_ns is None:
+        return ""
+    if isinstance(error, ForwardExtrapolationException) and error.newest_stamp_ns is not None:
+        return f" ({stamps.age(error.stamp_ns - error.newest_stamp_ns)} too late)"
+    if isinstance(error, BackwardExtrapolationException) and error.oldest_stamp_ns is not None:
+        return f" ({stamps.age(error.oldest_stamp_ns - error.stamp_ns)} too early)"
+    return ""
+
+
+def _fail_json(code: int, kind: str, message: str, fields: dict[str, object]) -> int:
+    output.print_json({"type": kind, "message": message, "fields": fields}, file=sys.stderr)
+    return code
+
+
+def _for_argparse(given: Sequence[str]) -> list[str]:
+    """Rewrite negative numbers and times so that argparse does not take them for options."""
+    arguments: list[str] = []
+    for argument in given:
+        if _NEGATIVE_NUMBER.fullmatch(argument):
+            arguments.append(format(Decimal(argument), "f"))
+        elif _NEGATIVE_TIME.fullmatch(argument) and arguments and arguments[-1] in _TIME_OPTIONS:
+            arguments[-1] += f"={argument}"
+        else:
+            arguments.append(argument)
+    return arguments
+
+
+class _JsonErrorParser(argparse.ArgumentParser):
+    """Reports wrong usage as JSON."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(_fail_json(2, "UsageError", message, {}))
+
+
+def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
+    kind = _JsonErrorParser if json_errors else argparse.ArgumentParser
+    parser = kind(
+        prog="zenoh-tf",
+        description="Query, change and watch a transform tree served over Zenoh.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
+    _add_common(parser, top=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    common = argparse.ArgumentParser(add_help=False)
+    _add_common(common, top=False)
+    for family in (
+        *(lookups, explain, follow, doctor, inspect, monitor, top, viewer, foxglove, plot),
+        *(write, static, urdf, calibration, query, record, replay, certificates),
+    ):
+        family.add(commands, common)
+    completion.add(commands, _parser)
+    return parser
+
+
+def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
+    """Add the options that may stand before the command or after it."""
+
+    def default(value: object) -> object:
+        # A default after the command would overwrite an option given before it.
+        return value if top else argparse.SUPPRESS
+
+    group = parser.add_argument_group("connection and output")
+    group.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=default(environment.endpoint()),
+        help="where the server listens (default: the environment's "
+        f"{environment.ENDPOINT_VARIABLE}, else {DEFAULT_ENDPOINT})",
+    )
+    group.add_argument(
+        "--tree",
+        metavar="NAME",
+        default=default(environment.tree()),
+        help="the tree's name (default: the environment's "
+        f"{environment.TREE_VARIABLE}, else {DEFAULT_TREE})",
+    )
+    group.add_argument(
+        "--timeout",
+        metavar="S",
+        type=positive_seconds,
+        default=default(DEFAULT_TIMEOUT_S),
+        help="seconds to wait for the connection and for each reply "
+        f"(default {DEFAULT_TIMEOUT_S:g})",
+    )
+    group.add_argument(
+        "--json",
+        action="store_true",
+        default=default(False),
+        help="print one JSON document; an error is one JSON object on stderr",
+    )
+    add_credentials(parser, default(None))
+
+
+if __name__ == "__main__":
+    run()

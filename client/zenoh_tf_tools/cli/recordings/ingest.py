@@ -1,0 +1,147 @@
+"""Publishes a recording's transforms, and knows when the server has ingested all of them."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterable
+from typing import Final
+
+from zenoh_tf import AuthorityInfo, LookupException, StampedTransform
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.errors import CommandError
+
+#: Transforms in one put. A put is one commit, so this also bounds the time of a commit.
+_BATCH: Final = 500
+#: Frames asked for in one round trip.
+_FRAMES_PER_REQUEST: Final = 10_000
+_POLL_S: Final = 0.005
+_NOTHING: Final = AuthorityInfo("", 0, 0, 0, 0, 0, 0)
+
+
+class Feed:
+    """Sends transforms in order, in puts of many rows. Thread safety: none.
+
+    ``transforms`` counts those sent. After ``finish`` the server has ingested all of them, and
+    ``dropped_as_too_old`` counts those that were older than its cache time. Both rest on the
+    server's counters of the authority, so nobody else should publish as that authority.
+    """
+
+    def __init__(self, tf: TransformClient, authority: str, patience_s: float) -> None:
+        self._tf = tf
+        self._authority = authority
+        self._broadcaster = tf.broadcaster(authority)
+        self._patience_s = patience_s
+        self._rows: list[StampedTransform] = []
+        self._parents: dict[str, str] = {}
+        self._static = False
+        self._last: list[StampedTransform] = []
+        self._sent_samples: Counter[str] = Counter()  # by child frame, without static links
+        self._before = self._counted()
+        self._instance = tf.instance
+        self.transforms = 0
+        self.dropped_as_too_old = 0
+
+    def add(self, transforms: Iterable[StampedTransform], *, static: bool) -> None:
+        """Queue transforms, and send them when there are enough for a put."""
+        for row in transforms:
+            # The rows of a put are committed at one instant. A child that changes its parent
+            # needs two puts, or the tree may see a loop that never was.
+            moved = self._parents.get(row.child_frame, row.parent_frame) != row.parent_frame
+            if static != self._static:
+                # Static links have a key of their own, and the server ingests keys in parallel.
+                self.finish()
+                self._static = static
+            elif moved or len(self._rows) >= _BATCH:
+                self.flush()
+            self._parents[row.child_frame] = row.parent_frame
+            self._rows.append(row)
+
+    def flush(self) -> None:
+        """Send what has been queued."""
+        if not self._rows:
+            return
+        if self._static:
+            self._broadcaster.send_static(self._rows)
+        else:
+            self._broadcaster.send(self._rows)
+            self._sent_samples.update(row.child_frame for row in self._rows)
+        self.transforms += len(self._rows)
+        self._last, self._rows = self._rows, []
+        self._parents = {}
+
+    def finish(self) -> None:
+        """Send the rest and wait until the server has ingested everything.
+
+        Raises:
+            CommandError: The server refused some of it, was restarted, or makes no progress.
+        """
+        self.flush()
+        ingested_before, give_up_s = -1, 0.0
+        while True:
+            counted = self._counted()
+            if self._tf.instance != self._instance:
+                raise CommandError("the server was restarted; what it had before is lost")
+            refused = max(0, counted.refused - self._before.refused)
+            dropped = counted.dropped - self._before.dropped
+            ingested = counted.stored - self._before.stored + dropped + refused
+            # The counters may run ahead if somebody else publishes as the same authority, so the
+            # last put must be there as well: the puts on one key are ingested in order.
+            if ingested >= self.transforms and (refused or self._last_is_there()):
+                if refused:
+                    raise self._refusal(refused, counted.last_refusal)
+                self.dropped_as_too_old = dropped
+                return
+            if ingested > ingested_before:
+                ingested_before, give_up_s = ingested, time.monotonic() + self._patience_s
+            elif time.monotonic() > give_up_s:
+                if refused:
+                    raise self._refusal(refused, counted.last_refusal)
+                raise CommandError(
+                    f"the server ingested {ingested:,} of {self.transforms:,} transforms, and none "
+                    f"in the last {self._patience_s:g} s; try a longer --timeout"
+                )
+            time.sleep(_POLL_S)
+
+    def no_longer_kept(self) -> int:
+        """Transforms that the server stored, and whose samples have left its cache since. Call it
+        after ``finish``. An estimate if others write the same frames."""
+        kept = 0
+        names = list(self._sent_samples)
+        for first in range(0, len(names), _FRAMES_PER_REQUEST):
+            some = names[first : first + _FRAMES_PER_REQUEST]
+            with self._tf.batch() as batch:
+                handles = [batch.frame(name) for name in some]
+            for name, handle in zip(some, handles, strict=True):
+                if isinstance(handle.exception(), LookupException):
+                    continue  # removed meanwhile
+                frame = handle.result()
+                if not frame.static:
+                    kept += min(frame.samples, self._sent_samples[name])
+        rewritten = self._counted().rewritten - self._before.rewritten
+        stored = self._sent_samples.total() - self.dropped_as_too_old - rewritten
+        return max(0, stored - kept)
+
+    def _refusal(self, refused: int, reason: str | None) -> CommandError:
+        return CommandError(
+            f"the server refused {refused:,} of the {self.transforms:,} transforms sent as "
+            f"{self._authority!r}; the last reason: {reason}"
+        )
+
+    def _last_is_there(self) -> bool:
+        newest = {row.child_frame: row.stamp_ns for row in self._last}
+        for child, stamp_ns in newest.items():
+            try:
+                frame = self._tf.frame(child)
+            except LookupException:
+                return False
+            if not frame.static and (frame.newest_stamp_ns or 0) < stamp_ns:
+                return False
+        return True
+
+    def _counted(self) -> AuthorityInfo:
+        """The server's counters of this authority."""
+        for authority in self._tf.authorities():
+            if authority.name == self._authority:
+                return authority
+        return _NOTHING

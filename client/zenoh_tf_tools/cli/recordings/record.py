@@ -1,0 +1,144 @@
+"""``zenoh-tf record``: write every committed sample into a file."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from zenoh_tf.recordings import RecordingError
+from zenoh_tf.recordings.writer import RecordingWriter
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.types import Commands, examples
+from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.recorder import Counters, Recorder
+
+_PERIOD_S: Final = 0.5
+#: A server tells something ten times a second.
+_SILENT_S: Final = 2.0
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    record = commands.add_parser(
+        "record",
+        parents=[common],
+        help="write every committed transform into an MCAP file",
+        description="Write the tree's static links, the history that the server has, and then\n"
+        "every committed transform into a new MCAP file, until Ctrl-C. A recorder that\n"
+        "is killed leaves a readable file without the last second. Needs the libraries\n"
+        "of zenoh-tf[recordings].",
+        **examples(
+            "zenoh-tf record run.mcap",
+            "zenoh-tf record run.mcap --format ros2 --duration 60",
+        ),
+    )
+    record.add_argument("file", metavar="OUT", type=Path, help="the new file, such as run.mcap")
+    record.add_argument(
+        "--format",
+        choices=("foxglove", "ros2"),
+        default="foxglove",
+        help="messages of the type foxglove.FrameTransforms (default), or tf2_msgs/msg/TFMessage "
+        "as ros2 bag records it",
+    )
+    record.add_argument(
+        "--duration", metavar="S", type=_seconds, help="end after this many seconds"
+    )
+    record.set_defaults(run=_record)
+
+
+def _record(args: argparse.Namespace) -> int:
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    if args.file.exists():
+        raise CommandError(f"{args.file}: the file exists; give another name, or remove it")
+    begin_s = time.monotonic()
+    with connect(args) as tf:
+        writer = _writer(args, tf)
+        recorder = Recorder(tf, writer)
+        try:
+            recorder.wait_for_copy(args.timeout)
+        except BaseException:
+            recorder.close()
+            args.file.unlink()
+            raise
+        _wait(args, recorder, stop)
+        try:
+            recorder.close()
+        except OSError as error:
+            raise CommandError(
+                f"{args.file}: cannot be written: {error.strerror}; what it has can be read"
+            ) from error
+    _print(args, recorder.counters, time.monotonic() - begin_s)
+    return 0
+
+
+def _writer(args: argparse.Namespace, tf: TransformClient) -> RecordingWriter:
+    metadata = {"tree": args.tree, "server": tf.instance}
+    try:
+        return RecordingWriter(args.file, args.format, metadata)
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    except OSError as error:
+        raise CommandError(f"{args.file}: cannot be written: {error.strerror}") from error
+
+
+def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -> None:
+    """Wait for the end, and tell what happens meanwhile."""
+    begin_s = time.monotonic()
+    end_s = begin_s + (args.duration or float("inf"))
+    is_silent, servers = False, recorder.counters.servers
+    if not args.json:
+        print(f"recording to {args.file} until Ctrl-C", file=sys.stderr)
+    while not stop.wait(max(0.0, min(_PERIOD_S, end_s - time.monotonic()))):
+        if time.monotonic() >= end_s or recorder.error is not None:
+            return
+        if recorder.counters.servers != servers:
+            servers = recorder.counters.servers
+            print("zenoh-tf: another server has the tree; recording goes on", file=sys.stderr)
+        was_silent, is_silent = is_silent, recorder.age_s() > _SILENT_S
+        if is_silent and not was_silent:
+            print("zenoh-tf: the server is silent; waiting for it", file=sys.stderr)
+
+
+def _print(args: argparse.Namespace, counters: Counters, spent_s: float) -> None:
+    size = args.file.stat().st_size
+    if args.json:
+        summary = {"file": str(args.file), "format": args.format, "bytes": size}
+        output.print_json({**summary, **asdict(counters), "seconds": round(spent_s, 3)})
+        return
+    print(
+        f"{counters.transforms:,} transforms and {counters.static:,} static ones in {spent_s:.1f} "
+        f"s written to {args.file} ({size:,} bytes)"
+    )
+    for count, what in (
+        (counters.dropped, "transforms dropped: the disk was too slow"),
+        (
+            counters.missed_commits,
+            "commits missed at most: the link was cut, or this machine too slow",
+        ),
+        (
+            counters.unrepresentable,
+            f"transforms left out that the format {args.format} cannot hold",
+        ),
+        (counters.removals, "removals of frames or histories, which a recording cannot say"),
+    ):
+        if count:
+            print(f"{count:,} {what}")
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text.removesuffix("s"))
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < 1e9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
+    return seconds

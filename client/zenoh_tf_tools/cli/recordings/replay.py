@@ -1,0 +1,175 @@
+"""``zenoh-tf replay``: publish the transforms of a recording."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+
+from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf.recordings import Recording
+from zenoh_tf.recordings.blocks import Block
+from zenoh_tf.recordings.load import valid_commits
+from zenoh_tf.ros2.cdr import TfMessage
+from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.progress import Progress
+from zenoh_tf_tools.cli.recordings.ingest import Feed
+from zenoh_tf_tools.cli.recordings.playback import Playback
+from zenoh_tf_tools.cli.types import Commands, examples
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    replay = commands.add_parser(
+        "replay",
+        parents=[common],
+        help="publish a recording (MCAP, db3, ROS 1 bag)",
+        description="Publish the transforms of a recording in the order of its log, and wait\n"
+        "until the server has ingested them. Fails if the server refuses one of\n"
+        "them. Needs the libraries of zenoh-tf[recordings].",
+        **examples(
+            "zenoh-tf replay run.mcap",
+            "zenoh-tf replay run.mcap --rate 10 --start 10 --end 20",
+            "zenoh-tf replay run.mcap --loop --clock now",
+        ),
+    )
+    recorded.add_file(replay)
+    replay.add_argument(
+        "--rate",
+        metavar="N",
+        type=_rate,
+        help="times real speed; 0: as fast as the server ingests it (default 0; 1 with --loop or "
+        "--clock now)",
+    )
+    replay.add_argument(
+        "--loop",
+        action="store_true",
+        help="begin anew at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
+    )
+    statics = "; static transforms from before are published all the same"
+    for option, meaning, note in (("--start", "begin", statics), ("--end", "end", "")):
+        replay.add_argument(
+            option,
+            metavar="S",
+            type=_seconds,
+            help=f"{meaning} this many seconds after the first message{note}",
+        )
+    replay.add_argument(
+        "--clock",
+        choices=("recorded", "now"),
+        default="recorded",
+        help="stamps as recorded (default), or moved as if it happened now",
+    )
+    replay.add_argument(
+        "--authority",
+        metavar="NAME",
+        type=_authority,
+        default="replay",
+        help="publish as this authority (default replay), which nobody else should use meanwhile",
+    )
+    replay.set_defaults(run=_replay, usage_error=replay.error)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    playback = _playback(args)
+    start = time.monotonic()
+    # The recording is opened first: a wrong file is reported without a connection.
+    with recorded.opened(args) as recording, connect(args) as tf:
+        feed = Feed(tf, args.authority, patience_s=args.timeout)
+        number = _play(recording, playback, feed)
+        while args.loop:
+            _play(recording, playback, feed)
+        no_longer_kept = feed.no_longer_kept()
+        recorded.warn(recording)
+    spent_s = time.monotonic() - start
+    summary = {
+        "file": str(args.file),
+        "topics": sorted(recording.topics),
+        "messages": number,
+        "transforms": feed.transforms,
+        "skipped": recording.skipped,
+        "malformed": recording.malformed,
+        "cut_off": recording.is_cut_off,
+        "dropped_as_too_old": feed.dropped_as_too_old,
+        "no_longer_kept": no_longer_kept,
+        "seconds": round(spent_s, 3),
+    }
+    if args.json:
+        output.print_json(summary)
+    else:
+        print(
+            f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
+            f"({', '.join(sorted(recording.topics))})"
+        )
+        if feed.dropped_as_too_old:
+            print(
+                f"{feed.dropped_as_too_old:,} of them dropped on arrival: older than the server's "
+                "cache time"
+            )
+        if no_longer_kept:
+            print(
+                f"{no_longer_kept:,} of them no longer kept: newer ones of the same frames have "
+                "pushed them out of the server's cache (--cache-time, --max-samples-per-frame)"
+            )
+    return 0
+
+
+def _playback(args: argparse.Namespace) -> Playback:
+    now = args.clock == "now"
+    rate = (1.0 if args.loop or now else 0.0) if args.rate is None else args.rate
+    if not rate and (args.loop or now):
+        args.usage_error("--loop and --clock now need a --rate above 0")
+    if args.end is not None and args.end < (args.start or 0.0):
+        args.usage_error("--end is before --start")
+    return Playback(rate, args.start or 0.0, args.end, now)
+
+
+def _play(recording: Recording, playback: Playback, feed: Feed) -> int:
+    """Play the recording once; returns the number of messages."""
+    # The server rejects a message for one bad row. A local tree has the same rules; it need not
+    # keep anything.
+    validator = TransformTree(cache_time_s=0.001)
+    number = 0
+    with Progress(recording.message_count, "messages") as progress:
+        for number, message in enumerate(playback.turn(recording.messages()), start=1):
+            block = Block(message.rows, message.static, 1)
+            for rows in valid_commits(recording, validator, block):
+                feed.add(_stampeds(rows), static=message.static)
+            if playback.rate:
+                feed.flush()
+            progress.to(number, note=f"{feed.transforms:,} transforms")
+        feed.finish()
+    return number
+
+
+def _stampeds(rows: TfMessage) -> Iterator[StampedTransform]:
+    names = rows.names
+    columns = (rows.parent, rows.child, rows.stamp, rows.pose)
+    for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
+        yield StampedTransform(names[parent], names[child], stamp_ns, Transform(pose[:3], pose[3:]))
+
+
+def _authority(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty; the server counts by authority")
+    return text
+
+
+def _rate(text: str) -> float:
+    return _number(text, below=1e6)
+
+
+def _seconds(text: str) -> float:
+    return _number(text.removesuffix("s"), below=1e9)
+
+
+def _number(text: str, below: float) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0.0 <= number < below:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number of at least 0 and below {below:g}"
+        )
+    return number

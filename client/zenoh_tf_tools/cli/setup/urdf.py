@@ -1,0 +1,187 @@
+"""``zenoh-tf urdf``: the transforms of a robot that a URDF file describes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from zenoh_tf.text import printable
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.setup import joint_states
+from zenoh_tf_tools.cli.types import Commands, examples
+from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.urdf.joint_states import JointStateFeed
+from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
+from zenoh_tf_tools.urdf.reader import MOVING, UNSUPPORTED, Joint, Robot, read
+
+_DESCRIPTION = """\
+Store the fixed joints of a URDF file as static links, all in one transaction.
+Floating and planar joints are named and left out.
+
+With --joint-states it also listens to the robot until it is interrupted, and
+publishes the joints that move, with those that mimic them.
+"""
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    urdf = commands.add_parser(
+        "urdf",
+        parents=[common],
+        help="store the links of a robot that a URDF file describes",
+        description=_DESCRIPTION,
+        **examples(
+            "zenoh-tf urdf robot.urdf --print",
+            "zenoh-tf urdf robot.urdf --prefix robot1 --shared map,world",
+            "zenoh-tf urdf robot.urdf --joint-states",
+            "zenoh-tf urdf robot.urdf --joint-states /robot1/joint_states --prefix robot1",
+        ),
+    )
+    urdf.add_argument("file", metavar="FILE", type=Path, help="URDF; expand xacro first")
+    urdf.add_argument(
+        "--print",
+        dest="only_print",
+        action="store_true",
+        help="print the joints; ask no server and store nothing",
+    )
+    urdf.add_argument(
+        "--prefix", metavar="NAME", default="", help="name the frames NAME/LINK (default: LINK)"
+    )
+    urdf.add_argument(
+        "--shared",
+        metavar="LINK,...",
+        default="",
+        help="links that get no prefix, as several robots have them",
+    )
+    urdf.add_argument(
+        "--authority",
+        metavar="NAME",
+        help="name to publish as (default urdf, with a prefix urdf/PREFIX)",
+    )
+    urdf.add_argument(
+        "--joint-states",
+        metavar="TOPIC",
+        nargs="?",
+        const="/joint_states",
+        help="listen to this ROS 2 topic on the server's Zenoh network (default /joint_states) "
+        "and publish the joints that move",
+    )
+    urdf.add_argument(
+        "--domain",
+        metavar="N",
+        type=int,
+        help="with --joint-states: only of this ROS 2 domain (default: any)",
+    )
+    urdf.set_defaults(run=_urdf, usage_error=urdf.error)
+
+
+def _urdf(args: argparse.Namespace) -> int:
+    if args.only_print and args.joint_states is not None:
+        args.usage_error("--print asks no server, so it does not go with --joint-states")
+    try:
+        robot = read(args.file)
+    except OSError as error:
+        raise CommandError(f"{args.file}: {error.strerror or error}") from error
+    if args.authority is None:
+        args.authority = "/".join(filter(None, ("urdf", args.prefix.strip("/"))))
+    frame = FrameNames(args.prefix, filter(None, args.shared.split(",")))
+    if args.only_print:
+        _print(args, robot, frame, stored=False)
+        return 0
+    static = fixed_transforms(robot, frame)
+    with connect(args) as tf:
+        if static:
+            tf.set_transforms_xact(static, authority=args.authority, static=True)
+        if args.joint_states is None:
+            _print(args, robot, frame, stored=True)
+        else:
+            # A server that is restarted gets the fixed joints again.
+            tf.broadcaster(args.authority).send_static(static)
+            _follow(args, tf, robot, frame)
+    return 0
+
+
+def _follow(args: argparse.Namespace, tf: TransformClient, robot: Robot, frame: FrameNames) -> None:
+    """Publish the joints of a robot until Ctrl-C, then print the counts."""
+    joints = JointTransforms(robot, frame)
+    feed = JointStateFeed(tf, joints, args.authority, args.joint_states, args.domain)
+    if not args.json:
+        _print(args, robot, frame, stored=True)
+        sys.stdout.flush()
+    try:
+        joint_states.listen(feed, joints)
+    finally:
+        feed.close()
+        counts = joint_states.counts(feed, joints)
+        if args.json:
+            output.print_json(_document(robot, frame, stored=True) | {"counts": counts})
+        else:
+            print(", ".join(f"{name} {count:,}" for name, count in counts.items() if count))
+        sys.stdout.flush()
+
+
+def _print(args: argparse.Namespace, robot: Robot, frame: FrameNames, *, stored: bool) -> None:
+    if args.json:
+        output.print_json(_document(robot, frame, stored=stored))
+        return
+    if not stored:
+        for joint in robot.joints:
+            print(_line(joint, frame))
+    fixed, moving = robot.of_kind("fixed"), robot.of_kind(*MOVING)
+    name = printable(robot.name or str(args.file))
+    done = "stored as static" if stored else "fixed"
+    print(f"{name}: {_count(fixed, 'joint')} {done}, root frame {printable(frame(robot.root))}")
+    if moving:
+        how = "" if args.joint_states is not None else " with --joint-states"
+        print(f"{_count(moving, 'joint')} that move{how}: {_names(moving)}")
+    for joint in robot.of_kind(*UNSUPPORTED):
+        parent, child = printable(frame(joint.parent)), printable(frame(joint.child))
+        print(
+            f"left out: joint {printable(joint.name)} is {joint.kind}; publish {parent} -> {child} "
+            "yourself"
+        )
+
+
+def _document(robot: Robot, frame: FrameNames, *, stored: bool) -> dict[str, object]:
+    return {
+        "robot": robot.name,
+        "root": frame(robot.root),
+        "stored": stored,
+        "joints": [_joint_document(joint, frame) for joint in robot.joints],
+    }
+
+
+def _line(joint: Joint, frame: FrameNames) -> str:
+    ends = f"{printable(frame(joint.parent))} -> {printable(frame(joint.child))}"
+    line = f"{output.paint('frame', ends)}  {joint.kind} joint {printable(joint.name)}"
+    if joint.mimic is not None:
+        line += f", mimics {printable(joint.mimic.joint)}"
+    x, y, z, *rotation = joint.origin.pose()
+    xyz, xyzw = output.numbers("xyz", (x, y, z)), output.numbers("xyzw", rotation)
+    return f"{line}\n{output.row('translation', xyz + '  m')}\n{output.row('rotation', xyzw)}"
+
+
+def _joint_document(joint: Joint, frame: FrameNames) -> dict[str, object]:
+    document: dict[str, object] = {
+        "joint": joint.name,
+        "type": joint.kind,
+        "parent": frame(joint.parent),
+        "child": frame(joint.child),
+        "translation": joint.origin.translation.tolist(),
+        "rotation": joint.origin.rotation.tolist(),
+    }
+    if joint.kind in MOVING:
+        document["axis"] = joint.axis.tolist()
+    if joint.mimic is not None:
+        document["mimics"] = joint.mimic.joint
+    return document
+
+
+def _count(joints: list[Joint], noun: str) -> str:
+    return f"{len(joints):,} {noun}{'' if len(joints) == 1 else 's'}"
+
+
+def _names(joints: list[Joint]) -> str:
+    return ", ".join(printable(joint.name) for joint in joints)

@@ -1,0 +1,111 @@
+"""``zenoh-tf monitor``: rates, delays and ages, period by period."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from zenoh_tf import ServerUnavailable
+from zenoh_tf.text import printable
+from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.numbers import count, positive_seconds
+from zenoh_tf_tools.cli.show.rates import Period, figure, watch
+from zenoh_tf_tools.cli.types import Commands, examples
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    monitor = commands.add_parser(
+        "monitor",
+        parents=[common],
+        help="print the rates and delays of links and publishers, again and again",
+        description="Print for each period the links and the authorities: how often a link was "
+        "written in it, the rate of its history, the least and the greatest age of its newest "
+        "stamp (the least is about its delay); for an authority its commits and transforms, what "
+        "was dropped and refused, and by how much its stamps lead their arrival. --json prints "
+        "one document per line. Goes on if the server ends and comes back.",
+        **examples("zenoh-tf monitor", "zenoh-tf monitor --every 0.5 --count 2 --json"),
+    )
+    monitor.add_argument(
+        "--every", metavar="S", type=positive_seconds, default=2.0, help="the period (default 2)"
+    )
+    monitor.add_argument("--count", metavar="N", type=count, help="end after so many periods")
+    monitor.set_defaults(run=_monitor)
+
+
+def _monitor(args: argparse.Namespace) -> int:
+    with connect(args) as tf:
+        printed, is_reported = 0, False
+        while printed != args.count:
+            try:
+                period = watch(tf, args.every)
+            except ServerUnavailable as error:
+                if not is_reported:
+                    output.report_waiting(error, args.json)
+                is_reported = True
+                time.sleep(args.every)
+                continue
+            is_reported = False
+            if args.json:
+                output.print_json({"tree": args.tree, **asdict(period)})
+            else:
+                print(f"\n{text(period)}" if printed else text(period))
+            sys.stdout.flush()
+            printed += 1
+    return 0
+
+
+def text(period: Period) -> str:
+    """A period as two tables."""
+    links = [
+        (
+            f"{printable(link.parent)} -> {printable(link.frame)}",
+            f"{link.commits_per_s:.1f}",
+            figure(link.rate_hz, 1),
+            figure(link.least_age_s, 3),
+            figure(link.greatest_age_s, 3),
+            printable(link.authority),
+            "stopped" if link.stopped else "",
+        )
+        for link in period.links
+    ]
+    authorities = [
+        (
+            printable(each.authority),
+            f"{each.commits_per_s:.1f}",
+            f"{each.transforms_per_s:.1f}",
+            f"{each.dropped:,}",
+            f"{each.refused:,}",
+            figure(each.lead_max_s, 3),
+        )
+        for each in period.authorities
+    ]
+    lines = [
+        f"in {period.seconds:.1f} s: {len(links):,} dynamic and {period.static_links:,} static "
+        "links"
+    ]
+    if links:
+        titles = ("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority", "")
+        lines += table(titles, links, texts=(0, 5, 6))
+    if authorities:
+        lines.append("")
+        columns = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
+        lines += table(columns, authorities, texts=(0,))
+    return "\n".join(lines)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[str]:
+    """The lines of a table, with these columns to the left and all others to the right."""
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    lines = []
+    for number, row in enumerate([header, *rows]):
+        cells = [
+            cell.ljust(width) if column in texts else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        line = "  ".join(cells).rstrip()
+        lines.append(line if number else output.paint("header", line))
+    return lines

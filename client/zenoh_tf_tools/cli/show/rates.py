@@ -1,0 +1,127 @@
+"""What a tree does in a period: rates and delays of links and authorities."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from zenoh_tf import AuthorityInfo, FrameInfo
+from zenoh_tf.explain import is_stopped
+from zenoh_tf.times import CLOCK_RANGE_S, reference_ns
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli.records import watch_frames
+
+#: The bits of a version below the number of commits (zenoh_tf/core/lock_words.hpp).
+_VERSIONS_PER_COMMIT: Final = 4
+
+
+@dataclass(frozen=True)
+class LinkRate:
+    """A dynamic link in a period.
+
+    ``commits_per_s``: how often it was written. ``rate_hz``: of its history, by the stamps.
+    ``least_age_s`` and ``greatest_age_s``: of its newest stamp; the least is about the delay from
+    the measurement to the server. None for stamps that are of another clock. ``stopped``: as of
+    `zenoh_tf.explain.is_stopped`.
+    """
+
+    frame: str
+    parent: str
+    authority: str
+    commits_per_s: float
+    rate_hz: float | None
+    least_age_s: float | None
+    greatest_age_s: float | None
+    stopped: bool
+
+
+@dataclass(frozen=True)
+class AuthorityRate:
+    """An authority in a period. Counts are of the period; ``lead_max_s`` is `AuthorityInfo`'s."""
+
+    authority: str
+    commits_per_s: float
+    transforms_per_s: float
+    dropped: int
+    refused: int
+    lead_max_s: float | None
+
+
+@dataclass(frozen=True)
+class Period:
+    """What was seen in ``seconds``."""
+
+    seconds: float
+    static_links: int
+    links: Sequence[LinkRate]
+    authorities: Sequence[AuthorityRate]
+
+
+def watch(tf: TransformClient, period_s: float) -> Period:
+    """Look at a tree for a period."""
+    start_s = time.monotonic()
+    publishers = {each.name: each for each in tf.authorities()}
+    ages: dict[str, list[float]] = {}
+    before: dict[str, FrameInfo] = {}
+    now: dict[str, FrameInfo] = {}
+    for _, frames in watch_frames(tf, period_s):
+        clock_ns = time.time_ns()
+        for frame in frames:
+            age_s = frame.delay_s(clock_ns)
+            if age_s is not None and abs(age_s) <= CLOCK_RANGE_S:
+                ages.setdefault(frame.name, []).append(age_s)
+        now = {frame.name: frame for frame in frames}
+        before = before or now
+    seconds = time.monotonic() - start_s
+    stamps = [f.newest_stamp_ns for f in now.values() if not f.static and f.newest_stamp_ns]
+    reference, _ = reference_ns(stamps, time.time_ns())
+    links = [
+        _link(frame, before.get(frame.name, frame), ages.get(frame.name), seconds, reference)
+        for frame in now.values()
+        if frame.parent is not None and not frame.static
+    ]
+    static = sum(frame.static for frame in now.values())
+    authorities = [
+        _authority(each, publishers.get(each.name, _new(each)), seconds)
+        for each in tf.authorities()
+    ]
+    return Period(seconds, static, links, authorities)
+
+
+def figure(value: float | None, digits: int) -> str:
+    """A number for a table; a dash for none."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _link(
+    frame: FrameInfo, before: FrameInfo, ages: list[float] | None, seconds: float, reference: int
+) -> LinkRate:
+    commits = max(0, frame.version - before.version) // _VERSIONS_PER_COMMIT
+    return LinkRate(
+        frame.name,
+        frame.parent or "",
+        frame.authority,
+        commits / seconds,
+        frame.rate_hz,
+        min(ages) if ages else None,
+        max(ages) if ages else None,
+        is_stopped(frame, reference),
+    )
+
+
+def _authority(now: AuthorityInfo, before: AuthorityInfo, seconds: float) -> AuthorityRate:
+    return AuthorityRate(
+        now.name,
+        max(0, now.commits - before.commits) / seconds,
+        max(0, now.stored - before.stored) / seconds,
+        max(0, now.dropped - before.dropped),
+        max(0, now.refused - before.refused),
+        now.clock_offset_max_s,
+    )
+
+
+def _new(authority: AuthorityInfo) -> AuthorityInfo:
+    """What an authority was before its first commit."""
+    return AuthorityInfo(authority.name, 0, 0, 0, 0, 0, 0)

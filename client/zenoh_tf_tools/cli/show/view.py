@@ -1,0 +1,161 @@
+"""``zenoh-tf view``: the tree in three dimensions, in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+from pathlib import Path
+from typing import Final
+
+from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli import recorded as recordings
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.show import ranges
+from zenoh_tf_tools.cli.types import Commands, examples
+from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.viewer.live import LiveSource
+from zenoh_tf_tools.viewer.recorded import RecordedSource
+from zenoh_tf_tools.viewer.source import Source
+
+_EXAMPLES: Final = (
+    "zenoh-tf view",
+    "zenoh-tf view run.mcap --at 42.4",
+    "zenoh-tf view --fixed base_link --trail 0",
+)
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    view = commands.add_parser(
+        "view",
+        parents=[common],
+        help="show the tree in 3D, in a browser",
+        description="Show the tree in a browser: frames, links, stale ones, and where frames have "
+        "been. Without FILE it follows a server through a mirror. Runs until Ctrl-C. Needs the "
+        "library of zenoh-tf[viewer], and for FILE those of "
+        "zenoh-tf[recordings]; nothing comes from the internet.",
+        **examples(*_EXAMPLES),
+    )
+    view.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        type=Path,
+        help="a recording to show in place of a server",
+    )
+    view.add_argument(
+        "--at",
+        metavar="S",
+        type=ranges.seconds,
+        default=0.0,
+        help="seconds after the recording's first sample to begin at (default 0)",
+    )
+    view.add_argument(
+        "--fixed",
+        metavar="FRAME",
+        help="the frame that stands still (default: the root of most frames)",
+    )
+    view.add_argument(
+        "--stale",
+        metavar="S",
+        type=ranges.seconds,
+        default=1.0,
+        help="mark links without a sample for this many seconds (default 1)",
+    )
+    view.add_argument(
+        "--trail",
+        metavar="S",
+        type=ranges.seconds,
+        help="seconds that trails go back (default 10; of a recording: to its begin)",
+    )
+    view.add_argument(
+        "--axes",
+        metavar="M",
+        type=ranges.metres,
+        default=0.2,
+        help="length of the frames' axes in metres (default 0.2)",
+    )
+    view.add_argument(
+        "--max-frames",
+        metavar="N",
+        type=ranges.frames,
+        default=300,
+        help="most frames that are drawn (default 300); the page says how many more there are",
+    )
+    view.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        default="127.0.0.1",
+        help="address to listen on (default 127.0.0.1: only this machine)",
+    )
+    view.add_argument(
+        "--port",
+        metavar="N",
+        type=ranges.port,
+        default=8080,
+        help="port to listen on (default 8080); if it is taken, the next free one",
+    )
+    view.set_defaults(run=_view, topics=None)
+
+
+def _view(args: argparse.Namespace) -> int:
+    try:
+        from zenoh_tf_tools.viewer.viewer import (  # noqa: PLC0415 - an optional extra
+            Options,
+            Viewer,
+            close_server,
+            open_server,
+        )
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] != "viser":
+            raise
+        raise CommandError(
+            "view draws with viser, which is not installed; "
+            "install it with: pip install 'zenoh-tf[viewer]'"
+        ) from error
+    trail_s = args.trail
+    if trail_s is None:
+        trail_s = 10.0 if args.file is None else math.inf
+    options = Options(
+        host=args.host,
+        port=args.port,
+        stale_s=args.stale,
+        max_frames=args.max_frames,
+        at_s=args.at,
+        fixed=args.fixed,
+        axes_m=args.axes,
+        trail_s=trail_s,
+    )
+    with contextlib.ExitStack() as stack:
+        source = _source(args, stack)
+        server = open_server(args.host, args.port)
+        stack.callback(close_server, server)
+        _greet(args, server.get_port())
+        Viewer(source, server, options).run()
+    return 0
+
+
+def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> Source:
+    if args.file is not None:
+        return recorded(args)
+    tf = stack.enter_context(connect(args))
+    return LiveSource(stack.enter_context(tf.mirror()))
+
+
+def recorded(args: argparse.Namespace) -> RecordedSource:
+    """The recording that `args.file` names."""
+    with recordings.opened(args) as recording:
+        source = RecordedSource(recording)
+        recordings.warn(recording)
+    return source
+
+
+def _greet(args: argparse.Namespace, port: int) -> None:
+    url = ranges.url("http", args.host, port)
+    what = args.tree if args.file is None else str(args.file)
+    if args.json:
+        output.print_json({"url": url, "showing": what})
+    else:
+        if port != args.port:
+            print(f"port {args.port} is not free")
+        print(f"showing {what} at {url} (Ctrl-C ends it)", flush=True)

@@ -1,0 +1,138 @@
+"""``zenoh-tf doctor``: find the faults of a tree."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+import time
+from pathlib import Path
+
+from zenoh_tf import FrameInfo
+from zenoh_tf.doctor import (
+    CATALOGUE,
+    Finding,
+    Gaps,
+    LinkFacts,
+    RecordedFacts,
+    TreeFacts,
+    diagnose,
+)
+from zenoh_tf.text import printable
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.numbers import seconds_or_zero
+from zenoh_tf_tools.cli.progress import Progress
+from zenoh_tf_tools.cli.records import watch_frames
+from zenoh_tf_tools.cli.types import Commands, examples
+from zenoh_tf_tools.errors import FAULT_FOUND
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    doctor = commands.add_parser(
+        "doctor",
+        parents=[common],
+        help="find faults: two publishers, stopped links, clocks that are off",
+        description="Look at the tree for some seconds and print each known fault that it has, "
+        "with the evidence and what to do; or read a recording. Exit code 3 if there are any.",
+        **examples(
+            "zenoh-tf doctor",
+            "zenoh-tf doctor --for 1 --ignore TF301",
+            "zenoh-tf doctor --json",
+            "zenoh-tf doctor drive.mcap",
+        ),
+    )
+    doctor.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        type=Path,
+        help="a recording (MCAP, db3, ROS 1 bag) to look at instead of a server",
+    )
+    doctor.add_argument(
+        "--for",
+        dest="observe_s",
+        metavar="S",
+        type=seconds_or_zero,
+        default=2.0,
+        help="seconds to look at it (default 2); 0: one look, which sees no gaps and no flips",
+    )
+    doctor.add_argument(
+        "--ignore",
+        metavar="ID",
+        action="append",
+        default=[],
+        choices=[fault.id for fault in CATALOGUE],
+        help="a fault not to look for, such as TF301; repeatable",
+    )
+    doctor.set_defaults(run=_doctor, topics=None)
+
+
+def _doctor(args: argparse.Namespace) -> int:
+    if args.file is not None:
+        facts = _recorded(args)
+    else:
+        with connect(args) as tf:
+            facts = _observe(tf, args.observe_s)
+    findings = diagnose(facts, args.ignore)
+    if args.json:
+        output.print_json(
+            {
+                "tree": args.tree if args.file is None else None,
+                "file": None if args.file is None else str(args.file),
+                "frames": len(facts.frames),
+                "observed_s": round(facts.observed_s, 3),
+                "findings": [finding.document() for finding in findings],
+            }
+        )
+    else:
+        print(_text(findings, len(facts.frames)))
+    return FAULT_FOUND if findings else 0
+
+
+def _recorded(args: argparse.Namespace) -> TreeFacts:
+    facts = RecordedFacts()
+    with recorded.opened(args) as recording:
+        with Progress(recording.message_count, "messages") as progress:
+            for number, message in enumerate(recording.messages(), start=1):
+                facts.add(message.log_ns, message.topic, message.static, message.rows)
+                progress.to(number)
+        recorded.warn(recording)
+    return facts.facts()
+
+
+def _observe(tf: TransformClient, observe_s: float) -> TreeFacts:
+    start_s = time.monotonic()
+    gaps = Gaps()
+    before: dict[str, FrameInfo] = {}
+    now: dict[str, FrameInfo] = {}
+    for asked_s, frames in watch_frames(tf, observe_s):
+        gaps.saw(frames, asked_s)
+        now = {frame.name: frame for frame in frames}
+        before = before or now
+    links = [
+        LinkFacts(frame, before.get(name) if observe_s else None, gaps.longest_s(name))
+        for name, frame in now.items()
+    ]
+    observed_s = time.monotonic() - start_s if observe_s else 0.0
+    return TreeFacts(links, time.time_ns(), observed_s, tf.authorities(), tf.clients())
+
+
+def _text(findings: list[Finding], frames: int) -> str:
+    if not findings:
+        return f"no faults in {frames:,} frames"
+    lines: list[str] = []
+    for number, finding in enumerate(findings):
+        fault = finding.fault
+        if number == 0 or fault is not findings[number - 1].fault:
+            lines += ["", output.paint("late", f"{fault.id}  {fault.title}")]
+            lines += _wrapped(fault.explanation, "  ")
+            lines += _wrapped(f"To do: {fault.remedy}", "  ")
+        subject = output.paint("frame", printable(finding.subject))
+        lines.append(f"  - {subject}: {printable(finding.evidence)}")
+    count = "1 fault" if len(findings) == 1 else f"{len(findings):,} faults"
+    return "\n".join([f"{count} in {frames:,} frames", *lines])
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(text, 98, initial_indent=indent, subsequent_indent=indent)

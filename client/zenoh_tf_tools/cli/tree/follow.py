@@ -1,0 +1,145 @@
+"""``zenoh-tf echo`` and ``wait``: a lookup again and again, or until it succeeds."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+import time
+from typing import Final
+
+from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
+from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.numbers import count, positive_rate, seconds_or_zero
+from zenoh_tf_tools.cli.tree.lookups import add_at, add_frames
+from zenoh_tf_tools.cli.types import Commands, examples
+
+#: Pause before the next attempt to find a server.
+_RETRY_S: Final = 0.2
+#: A server that has nothing to do says so ten times a second.
+_SILENT_S: Final = 3.0
+
+
+def add(commands: Commands, common: argparse.ArgumentParser) -> None:
+    echo = commands.add_parser(
+        "echo",
+        parents=[common],
+        help="print the pose of SOURCE in TARGET again and again",
+        description="Print the pose of SOURCE in TARGET at the latest common time, again and "
+        "again, until Ctrl-C. A lookup that fails is reported once on stderr, and tried again. "
+        "With --on-change, the server pushes the pose from the newest sample of each link, and it "
+        "is printed when it changes. --json prints one document per line.",
+        **examples(
+            "zenoh-tf echo map base_link",
+            "zenoh-tf echo map base_link --rate 10 --count 5 --json",
+            "zenoh-tf echo map base_link --on-change --count 1",
+        ),
+    )
+    add_frames(echo)
+    echo.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=positive_rate,
+        help="how often (default 1), or how often at most with --on-change (default: all changes)",
+    )
+    echo.add_argument("--on-change", action="store_true", help="print the pose when it changes")
+    echo.add_argument("--count", metavar="N", type=count, help="end after so many poses")
+    echo.set_defaults(run=_echo)
+
+    wait = commands.add_parser(
+        "wait",
+        parents=[common],
+        help="wait until a lookup succeeds, for scripts",
+        description="Wait until there is a server, and the pose of SOURCE in TARGET, then print "
+        "it. Exit code 1 if that takes too long.",
+        **examples(
+            "zenoh-tf wait map base_link && ./start-navigation",
+            "zenoh-tf wait map base_link --for 60 > /dev/null",
+        ),
+    )
+    add_frames(wait)
+    add_at(wait)
+    wait.add_argument(
+        "--for",
+        dest="wait_s",
+        metavar="S",
+        type=seconds_or_zero,
+        default=10.0,
+        help="seconds to wait at most (default 10)",
+    )
+    wait.set_defaults(run=_wait)
+
+
+def _echo(args: argparse.Namespace) -> int:
+    if args.on_change:
+        return _echo_changes(args)
+    rate_hz = args.rate or 1.0
+    with connect(args) as tf:
+        printed, reported = 0, ""
+        start_s = time.monotonic()
+        for tick in itertools.count(1):
+            try:
+                answer = tf.lookup_transform(args.target, args.source)
+            except TransformException as error:
+                if type(error).__name__ != reported:
+                    reported = type(error).__name__
+                    output.report_waiting(error, args.json)
+            else:
+                reported = ""
+                _print(answer, args.json)
+                printed += 1
+                if printed == args.count:
+                    return 0
+            # By the start, so that the pauses do not add up.
+            time.sleep(max(0.0, start_s + tick / rate_hz - time.monotonic()))
+    raise AssertionError  # pragma: no cover
+
+
+def _echo_changes(args: argparse.Namespace) -> int:
+    with connect(args) as tf, tf.watch(args.target, args.source, max_rate_hz=args.rate) as watch:
+        printed, is_silent = 0, False
+        for event in watch:
+            if event.error is not None and event.reason == "lost":
+                output.report_waiting(event.error, args.json)
+            elif event.pose is not None and event.reason in ("found", "moved"):
+                _print(event.pose, args.json)
+                printed += 1
+                if printed == args.count:
+                    break
+            if event.age_s > _SILENT_S + (1 / args.rate if args.rate else 0) and not is_silent:
+                silence = f"the server has said nothing for {event.age_s:.0f} s"
+                output.report_waiting(ServerUnavailable(silence), args.json)
+                is_silent = True
+            elif event.age_s < _SILENT_S:
+                is_silent = False
+    return 0
+
+
+def _print(answer: StampedTransform, as_json: bool) -> None:
+    if as_json:
+        output.print_json(output.answer_document(answer))
+    else:
+        print(output.answer_text(answer))
+    sys.stdout.flush()
+
+
+def _wait(args: argparse.Namespace) -> int:
+    deadline_s = time.monotonic() + args.wait_s
+    while True:
+        left_s = deadline_s - time.monotonic()
+        args.timeout = min(args.timeout, max(left_s, _RETRY_S))
+        try:
+            with connect(args) as tf:
+                left_s = max(0.0, deadline_s - time.monotonic())
+                answer = tf.lookup_transform(args.target, args.source, args.at, left_s)
+        except ServerUnavailable:
+            if time.monotonic() + _RETRY_S >= deadline_s:
+                raise
+            time.sleep(_RETRY_S)
+        except TransformException as error:
+            error.add_note(f"zenoh-tf explain {args.target} {args.source} says more")
+            raise
+        else:
+            _print(answer, args.json)
+            return 0

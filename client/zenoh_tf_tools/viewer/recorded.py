@@ -1,0 +1,93 @@
+"""A recording as a tree that can be looked at at any of its times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import LimitExceeded, TransformTree
+from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording, RecordingError
+from zenoh_tf.recordings.load import valid_commits
+from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.viewer.source import Link, Lookups
+
+#: The rate of a link is that of its samples in this long before the time.
+_RATE_NS = 5 * 10**9
+
+
+class RecordedSource:
+    """A recording; what is shown at a time is what its samples say about that time."""
+
+    def __init__(self, recording: Recording) -> None:
+        """Read a recording.
+
+        Raises:
+            CommandError: It is damaged, has no transforms, or too many.
+        """
+        self._tree = TransformTree(**OPTIONS, max_memory_bytes=MAX_MEMORY_BYTES)
+        try:
+            #: The stamps of each dynamic link, sorted; its history tells only the first and last.
+            self._stamps_ns = _read(recording, self._tree)
+        except (RecordingError, LimitExceeded) as error:
+            raise CommandError(str(error)) from error
+        self._names = self._tree.frames()
+        firsts = [int(times[0]) for times in self._stamps_ns.values()] or [0]
+        lasts = [int(times[-1]) for times in self._stamps_ns.values()] or [0]
+        self.range_ns = (min(firsts), max(lasts))
+
+    @property
+    def lookups(self) -> Lookups:
+        return self._tree
+
+    def chain(self, target: str, source: str, time_ns: int) -> list[str]:
+        """The frames from target to source at a time. Raises as `TransformTree.chain`."""
+        return self._tree.chain(target, source, time_ns)
+
+    def names(self) -> list[str]:
+        return self._names
+
+    def link(self, name: str, time_ns: int) -> Link | None:
+        frame = self._tree.frame(name)
+        stamps_ns = self._stamps_ns.get(name)
+        if frame.parent is None or frame.static or stamps_ns is None:
+            return Link(
+                name, frame.parent, frame.static, frame.newest_stamp_ns, None, None, frame.authority
+            )
+        sample_ns = int(min(max(time_ns, stamps_ns[0]), stamps_ns[-1]))
+        # The samples up to the time, or the first one.
+        known = max(1, int(np.searchsorted(stamps_ns, time_ns, "right")))
+        since = int(np.searchsorted(stamps_ns, stamps_ns[known - 1] - _RATE_NS))
+        span_ns = int(stamps_ns[known - 1] - stamps_ns[since])
+        return Link(
+            name,
+            self._tree.parent(name, sample_ns),
+            False,
+            sample_ns,
+            (time_ns - int(stamps_ns[known - 1])) / 1e9,
+            (known - 1 - since) * 1e9 / span_ns if span_ns else None,
+            frame.authority,
+        )
+
+    def now_ns(self, links: Sequence[Link]) -> int:
+        raise NotImplementedError  # the panel's slider says what is shown
+
+    def trouble(self) -> str | None:
+        return None
+
+
+def _read(recording: Recording, tree: TransformTree) -> dict[str, NDArray[np.int64]]:
+    """Commit a recording. Returns the stamps of each frame whose link is not static, sorted."""
+    found: dict[str, list[NDArray[np.int64]]] = {}
+    for block in recording.blocks():
+        for rows in valid_commits(recording, tree, block):
+            if block.static:
+                continue
+            order = np.argsort(rows.child, kind="stable")
+            children, begins = np.unique(rows.child[order], return_index=True)
+            parts = np.split(rows.stamp[order].astype(np.int64), begins[1:])
+            for child, stamps_ns in zip(children.tolist(), parts, strict=True):
+                # The tree drops a slash at the begin of a name, as tf2 does.
+                found.setdefault(rows.names[child].removeprefix("/"), []).append(stamps_ns)
+    return {name: np.unique(np.concatenate(parts)) for name, parts in found.items()}

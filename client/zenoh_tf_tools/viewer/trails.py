@@ -1,0 +1,47 @@
+"""Where frames have been: lines of past positions in the fixed frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf_tools.viewer.source import Link, Lookups
+
+#: Most frames with a trail, and most points of one.
+MAX_TRAILS = 16
+_POINTS = 400
+#: No two points of a trail are closer together in time.
+_STEP_NS = 20_000_000
+
+
+def trail_segments(
+    lookups: Lookups, fixed: str, links: Iterable[Link], until_ns: int, length_s: float
+) -> NDArray[np.float32]:
+    """Return the trails of the first frames whose links move.
+
+    A trail has a gap where a lookup has no answer, and ends with the latest one that has.
+
+    Args:
+        lookups: The tree.
+        fixed: The frame that stands still.
+        links: Frames to draw trails of; static ones are left out.
+        until_ns: The time at which the trails end, in nanoseconds.
+        length_s: How long before it they begin, in seconds.
+
+    Returns:
+        (n, 2, 3): the two ends of each segment, in metres.
+    """
+    # Multiples of the step, so that a trail does not shimmer as time goes on.
+    step_ns = max(_STEP_NS, int(length_s * 1e9 / _POINTS))
+    last = until_ns // step_ns
+    stamps_ns = np.arange(last - int(length_s * 1e9 / step_ns), last + 1) * step_ns
+    stamps_ns = stamps_ns[stamps_ns >= 0]
+    moving = [x.name for x in links if x.age_s is not None and x.name != fixed][:MAX_TRAILS]
+    segments = [np.empty((0, 2, 3), np.float32)]
+    for name in moving:
+        points = lookups.lookup_transforms(fixed, name, stamps_ns).translations
+        pairs = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        segments.append(pairs[~np.isnan(pairs).any(axis=(1, 2))])
+    return np.concatenate(segments)
