@@ -19,7 +19,6 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("both_clients", f"{AIO}/introspection.py", r"async def stats", "def stats", "does not wait"),
     ("both_clients", f"{AIO}/watch.py", "timeout_s: float", "timeout_s: int", "arguments differ"),
     ("made_files", f"{CLIENT}/batch.py", r"\Z", "x = 1\n", "aio/batch.py"),
-    ("imports", f"{CLIENT}/text.py", r"\A", "import zenoh_tf_server\n", "must not import"),
     ("imports", "zenoh_tf/_net/keys.py", r"\A", "import yaml\n", "imports yaml"),
     ("sizes", "zenoh_tf/_net/keys.py", r"\Z", 400 * "\n", "split it by subject"),
     ("actors", "docs/clocks.md", r"\Z", "It is for" + " who reads.\n", "name the actor"),

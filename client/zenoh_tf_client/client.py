@@ -21,16 +21,17 @@ from .publish.broadcaster import Broadcaster
 from .requests.receipt import Receipt
 from .sensor_data import ClientSensorData
 from .session import shared_reads
-from .session.connection import Connection
+from .session.connection import (
+    DEFAULT_ENDPOINT,
+    DEFAULT_TIMEOUT_S,
+    DEFAULT_TREE,
+    Connection,
+)
 from .session.shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
 from .writes import ClientWrites
 
 T = TypeVar("T")
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-DEFAULT_TREE = "main"
-DEFAULT_TIMEOUT_S = 5.0
 
 
 class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntrospection):

@@ -1,4 +1,4 @@
-"""The rules of the source tree: which way imports point, what may be imported, sizes and words."""
+"""The rules of the source tree: what may be imported from outside, sizes and words."""
 
 from __future__ import annotations
 
@@ -15,13 +15,6 @@ PACKAGES = {
     "zenoh_tf_server": "server/zenoh_tf_server",
     "zenoh_tf_client": "client/zenoh_tf_client",
     "zenoh_tf_tools": "client/zenoh_tf_tools",
-}
-#: What each may import of the others.
-MAY_IMPORT = {
-    "zenoh_tf": {"zenoh_tf"},
-    "zenoh_tf_server": {"zenoh_tf_server", "zenoh_tf"},
-    "zenoh_tf_client": {"zenoh_tf_client", "zenoh_tf"},
-    "zenoh_tf_tools": {"zenoh_tf_tools", "zenoh_tf_client", "zenoh_tf"},
 }
 RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
@@ -49,12 +42,10 @@ HEADLESS = re.compile(r"\b(for|of|by|to|from) who\b|(^|[.;:] |[#/*\"] *)Who(ever
 
 
 def imports(repository: Repository) -> Iterator[Violation]:
-    """Tools import the client, it and the server the library; extras have one place each."""
+    """Only run-time dependencies are imported, and extras, which have one place each."""
     for package, folder in PACKAGES.items():
         for path in repository.files(".py", under=[folder]):
             for line, name in _imported(repository.text(path)):
-                if name in PACKAGES and name not in MAY_IMPORT[package]:
-                    yield Violation(path, line, f"{package} must not import {name}")
                 known = name in PACKAGES or name in sys.stdlib_module_names or name in RUN_TIME
                 if not known and EXTRAS.get(name) != package:
                     problem = f"imports {name}, which is no run-time dependency; see EXTRAS"

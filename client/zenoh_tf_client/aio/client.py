@@ -10,11 +10,11 @@ from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
 
-from ..client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from ..mirror.interest import interest_of
 from ..mirror.watching import Terms
 from ..publish.broadcaster import Broadcaster
 from ..requests.receipt import Receipt
+from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from ..session.shared_reads import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster

@@ -25,6 +25,10 @@ from .steps import Pause, Steps
 
 T = TypeVar("T")
 
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_TREE = "main"
+DEFAULT_TIMEOUT_S = 5.0
+
 _HELLO_PERIOD_S: Final = 0.05
 #: If other trees are served, the wait for one that is not ends after this time.
 _OTHER_TREES_GRACE_S: Final = 1.0

@@ -9,7 +9,7 @@ from typing import Final, cast
 from zenoh_tf._net import credentials
 from zenoh_tf._net.credentials import Credentials
 
-from ..client import DEFAULT_ENDPOINT, DEFAULT_TREE
+from .connection import DEFAULT_ENDPOINT, DEFAULT_TREE
 from .shared_reads import Mode
 
 #: The server's endpoint, for example "tcp/robot:7447".

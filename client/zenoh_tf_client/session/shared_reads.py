@@ -17,7 +17,7 @@ import logging
 import os
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar, cast
+from typing import Any, Final, Literal, Protocol, TypeVar, cast
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._net import handover
@@ -30,9 +30,6 @@ from ..requests.request import Read, Request, Rows, VersionedRead
 from .calls import is_forked
 from .connection import Connection
 from .server_info import ServerInfo
-
-if TYPE_CHECKING:
-    from ..lookups import ClientLookups
 
 T = TypeVar("T")
 Mode = Literal["auto", "query"]
@@ -79,12 +76,16 @@ class _NoTree:
 NO_TREE: Final = cast(SharedTree, _NoTree())
 
 
+class Reader(Protocol):
+    """What reads the tree: it has it as an attribute of its own."""
+
+    _tree: SharedTree
+
+
 class SharedReads:
     """The mapped tree of the server that a connection has."""
 
-    def __init__(
-        self, connection: Connection, client: ClientLookups | None, mode: Mode = "auto"
-    ) -> None:
+    def __init__(self, connection: Connection, client: Reader | None, mode: Mode = "auto") -> None:
         """Map the tree, if that is possible now. A `client` always has the tree as `_tree`.
 
         Raises:

@@ -5,6 +5,6 @@ function, which declares its arguments, and one function for each of its command
 in rooms: `tree` asks and changes a tree, `show` displays it, `recordings` writes and reads files,
 `setup` prepares a robot or a site. The files here are what the families share.
 
-A family may import these files and the other rooms of the tools. It imports another family's room
-only by an exception that ``pyproject.toml`` names.
+A family may import these files, the SDK and the rooms of the tools below, and no other family's
+room.
 """

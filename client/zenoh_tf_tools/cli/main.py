@@ -23,8 +23,8 @@ from zenoh_tf import (
     TransformException,
 )
 from zenoh_tf.text import printable
-from zenoh_tf_client.client import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from zenoh_tf_client.session import environment
+from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from zenoh_tf_tools import stamps
 from zenoh_tf_tools.cli import completion, output
 from zenoh_tf_tools.cli.connection import add_credentials

@@ -19,7 +19,7 @@ from ...requests.receipt import Receipt
 from ...requests.request import Request
 from ...session import connection
 from ...session.shared_reads import Mode, SharedReads
-from .operation import Operation
+from .message import Operation
 from .outbox import Outbox
 from .threads import in_thread
 from .transport import Transport

@@ -1,18 +1,61 @@
-"""A message that is under way, for one operation or for several."""
+"""A call that waits for its result, and the message that asks for it, alone or with others."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, Protocol, TypeVar
 
+from ...requests.request import Request
 from ...session.exchange import Exchange
 from .drive import Drive
 from .joining import Joined, join
-from .operation import AnyOperation
 from .transport import Transport
 
-if TYPE_CHECKING:
-    from .outbox import Outbox
+T = TypeVar("T")
+
+
+class Operation(Generic[T]):
+    """A request, and the future that its caller awaits."""
+
+    __slots__ = ("future", "message", "request")
+
+    def __init__(self, request: Request[T], future: asyncio.Future[T]) -> None:
+        self.request = request
+        self.future = future
+        self.message: Message | None = None  # once it is under way
+
+    def succeed(self, result: T) -> None:
+        """Give the caller the result."""
+        if not self.future.done():
+            self.future.set_result(result)
+
+    def settle(self, result: Callable[[], T]) -> None:
+        """Give the caller the result, or the error that `result` raises."""
+        if self.future.done():  # cancelled
+            return
+        try:
+            self.future.set_result(result())
+        except Exception as error:
+            self.future.set_exception(error)
+
+    def fail(self, error: Exception) -> None:
+        """Give the caller an error."""
+        if not self.future.done():
+            self.future.set_exception(error)
+
+
+AnyOperation = Operation[Any]
+
+
+class Sender(Protocol):
+    """What a message asks of the outbox that sends it."""
+
+    def send(self, operations: Sequence[AnyOperation]) -> None:
+        """Send operations of one group now."""
+
+    def finished(self, message: Message) -> None:
+        """A message is answered, has failed, or is cancelled."""
 
 
 class Message(Drive):
@@ -25,7 +68,7 @@ class Message(Drive):
         operations: Sequence[AnyOperation],
         transport: Transport,
         exchange: Exchange,
-        outbox: Outbox,
+        outbox: Sender,
     ) -> None:
         first = operations[0].request
         self._joined: Joined | None = None

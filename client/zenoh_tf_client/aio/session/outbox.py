@@ -14,8 +14,7 @@ from typing import Final
 from zenoh_tf.errors import ServerUnavailable
 
 from ...session.exchange import Exchange
-from .message import Message
-from .operation import AnyOperation
+from .message import AnyOperation, Message
 from .transport import Transport
 
 #: Messages under way, apart from lookups that wait at the server: several, so that client and
