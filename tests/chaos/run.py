@@ -84,7 +84,15 @@ class Slot:
 class Chaos:
     """Runs clients and faults; see the module."""
 
-    def __init__(self, folder: Path, seed: int, command: Sequence[str], clients: int) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        seed: int,
+        command: Sequence[str],
+        clients: int,
+        under: Sequence[str] = (),
+    ) -> None:
+        """`command` starts the server. `under`: only these faults, by their methods."""
         self._folder = folder
         self._seed = seed
         self._command = command
@@ -99,7 +107,7 @@ class Chaos:
         self._start_s = time.monotonic()
         self.faults: Counter[str] = Counter()
         self.log = folder / "server.log"
-        self._kinds: tuple[tuple[Callable[[], None], int], ...] = (
+        kinds: tuple[tuple[Callable[[], None], int], ...] = (
             (self._kill_server, 3),
             (self._stop_server, 3),
             (self._hold_network, 6),
@@ -115,6 +123,7 @@ class Chaos:
             (self._wrong_clock, 1),
             (self._greedy_client, 1),
         )
+        self._kinds = [kind for kind in kinds if not under or kind[0].__name__ in under]
 
     def run(self, transactions: int, pause_s: float = 1.0) -> Merged:
         """Run so many transactions at least, and each kind of fault, and return the history."""

@@ -89,7 +89,7 @@ def test_a_faulty_server_is_found(fault: Fault, tmp_path: Path) -> None:
     for run in range(FAULTY_RUNS):
         folder = tmp_path / f"run-{run}"
         folder.mkdir()
-        merged = Chaos(folder, run, command, CLIENTS).run(FAULTY, pause_s=0.1)
+        merged = Chaos(folder, run, command, CLIENTS, fault.under).run(FAULTY, pause_s=0.1)
         if found := anomaly_in(merged):
             print(f"\nrun {run}: {found}")
             return
