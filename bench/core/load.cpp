@@ -6,7 +6,7 @@
 #include <numeric>
 #include <thread>
 
-#include "retries.hpp"
+#include "base/retries.hpp"
 
 namespace bench {
 

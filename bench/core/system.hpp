@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "pose.hpp"
+#include "geometry/pose.hpp"
 
 namespace bench {
 

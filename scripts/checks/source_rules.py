@@ -97,7 +97,7 @@ def lock_order(repository: Repository) -> Iterator[Violation]:
     found = re.search(r"// Lock order.*?#pragma once", repository.text(TREE), re.S)
     table = found[0] if found else ""
     for path in repository.files(".hpp", under=["zenoh_tf/core"]):
-        text, name = repository.text(path), path.rsplit("/", 1)[1]
+        text, name = repository.text(path), path.removeprefix("zenoh_tf/core/")
         if name not in table and re.search(r"^ +(mutable )?std::mutex \w+;", text, re.M):
             yield repository.at(path, "std::mutex", f"add {name} to the lock order in {TREE}")
         lines = [*text.splitlines(), ""]

@@ -3,9 +3,9 @@
 // Thread safety: NameTable's and RingArena's.
 #pragma once
 
-#include "layout.hpp"
-#include "name_table.hpp"
-#include "ring_arena.hpp"
+#include "names/table.hpp"
+#include "records/layout.hpp"
+#include "records/ring_arena.hpp"
 
 namespace ztf {
 

@@ -3,9 +3,9 @@
 // Thread safety: as the tree's.
 #pragma once
 
+#include "base/host.hpp"
 #include "fixture.hpp"
-#include "host.hpp"
-#include "shared_tree.hpp"
+#include "shared/shared_tree.hpp"
 
 namespace ztf {
 

@@ -2,8 +2,8 @@
 // interpreter lock. Built with yield points, so that a commit can be stopped where it holds locks.
 #include <functional>
 
+#include "base/long_wait.hpp"
 #include "fixture.hpp"
-#include "long_wait.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

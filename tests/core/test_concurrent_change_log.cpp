@@ -2,9 +2,9 @@
 #include <functional>
 #include <map>
 
-#include "change_batch.hpp"
 #include "fixture.hpp"
-#include "snapshot.hpp"
+#include "replication/change_batch.hpp"
+#include "replication/snapshot.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

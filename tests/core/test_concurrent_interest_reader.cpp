@@ -1,8 +1,8 @@
 // Mirrors of some frames beside writers: each read is of one instant, and so is each lookup in the
 // mirror, also while frames leave the ways and come back.
-#include "change_replay.hpp"
 #include "fixture.hpp"
-#include "interest_reader.hpp"
+#include "replication/change_replay.hpp"
+#include "replication/interest_reader.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

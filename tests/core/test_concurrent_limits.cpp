@@ -1,8 +1,8 @@
 // Limits of reads beside writers: what every state of the tree keeps is never rejected, though a
 // torn walk would exceed it.
-#include "change_log.hpp"
 #include "fixture.hpp"
-#include "interest_reader.hpp"
+#include "records/change_log.hpp"
+#include "replication/interest_reader.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

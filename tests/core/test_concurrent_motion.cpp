@@ -2,8 +2,8 @@
 #include <random>
 
 #include "fixture.hpp"
-#include "motion.hpp"
-#include "shared_tree.hpp"
+#include "reads/motion.hpp"
+#include "shared/shared_tree.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

@@ -2,7 +2,7 @@
 #include <random>
 
 #include "fixture.hpp"
-#include "shared_tree.hpp"
+#include "shared/shared_tree.hpp"
 #include "thread_group.hpp"
 
 using namespace ztf;

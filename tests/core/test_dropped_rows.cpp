@@ -2,7 +2,7 @@
 #include <memory>
 
 #include "fixture.hpp"
-#include "history_insert.hpp"
+#include "histories/insert.hpp"
 #include "owned_memory.hpp"
 
 using namespace ztf;

@@ -1,5 +1,5 @@
-// The rules of history.hpp on one frame: inserting, pruning, finding.
-#include "history_insert.hpp"
+// The rules of histories/history.hpp on one frame: inserting, pruning, finding.
+#include "histories/insert.hpp"
 
 #include <map>
 #include <memory>
@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "fixture.hpp"
+#include "histories/four_samples.hpp"
 #include "owned_memory.hpp"
-#include "pose4.hpp"
 
 using namespace ztf;
 using Status = LinkLookup::Status;

@@ -1,10 +1,10 @@
 // A motion that is copied out of a tree gives the poses of single lookups.
-#include "motion.hpp"
+#include "reads/motion.hpp"
 
 #include <random>
 
-#include "deskew.hpp"
 #include "fixture.hpp"
+#include "geometry/deskew.hpp"
 
 using namespace ztf;
 

@@ -1,5 +1,5 @@
 // The index of the newest links, compared with one that follows links.
-#include "topology_index.hpp"
+#include "records/topology_index.hpp"
 
 #include <algorithm>
 #include <random>

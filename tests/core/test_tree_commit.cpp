@@ -1,5 +1,5 @@
 // Commits: atomic, in order of time, within the limits.
-#include "commit_validation.hpp"
+#include "commits/validation.hpp"
 #include "fixture.hpp"
 
 using namespace ztf;

@@ -48,7 +48,7 @@ def build_faulty_driver(fault: Fault) -> Path:
 def compile_as_one_file(folder: Path) -> str:
     """Compile the core as faulty ones are built, without making code; return the errors."""
     one = folder / "core.cpp"
-    one.write_text("".join(f'#include "{path}"\n' for path in sorted(CORE.glob("*.cpp"))))
+    one.write_text("".join(f'#include "{path}"\n' for path in sorted(CORE.rglob("*.cpp"))))
     flags = ("-std=c++20", "-fsyntax-only", "-w", f"-I{CORE}", f"-I{ROOT / 'tests/core'}")
     command = [_compiler(), *flags, "-DZTF_YIELDS", str(one)]
     return subprocess.run(command, check=False, capture_output=True, text=True).stderr

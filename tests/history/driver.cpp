@@ -33,7 +33,7 @@
 #include "churn.hpp"
 #include "links.hpp"
 #include "mirror.hpp"
-#include "shared_tree.hpp"
+#include "shared/shared_tree.hpp"
 #include "tree.hpp"
 
 using namespace ztf;

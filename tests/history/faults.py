@@ -28,35 +28,35 @@ FAULTS = [
     Fault(
         "a lookup is not validated",
         ("optimistic",),
-        "guards.hpp",
+        "reads/guards.hpp",
         "if (step.frame->version.current() != step.version) return false;",
         "(void)step.frame->version.current();",
     ),
     Fault(
         "lookups together are not validated",
         ("optimistic",),
-        "guards.hpp",
+        "reads/guards.hpp",
         "if (frames_[read.frame].version.current() != read.version) return false;",
         "if (frames_[read.frame].version.current() < read.version) return false;",
     ),
     Fault(
         "a lookup does not wait for the writer of a frame",
         ("optimistic",),
-        "lock_words.hpp",
+        "records/lock_words.hpp",
         "return version & kWriting ? wait_for_writer() : version;",
         "return version;",
     ),
     Fault(
         "a commit leaves the version as it was",
         ("optimistic",),
-        "lock_words.hpp",
+        "records/lock_words.hpp",
         "word_.store(before + kIncrement, std::memory_order_release);",
         "word_.store(before, std::memory_order_release);",
     ),
     Fault(
         "write locks are released before the writes",
         ("optimistic", "2pl"),
-        "tree_write.cpp",
+        "commits/commit.cpp",
         """    execution.apply();
     locks.release(execution.frames_with_new_version(locks));
 """,
@@ -67,7 +67,7 @@ FAULTS = [
     Fault(
         "shared words are released before writing",
         ("2pl",),
-        "write_locks.hpp",
+        "commits/write_locks.hpp",
         "      pause(attempt);\n    }\n",
         "      pause(attempt);\n    }\n"
         "    for (const FrameId id : ids) tree_.frames_[id].shared.unlock();\n",
@@ -75,35 +75,35 @@ FAULTS = [
     Fault(
         "a reader drops its shared locks early",
         ("2pl",),
-        "guards.hpp",
+        "reads/guards.hpp",
         "          held_.push_back(id);\n",
         "          frames_[id].shared.unlock_shared();\n",
     ),
     Fault(
         "a reader takes no mutex",
         ("giant",),
-        "tree_read.hpp",
+        "lookups/transaction.hpp",
         "const auto lock = lock_announced(giant_);",
         "",
     ),
     Fault(
         "readers are not held off",
         ("optimistic",),
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "    locks.begin_write();\n    ticket.draw();\n    execution.apply();\n",
         "    ticket.draw();\n    execution.apply();\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",
         ("optimistic",),
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "      locks.begin_write();\n      ticket.draw();\n      plan.validate_read_set(locks);\n",
         "      ticket.draw();\n      plan.validate_read_set(locks);\n",
     ),
     Fault(
         "rows are committed one by one",
         EVERYWHERE,
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "  CommitPlan plan(*this, request, stored);\n",
         """  if (request.rows.size() > 1) {
     for (std::size_t i = 0; i < request.rows.size(); ++i) {
@@ -120,7 +120,7 @@ FAULTS = [
     Fault(
         "the last row of a commit is lost",
         EVERYWHERE,
-        "commit_apply.cpp",
+        "commits/apply.cpp",
         "    if (apply_group(group)) changed_.push_back(group.child);\n",
         "    if (&group == &plan_.groups().back() && plan_.groups().size() == 3) break;\n"
         "    else if (apply_group(group)) changed_.push_back(group.child);\n",
@@ -128,21 +128,21 @@ FAULTS = [
     Fault(
         "what was read is not checked at the commit",
         EVERYWHERE,
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "    plan.validate_read_set(locks);\n",
         "    if (plan.groups().empty()) plan.validate_read_set(locks);\n",
     ),
     Fault(
         "what was read is checked only where it is written, too",
         EVERYWHERE,
-        "commit_plan.cpp",
+        "commits/plan.cpp",
         "locked ? *locked : id ? tree_.frames_[id].version.current() : 0;",
         "locked ? *locked : id ? request_.read_versions[i] : 0;",
     ),
     Fault(
         "what was read is checked before the locks are held",
         EVERYWHERE[:2],
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "  FrameList all;\n",
         """  FrameList all;
   plan.validate_read_set(WriteLocks(*this, all));
@@ -152,7 +152,7 @@ FAULTS = [
     Fault(
         "a reader whose optimistic attempts failed reads on without locks",
         ("optimistic",),
-        "tree_read.hpp",
+        "lookups/transaction.hpp",
         """      for (int i = 0; i < kOptimisticAttempts; ++i) {
         OptimisticGuard guard(frames_, reads);
         if (attempt(guard)) return;
@@ -171,7 +171,7 @@ FAULTS = [
     Fault(
         "a lookup gives its last answer again",
         EVERYWHERE,
-        "tree_read.cpp",
+        "lookups/lookup.cpp",
         "ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {\n",
         """ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {
   struct Memory {
@@ -194,28 +194,28 @@ FAULTS = [
     Fault(
         "late rows are let in behind newer ones",
         EVERYWHERE,
-        "history.hpp",
+        "histories/history.hpp",
         "return stamp < newest && span_ns(stamp, newest) > cache_ns;",
         "return stamp < newest && span_ns(stamp, newest) > cache_ns + 64;",
     ),
     Fault(
         "a lookup does not see that an id has passed on",
         ("optimistic", "giant"),
-        "name_reader.hpp",
+        "names/reader.hpp",
         "std::memory_order_acquire) / NameEntry::kIncrement ==\n           ref.generation;",
         "std::memory_order_acquire) != ref.generation + 7u;",
     ),
     Fault(
         "past links lead to the next owner of an id",
         EVERYWHERE,
-        "history_insert.hpp",
+        "histories/insert.hpp",
         "if (is_lost(ring.parent(first + i))) ring.store_parent(first + i, 0);",
         "",
     ),
     Fault(
         "a commit's number is drawn before its locks",
         EVERYWHERE[:2],
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "    FrameList all;\n",
         "    ticket.draw();\n    FrameList all;\n",
         "mirror",
@@ -223,7 +223,7 @@ FAULTS = [
     Fault(
         "a commit's number is drawn after what was read is compared",
         EVERYWHERE[:2],
-        "tree_write.cpp",
+        "commits/commit.cpp",
         "      ticket.draw();\n      plan.validate_read_set(locks);\n",
         "      plan.validate_read_set(locks);\n",
         "mirror",
@@ -231,7 +231,7 @@ FAULTS = [
     Fault(
         "a mirror applies a message in two halves",
         EVERYWHERE,
-        "change_replay.cpp",
+        "replication/change_replay.cpp",
         "void ChangeReplay::apply(const ChangeColumns& changes) {\n",
         """void ChangeReplay::apply(const ChangeColumns& changes) {
   thread_local bool is_half = false;
@@ -250,7 +250,7 @@ FAULTS = [
     Fault(
         "a mirror says early that a commit is there",
         EVERYWHERE,
-        "change_replay.cpp",
+        "replication/change_replay.cpp",
         "    find_names(changes.names);\n",
         "    tree_.replayed_.store(changes.last, std::memory_order_release);\n"
         "    find_names(changes.names);\n",
@@ -260,18 +260,18 @@ FAULTS = [
 
 #: No faults. Two of them force slow paths that the histories hardly ever reach otherwise.
 SOUND = [
-    Fault("none", EVERYWHERE, "tree_read.hpp", "#pragma once\n", "#pragma once\n"),
+    Fault("none", EVERYWHERE, "lookups/transaction.hpp", "#pragma once\n", "#pragma once\n"),
     Fault(
         "readers always lock",
         ("optimistic",),
-        "tree_read.hpp",
+        "lookups/transaction.hpp",
         "constexpr int kOptimisticAttempts = 64;",
         "constexpr int kOptimisticAttempts = 0;",
     ),
     Fault(
         "reads of a single frame always lock",
         EVERYWHERE,
-        "lock_words.hpp",
+        "records/lock_words.hpp",
         "static constexpr int kOptimisticReads = 64;",
         "static constexpr int kOptimisticReads = 0;",
     ),

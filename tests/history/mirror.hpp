@@ -13,8 +13,8 @@
 #include <thread>
 #include <vector>
 
-#include "change_batch.hpp"
-#include "snapshot.hpp"
+#include "replication/change_batch.hpp"
+#include "replication/snapshot.hpp"
 #include "tree.hpp"
 
 namespace ztf {

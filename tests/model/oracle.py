@@ -1,7 +1,7 @@
 """What the tree must answer, in the simplest possible code: lists, searched linearly.
 
 It has one thread and no locks, and shares only the exceptions with the product. The rules are those
-of ``docs/`` and ``zenoh_tf/core/history_insert.hpp``. Stamps are integer nanoseconds.
+of ``docs/`` and ``zenoh_tf/core/histories/insert.hpp``. Stamps are integer nanoseconds.
 ``stored.py`` has the writes, this file the reads.
 """
 

@@ -24,24 +24,24 @@ class Mutant:
 
 
 def plan(what: str, old: str, new: str, survives: str = "") -> Mutant:
-    return Mutant("commit_plan.cpp", what, old, new, COMMIT, survives)
+    return Mutant("commits/plan.cpp", what, old, new, COMMIT, survives)
 
 
 def topology(what: str, old: str, new: str, survives: str = "") -> Mutant:
     tests = ("test_topology", "test_tree_errors", "test_concurrent_topology")
-    return Mutant("commit_topology.cpp", what, old, new, tests, survives)
+    return Mutant("commits/topology.cpp", what, old, new, tests, survives)
 
 
 def execution(what: str, old: str, new: str, survives: str = "") -> Mutant:
-    return Mutant("commit_apply.cpp", what, old, new, COMMIT, survives)
+    return Mutant("commits/apply.cpp", what, old, new, COMMIT, survives)
 
 
 def walk(what: str, old: str, new: str, survives: str = "") -> Mutant:
-    return Mutant("walk.hpp", what, old, new, WALK, survives)
+    return Mutant("reads/walk.hpp", what, old, new, WALK, survives)
 
 
 def replay(what: str, old: str, new: str, survives: str = "") -> Mutant:
-    return Mutant("change_replay.cpp", what, old, new, REPLAY, survives)
+    return Mutant("replication/change_replay.cpp", what, old, new, REPLAY, survives)
 
 
 MUTANTS = (

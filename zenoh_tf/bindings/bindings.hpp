@@ -17,7 +17,7 @@
 #include <utility>
 
 #include "docs.hpp"
-#include "shared_tree.hpp"
+#include "shared/shared_tree.hpp"
 #include "tree.hpp"
 
 // A method's signature and docstring, from the stubs.

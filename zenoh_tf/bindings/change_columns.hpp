@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "change_replay.hpp"
+#include "replication/change_replay.hpp"
 
 namespace ztf {
 

@@ -1,9 +1,9 @@
 // ChangeLog: the consumer of a tree's change log, and the reader of its snapshots.
 //
 // GIL: waiting, and reading a snapshot, release it.
-#include "change_batch.hpp"
 #include "change_columns.hpp"
-#include "snapshot.hpp"
+#include "replication/change_batch.hpp"
+#include "replication/snapshot.hpp"
 
 namespace ztf {
 

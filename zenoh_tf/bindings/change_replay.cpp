@@ -1,14 +1,14 @@
 // ChangeReplay: snapshots and changes of another tree are replayed into this one.
 //
 // GIL: replaying releases it.
-#include "change_replay.hpp"
+#include "replication/change_replay.hpp"
 
 #include <algorithm>
 #include <optional>
 #include <unordered_set>
 
 #include "read_rows.hpp"
-#include "snapshot.hpp"
+#include "replication/snapshot.hpp"
 
 namespace ztf {
 

@@ -2,11 +2,11 @@
 //
 // GIL: kept while the motion is copied out of the tree, as by every single lookup; released for
 // the points, if there are many.
-#include "deskew.hpp"
+#include "geometry/deskew.hpp"
 
 #include "ask_server.hpp"
-#include "motion.hpp"
 #include "points.hpp"
+#include "reads/motion.hpp"
 
 namespace ztf {
 

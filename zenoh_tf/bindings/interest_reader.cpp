@@ -1,7 +1,7 @@
 // InterestReader: what an interested mirror has, and waiting until some of it has changed.
 //
 // GIL: what may wait, for changes or for a read in progress, releases it.
-#include "interest_reader.hpp"
+#include "replication/interest_reader.hpp"
 
 #include <chrono>
 #include <thread>

@@ -4,7 +4,7 @@
 
 #include "ask_server.hpp"
 #include "budget.hpp"
-#include "change_replay.hpp"
+#include "replication/change_replay.hpp"
 
 namespace ztf {
 

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "ask_server.hpp"
-#include "sample_block.hpp"
+#include "reads/sample_block.hpp"
 
 namespace ztf {
 

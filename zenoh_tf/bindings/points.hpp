@@ -4,7 +4,7 @@
 #pragma once
 
 #include "bindings.hpp"
-#include "point_map.hpp"
+#include "geometry/point_map.hpp"
 
 namespace ztf {
 

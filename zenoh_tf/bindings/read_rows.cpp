@@ -7,7 +7,7 @@
 #include <algorithm>
 
 #include "ask_server.hpp"
-#include "change_replay.hpp"
+#include "replication/change_replay.hpp"
 
 namespace ztf {
 

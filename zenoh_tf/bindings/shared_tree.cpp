@@ -2,9 +2,9 @@
 //
 // GIL: as in tree.cpp.
 #include "ask_server.hpp"
-#include "host.hpp"
-#include "layout.hpp"
-#include "lease.hpp"
+#include "base/host.hpp"
+#include "records/layout.hpp"
+#include "shared/lease.hpp"
 
 namespace ztf {
 

@@ -3,10 +3,10 @@
 
 #include <algorithm>
 
-#include "commit_validation.hpp"
-#include "history_insert.hpp"
-#include "host.hpp"
-#include "write_locks.hpp"
+#include "base/host.hpp"
+#include "commits/validation.hpp"
+#include "commits/write_locks.hpp"
+#include "histories/insert.hpp"
 
 namespace ztf {
 

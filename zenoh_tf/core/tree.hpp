@@ -1,22 +1,22 @@
 // The transform tree: every frame's record, the names, and the two kinds of transactions, reads
-// and commits. Needs a 64-bit target (frame.hpp).
+// and commits. Needs a 64-bit target (records/frame.hpp).
 //
 // Thread safety: every function, from any thread.
 // Lock order, of the whole core. A thread takes a lock only while it holds none of a later line:
-//   interest_reader.hpp  the reader's mutex: around a whole read of the interest
-//   tree.hpp             the giant mutex: around each transaction in mode giant
-//   tree.hpp             the topology mutex: names are added, newest parents change
-//   wait_list.hpp        the list's mutex: its holder may take one frame's lock for a moment
-//   lock_words.hpp       the frames' locks, in ascending order of ids
-//   ring_arena.hpp       the arena's mutex: a ring doubles
-//   region.hpp           the region's mutex: the arena, or a table of names, takes a block
-// Leaves, whose holders take no other lock: the mutexes of event_log.hpp, of change_log.hpp, of a
-// BlockingWaiter (wait_list.hpp), and of lease.hpp.
+//   replication/interest_reader.hpp  the reader's mutex: around a whole read of the interest
+//   tree.hpp                         the giant mutex: around each transaction in mode giant
+//   tree.hpp                         the topology mutex: names are added, newest parents change
+//   waiting/wait_list.hpp            the list's mutex: its holder may lock one frame for a moment
+//   records/lock_words.hpp           the frames' locks, in ascending order of ids
+//   records/ring_arena.hpp           the arena's mutex: a ring doubles
+//   records/region.hpp               the region's mutex: arena or table of names takes a block
+// Leaves, whose holders take no other lock: the mutexes of records/event_log.hpp, of
+// records/change_log.hpp, of a BlockingWaiter (waiting/wait_list.hpp), and of shared/lease.hpp.
 // Lookups take none of the mutexes but the giant one. A lookup that retries too often takes the
 // frames' locks.
 // Invariants
 // 1. Frames are never freed or moved: an id stays valid for the tree's life. It may pass from a
-//    removed name to a new one (tree_names.cpp), which is_current() notices.
+//    removed name to a new one (commits/freed_names.cpp), which is_current() notices.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
 //    topology mutex and has checked that no cycle closes.
 // 3. A rejected commit leaves nothing behind, not even a name.
@@ -30,22 +30,22 @@
 #include <string_view>
 #include <vector>
 
-#include "change_log.hpp"
-#include "counters.hpp"
-#include "event_log.hpp"
-#include "frame_info.hpp"
-#include "guards.hpp"
-#include "history.hpp"
-#include "layout.hpp"
-#include "name_table.hpp"
-#include "options.hpp"
-#include "query.hpp"
-#include "region.hpp"
-#include "rejected.hpp"
-#include "topology_index.hpp"
-#include "velocity.hpp"
-#include "wait_list.hpp"
-#include "zeroed_array.hpp"
+#include "base/options.hpp"
+#include "base/rejected.hpp"
+#include "base/zeroed_array.hpp"
+#include "histories/history.hpp"
+#include "names/table.hpp"
+#include "reads/guards.hpp"
+#include "reads/query.hpp"
+#include "reads/velocity.hpp"
+#include "records/change_log.hpp"
+#include "records/counters.hpp"
+#include "records/event_log.hpp"
+#include "records/frame_info.hpp"
+#include "records/layout.hpp"
+#include "records/region.hpp"
+#include "records/topology_index.hpp"
+#include "waiting/wait_list.hpp"
 
 namespace ztf {
 
@@ -126,8 +126,8 @@ class Tree {
   [[nodiscard]] FrameRef find_ref(std::string_view name) const noexcept {
     return names_.find_ref(name);
   }
-  // Whether the id has had that name all the time since (name_table.hpp). The frame may be removed,
-  // and may have come back.
+  // Whether the id has had that name all the time since (names/table.hpp). The frame may be
+  // removed, and may have come back.
   [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
   // Calls read() until no id passed to another name, or authority, during the call. So all ids
   // that it reads belong to the names that it finds for them. For short reads: it costs them less
@@ -203,7 +203,8 @@ class Tree {
 
   // The change log; null if the tree has none.
   [[nodiscard]] ChangeLog* change_log() const noexcept { return change_log_.get(); }
-  // Of a mirror (change_replay.hpp): the tree's state is the original's after this number.
+  // Of a mirror (replication/change_replay.hpp): the tree's state is the original's after this
+  // number.
   [[nodiscard]] Seq replayed() const noexcept { return replayed_.load(std::memory_order_acquire); }
 
   // Sums over all frames, those included that have lost their names since. The counters of events
@@ -214,7 +215,8 @@ class Tree {
     TreeEvent event;
     std::string frame, parent, parent_before;  // empty: none
   };
-  // Returns what happened since the last call, and how many events found no room (event_log.hpp).
+  // Returns what happened since the last call, and how many events found no room
+  // (records/event_log.hpp).
   std::pair<std::vector<NamedEvent>, std::uint64_t> take_events();
 
   // The next three are rejected as a commit is if they expire (CommitRequest::expires_ns).
@@ -313,7 +315,7 @@ class Tree {
   void drop_frames(const FrameList& frames, std::int64_t expires_ns);
   void cut_links(const FrameList& dropped) noexcept;
   void list_subtree(std::string_view name, bool subtree, FrameList& frames) const;
-  // Requires that the commit which changed the frame is counted (wait_list.hpp).
+  // Requires that the commit which changed the frame is counted (waiting/wait_list.hpp).
   [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
     return waiters_[frame].load(std::memory_order_seq_cst) != 0;
   }

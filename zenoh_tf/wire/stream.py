@@ -33,7 +33,7 @@ from .fields import (
 )
 from .interest import Interest
 
-#: Kinds of changes, as in change_log.hpp. The first two have a sample.
+#: Kinds of changes, as in records/change_log.hpp. The first two have a sample.
 SAMPLE: Final = 0
 STATIC: Final = 1
 CREATED: Final = 2

@@ -2,7 +2,7 @@
 
 The tree is in a region of memory, whose file descriptor every client gets that may open a Unix
 socket (`zenoh_tf._net.handover`). Clients believe what they read until the region's lease ends,
-which a thread of the core extends as long as the process lives and runs (core/lease.hpp).
+which a thread of the core extends as long as the process lives and runs (core/shared/lease.hpp).
 
 No answer may come from this tree once a successor has accepted a write. The successor listens where
 this server did, so it can only start when this process has ended: a server that joins an existing
@@ -41,7 +41,7 @@ from zenoh_tf.text import quoted
 
 from .network import NetworkError
 
-#: The lease of core/lease.hpp.
+#: The lease of core/shared/lease.hpp.
 LEASE_S: Final = 0.25
 _BACKLOG: Final = 64
 #: After an error that may last, such as too many open files.

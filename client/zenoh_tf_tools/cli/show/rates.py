@@ -13,7 +13,7 @@ from zenoh_tf.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.records import watch_frames
 
-#: The bits of a version below the number of commits (zenoh_tf/core/lock_words.hpp).
+#: The bits of a version below the number of commits (zenoh_tf/core/records/lock_words.hpp).
 _VERSIONS_PER_COMMIT: Final = 4
 
 

@@ -1,0 +1,152 @@
+// How a plan is applied: names, samples, counters, wake-ups.
+//
+// Measured gains: the second prefetch takes a fifth off a commit of 16 links beside a reader on
+// another core. With count_authority() after the release a commit of one row took 5 % longer.
+#include "commits/apply.hpp"
+
+#include <algorithm>
+
+namespace ztf {
+
+void CommitExecution::reserve() { (void)changed_.reserve(plan_.groups().size()); }
+
+void CommitExecution::apply() noexcept {
+  // Readers may have taken these lines back since the plan prefetched them.
+  if (plan_.groups().size() > 1)
+    for (const FrameWrites& group : plan_.groups()) group.frame->prefetch_for_write();
+  plan_.names().publish(plan_.children());
+  for (const FrameWrites& group : plan_.groups())
+    if (apply_group(group)) changed_.push_back(group.child);
+  plan_.keep_links();
+  if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
+  if (plan_.from_future() != 0) {
+    tree_.from_future_.fetch_add(plan_.from_future(), std::memory_order_relaxed);
+    tally_.dropped += plan_.from_future();
+  }
+  count_authority();
+}
+
+// Drops the frame's samples, as time was set back. The group's rows are stored next.
+void CommitExecution::restart_history(const FrameWrites& group) noexcept {
+  FrameEvents& events = tree_.events_[group.child];
+  tree_.time_jumps_.fetch_add(1);
+  increment(events.time_jumps);
+  tree_.event_log_.add({.kind = TreeEvent::Kind::time_jump,
+                        .frame = group.child,
+                        .authority = plan_.names().authority(),
+                        .stamp = plan_.write(group.begin).stamp,
+                        .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
+  clear_history(*group.frame);
+}
+
+// Stores the group's rows. Returns whether the frame has changed.
+bool CommitExecution::apply_group(const FrameWrites& group) noexcept {
+  if (!group.is_append) [[unlikely]]
+    return apply_rows(group);
+  if (group.ring != 0) publish_ring(*group.frame, plan_.prepared_ring(group));
+  const RowWrite& write = plan_.write(group.begin);
+  insert(*group.frame, write.stamp, write.parent, plan_.pose(write.row), plan_.limits());
+  ++tally_.stored;
+  return true;
+}
+
+bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
+  Frame& frame = *group.frame;
+  const FrameId parent_before = frame.parent.load(std::memory_order_relaxed);
+  const bool static_before = frame.is_static.load(std::memory_order_relaxed);
+  const std::uint32_t stored_before = tally_.stored;
+  if (group.restarts) restart_history(group);
+  store_rows(group);
+  if (tally_.stored == stored_before) return false;
+  if (group.wakes_all) increment(tree_.edits_[group.child]);
+  record_link_change(group, parent_before, static_before);
+  return true;
+}
+
+void CommitExecution::store_rows(const FrameWrites& group) noexcept {
+  FrameEvents& events = tree_.events_[group.child];
+  HistoryWriter history(*group.frame, group.ring != 0 ? &plan_.prepared_ring(group) : nullptr,
+                        plan_.limits());
+  for (std::uint32_t i = group.begin; i < group.end; ++i) {
+    const RowWrite& write = plan_.write(i);
+    const Pose& pose = plan_.pose(write.row);
+    if (!plan_.is_stored(write.row)) {
+      increment(events.dropped);
+      ++tally_.dropped;
+      continue;
+    }
+    ++tally_.stored;
+    if (plan_.request().is_static)
+      set_static(*group.frame, write.stamp, write.parent, pose);
+    else
+      history.store(write.stamp, write.parent, pose);
+  }
+  if (const std::uint32_t rewritten = history.rewritten(); rewritten != 0) {
+    events.rewritten.store(events.rewritten.load(std::memory_order_relaxed) + rewritten,
+                           std::memory_order_release);
+    tally_.rewritten += rewritten;
+  }
+}
+
+// Counts changes of the frame's link (another parent, authority or kind), and records the last one.
+// A frame's first link is no change.
+void CommitExecution::record_link_change(const FrameWrites& group, FrameId parent_before,
+                                         bool static_before) noexcept {
+  using Change = FrameEvents::Change;
+  const auto release = std::memory_order_release;
+  const AuthorityId authority = plan_.names().authority();
+  const bool is_static = plan_.request().is_static;
+  FrameEvents& events = tree_.events_[group.child];
+  Change change = Change::none;
+  const auto note = [&](std::atomic<std::uint64_t>& counter, Change what) {
+    increment(counter);
+    change = what;
+  };
+  const bool had_data = parent_before != 0;
+  if (group.frame->authority.load(std::memory_order_relaxed) != authority) {
+    if (had_data) {
+      note(events.authority_changes, Change::authority);
+      ++tally_.conflicts;
+      tree_.event_log_.add(
+          {.kind = TreeEvent::Kind::conflict,
+           .frame = group.child,
+           .authority = authority,
+           .authority_before = group.frame->authority.load(std::memory_order_relaxed)});
+    }
+    group.frame->authority.store(authority, release);
+  }
+  if (had_data && static_before != is_static) note(events.switched, Change::switched);
+  if (had_data && group.new_parent != 0) {
+    note(events.reparented, Change::reparented);
+    tree_.event_log_.add({.kind = TreeEvent::Kind::reparented,
+                          .frame = group.child,
+                          .authority = authority,
+                          .parent_before = parent_before});
+  }
+  if (change == Change::none) return;
+  events.change.store(change, release);
+  events.change_stamp.store(plan_.write(group.end - 1).stamp, release);
+  events.change_authority.store(authority, release);
+  events.parent_before.store(parent_before, release);
+  events.static_before.store(static_before, release);
+}
+
+void CommitExecution::count_authority() const noexcept {
+  const AuthorityId authority = plan_.names().authority();
+  if (authority != 0) tree_.authority_counters_.add(authority, tally_);
+}
+
+void CommitExecution::notify_waiters() const noexcept {
+  WaitList& list = tree_.wait_list_;
+  if (list.size() == 0) [[likely]]
+    return;
+  for (const FrameId frame : changed_) {
+    if (!tree_.has_waiters(frame)) continue;
+    const FrameWrites* const group = plan_.group_of(frame);
+    const bool only_appended = group && !group->wakes_all;
+    list.notify_frame(frame, only_appended ? WaitList::Change::appended : WaitList::Change::other);
+  }
+  plan_.names().for_each_new([&](std::string_view name, FrameId) { list.notify_name(name); });
+}
+
+}  // namespace ztf

@@ -1,0 +1,166 @@
+// The locks of a commit's write set, under each concurrency control.
+//
+// Strict two-phase locking: all locks are taken before the first write and released after the last.
+// A writer that waits while it holds locks takes them in ascending id, without duplicates. Writers
+// therefore cannot deadlock.
+//
+// The linearization point is the instant from which all frames of the write set have kWriting set.
+// It lies in begin_write(), or for a single frame in the constructor. No frame is unlocked before
+// it, so a reader of the old state is ordered before the commit, a reader of the new state after
+// it. begin_write() may come long after the locks are taken, but must precede the validation of the
+// commit's read set.
+//
+// Thread safety: lives on the writer's stack.
+#pragma once
+
+#include <chrono>
+#include <random>
+#include <thread>
+
+#include "base/retries.hpp"
+#include "tree.hpp"
+
+namespace ztf {
+
+class WriteLocks {
+ public:
+  // Waits for the locks of these frames. For a single frame the same step begins the write, as its
+  // readers wait hardly longer then; unless the plan is long. Requires that the list outlives this
+  // object. Throws bad_alloc.
+  WriteLocks(Tree& tree, const FrameList& ascending, bool long_plan = false)
+      : tree_(tree), frames_(ascending), readers_may_read_(long_plan || ascending.size() > 1) {
+    // Allocates before the first lock, because a constructor that throws would unlock nothing.
+    (void)locked_.reserve(ascending.size());
+    if (tree.options_.concurrency == Concurrency::optimistic) {
+      lock_versions(ascending);
+      return;
+    }
+    if (tree.options_.concurrency == Concurrency::two_phase) lock_exclusive(ascending);
+    // Other writers are excluded already. A reader may hold one frame (SeqLock::read_consistent).
+    for (const FrameId id : ascending) {
+      SeqLock& word = tree.frames_[id].version;
+      locked_.push_back({id, readers_may_read_ ? word.lock_writer() : word.lock_and_begin_write()});
+    }
+  }
+  ~WriteLocks() {
+    if (locked_.size() != 0) release({});
+  }
+  WriteLocks(const WriteLocks&) = delete;
+  WriteLocks& operator=(const WriteLocks&) = delete;
+
+  // The locked frames, ascending.
+  [[nodiscard]] const FrameList& frames() const noexcept { return frames_; }
+
+  // The version that a frame had when it was locked; null if this commit does not hold it.
+  [[nodiscard]] const Version* version_before(FrameId id) const noexcept {
+    const auto at = std::lower_bound(locked_.begin(), locked_.end(), id,
+                                     [](const ReadVersion& r, FrameId f) { return r.frame < f; });
+    return at != locked_.end() && at->frame == id ? &at->version : nullptr;
+  }
+
+  // Makes readers of the frames wait. Must precede the first write and the validation of a read
+  // set. Further calls do nothing. The sequentially consistent fence orders it before the unlocking
+  // for all threads, so two readers cannot see two independent commits in opposite orders.
+  void begin_write() noexcept {
+    if (!readers_may_read_) return;
+    yield_point();
+    for (const ReadVersion& locked : locked_)
+      tree_.frames_[locked.frame].version.begin_write(locked.version);
+    std::atomic_thread_fence(std::memory_order_seq_cst);
+    readers_may_read_ = false;
+  }
+
+  // Unlocks all frames, and gives each the version after `before_of(id, version before)`.
+  template <class Before>
+  void release_each(Before&& before_of) noexcept {
+    for (ReadVersion& locked : locked_) locked.version = before_of(locked.frame, locked.version);
+    release(frames_);
+  }
+
+  // Unlocks all frames, and gives each a new version, which is `least` or later.
+  void release_from(Version least) noexcept {
+    release_each([&](FrameId, Version before) noexcept {
+      return std::max(before, least - SeqLock::kIncrement);
+    });
+  }
+
+  // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a
+  // subset of the locked frames, ascending.
+  void release(const FrameList& changed) noexcept {
+    const bool all = changed.size() == locked_.size();
+    const FrameId* next = changed.begin();
+    for (const ReadVersion& locked : locked_) {
+      SeqLock& word = tree_.frames_[locked.frame].version;
+      if (all || (next != changed.end() && *next == locked.frame)) {
+        word.unlock_changed(locked.version);
+        ++next;
+      } else {
+        word.unlock_unchanged(locked.version);
+      }
+    }
+    if (tree_.options_.concurrency == Concurrency::two_phase)
+      for (const ReadVersion& locked : locked_) tree_.frames_[locked.frame].shared.unlock();
+    locked_.clear();
+  }
+
+ private:
+  // Takes the locks one by one. After a long wait it releases all locks and starts over, so that no
+  // writer waits for a waiting one. It does so at most kMaxRestarts times, and only while it holds
+  // at most kFewLocks.
+  void lock_versions(const FrameList& ids) {
+    Backoff backoff;
+    for (int naps = 0; locked_.size() < ids.size();) {
+      const FrameId id = ids[locked_.size()];
+      SeqLock& word = tree_.frames_[id].version;
+      Version before;
+      if (readers_may_read_ ? word.try_lock_writer(before)
+                            : word.try_lock_and_begin_write(before)) {
+        locked_.push_back({id, before});
+      } else if (!backoff.spin()) {
+        if (++naps <= kMaxRestarts && locked_.size() <= kFewLocks) release({});
+        count_retry();
+        backoff.nap();
+      }
+    }
+  }
+
+  // Two-phase locking: takes the exclusive locks of all shared words, or of none, and tries again
+  // after a random pause. So it never waits for a shared word while it holds another. After
+  // kAttemptsBeforeWant attempts it asks new readers to stay away.
+  void lock_exclusive(const FrameList& ids) {
+    for (int attempt = 0;; ++attempt) {
+      std::size_t taken = 0;
+      while (taken < ids.size() && tree_.frames_[ids[taken]].shared.try_lock()) ++taken;
+      if (taken == ids.size()) break;
+      while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
+      if (attempt >= kAttemptsBeforeWant)
+        for (const FrameId id : ids) tree_.frames_[id].shared.want();
+      count_retry();
+      pause(attempt);
+    }
+    yield_point();
+  }
+
+  // Spins for a random time that grows with the attempts; later it sleeps.
+  static void pause(int attempt) {
+    thread_local std::minstd_rand random(
+        static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
+    if (attempt < 32) {
+      for (auto spins = random() % (16u << std::min(attempt, 5)); spins > 0; --spins) pause_cpu();
+      return;
+    }
+    LongWait::announce();
+    std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
+  }
+
+  static constexpr int kMaxRestarts = 16;
+  static constexpr int kAttemptsBeforeWant = 16;
+  static constexpr std::size_t kFewLocks = 64;
+
+  Tree& tree_;
+  const FrameList& frames_;
+  bool readers_may_read_;                // false once the write has begun
+  SmallVector<ReadVersion, 16> locked_;  // the frames locked so far, with their old versions
+};
+
+}  // namespace ztf

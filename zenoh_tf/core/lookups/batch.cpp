@@ -1,0 +1,103 @@
+// Batches of lookups, each row its own transaction. Rows of one pair of frames at many times are
+// answered in blocks.
+#include "lookups/transaction.hpp"
+#include "shared/transaction.hpp"
+
+namespace ztf {
+
+namespace {
+
+constexpr std::size_t kMinBlockRows = 8;  // fewer rows are faster one by one
+constexpr int kBlockAttempts = 3;         // then row by row, which always ends
+
+// Returns how many rows from the first on are `at` and differ in nothing but their time. Returns 0
+// if the first row is another operation.
+std::size_t count_same_pair(std::span<const Query> queries) noexcept {
+  const Query& first = queries[0];
+  std::size_t n = 0;
+  while (n < queries.size() && queries[n].op == Op::at && queries[n].target == first.target &&
+         queries[n].source == first.source)
+    ++n;
+  return n;
+}
+
+// Looks up rows one by one, or with lookup_block(queries, answers), which returns how many it has
+// answered.
+template <class AnyTree, class LookupBlock>
+void look_up_batch(const AnyTree& tree, std::span<const Query> queries, std::span<Answer> answers,
+                   LookupBlock&& lookup_block) {
+  for (std::size_t i = 0; i < queries.size();) {
+    const std::size_t same = count_same_pair(queries.subspan(i));
+    const Query& first = queries[i];
+    if (same < kMinBlockRows || first.target == 0 || first.source == 0 ||
+        first.target == first.source) {
+      const std::size_t end = i + std::max<std::size_t>(same, 1);
+      for (; i < end; ++i) tree.lookup(queries[i], answers[i]);
+      continue;
+    }
+    const std::size_t end = i + same;
+    while (i < end) {
+      const std::size_t rows = std::min(SampleBlock::kRows, end - i);
+      i += lookup_block(queries.subspan(i, rows), answers.subspan(i, rows));
+    }
+  }
+}
+
+// Looks up what a block has not answered. Returns how many rows are answered then: all, or only the
+// first, if that one failed.
+template <class AnyTree>
+std::size_t complete_block(const AnyTree& tree, const SampleBlock& block, bool valid,
+                           std::span<const Query> queries, std::span<Answer> answers) {
+  if (valid && answers[0].failure.code != Code::ok) return 1;
+  for (std::size_t row = 0; row < queries.size(); ++row)
+    if (!valid || block.unanswered(row)) tree.lookup(queries[row], answers[row]);
+  return queries.size();
+}
+
+}  // namespace
+
+void Tree::lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const {
+  look_up_batch(*this, queries, answers,
+                [this](auto some, auto them) { return lookup_block(some, them); });
+}
+
+// Answers the rows of a block and returns how many it answered: all, or only the first, if that one
+// fails.
+std::size_t Tree::lookup_block(std::span<const Query> queries, std::span<Answer> answers) const {
+  SampleBlock block(queries, answers);
+  bool valid = false;
+  if (options_.concurrency == Concurrency::optimistic) {
+    for (int i = 0; i < kBlockAttempts && !valid; ++i) {
+      WalkGuard guard;
+      valid = reader(guard).answer_block(block);
+    }
+  } else {
+    ReadSet reads;
+    read(reads, [&](auto& reader) { return reader.answer_block(block); });
+    valid = true;
+  }
+  return complete_block(*this, block, valid, queries, answers);
+}
+
+void SharedTree::lookup_batch(std::span<const Query> queries, std::span<Answer> answers) const {
+  look_up_batch(*this, queries, answers,
+                [this](auto some, auto them) { return lookup_block(some, them); });
+}
+
+std::size_t SharedTree::lookup_block(std::span<const Query> queries,
+                                     std::span<Answer> answers) const {
+  SampleBlock block(queries, answers);
+  Patience patience;
+  bool valid = false;
+  for (int i = 0; i < kBlockAttempts && !valid; ++i) {
+    Attempt attempt(memory_, names_);
+    PatientWalkGuard guard(patience);
+    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
+    valid = reader.answer_block(block);
+    if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
+  }
+  if (valid) check_lease();
+  return complete_block(*this, block, valid, queries, answers);
+}
+
+}  // namespace ztf

@@ -1,0 +1,68 @@
+// Queries of the tree and their answers, without names and without Python.
+//
+// Thread safety: values.
+#pragma once
+
+#include "base/code.hpp"
+#include "records/frame.hpp"
+
+namespace ztf {
+
+enum class Op : std::uint8_t {
+  at = 0,             // at Query::stamp
+  latest_common = 1,  // at the latest common time
+  latest = 2,         // the newest sample of every link, each link consistent by itself
+  latest_xact = 3,    // the newest sample of every link at one instant
+  common_time = 4,    // only the latest common time
+  full = 5,           // source at source_stamp, target at stamp, through fixed
+};
+constexpr std::uint8_t kOps = 6;
+
+struct Query {
+  Op op;
+  FrameId target, source;  // 0 for an unknown frame
+  // The time of the target. `at` requires one. kNoStamp means the latest common time in `full`, and
+  // the newest links in Tree::chain(). The other operations ignore it.
+  Stamp stamp = kNoStamp;
+  FrameId fixed = 0;              // `full` only: the frame that the two lookups have in common
+  Stamp source_stamp = kNoStamp;  // `full` only: the time of the source, kNoStamp as above
+};
+
+// Why there is no transform. The other fields mean something only if `code` is not ok; then those
+// that do not apply are 0 or kNoStamp.
+struct Failure {
+  Code code = Code::ok;
+  FrameId target = 0, source = 0;              // of the walk that failed
+  FrameId frame = 0, parent = 0;               // the offending link: child and parent
+  FrameId target_root = 0, source_root = 0;    // connectivity: where the two paths end
+  Stamp stamp = kNoStamp;                      // the requested time; kNoStamp: the newest links
+  Stamp oldest = kNoStamp, newest = kNoStamp;  // of the offending link's history
+  // How often ids had been freed when all these belonged to the frames that were read.
+  std::uint64_t ids_freed = 0;
+};
+
+// If `failure.code` is not ok, the pose and the stamps mean nothing.
+struct Answer {
+  Failure failure = {};
+  Pose pose = {};  // X_target_source
+  // The time of the pose; for latest and latest_xact: the oldest stamp used. If all links are
+  // static, it is kNoStamp for common_time and 0 for the other lookups of newest samples.
+  Stamp stamp = 0;
+  Stamp newest = 0;  // for latest and latest_xact only: the newest stamp used
+};
+
+// The frames, and the times between which the motion is needed: `at`, and `first` to `last`.
+struct MotionQuery {
+  FrameId fixed, source;
+  Stamp at, first, last;
+};
+
+// What lookup_motion() has found, if it has not failed.
+enum class MotionResult : std::uint8_t {
+  copied,
+  // The frames may be connected in different ways at different times. The caller looks up each time
+  // by itself.
+  varies,
+};
+
+}  // namespace ztf

@@ -1,0 +1,394 @@
+// How each kind of query is answered, whatever the concurrency control.
+//
+// Every query is answered in the same steps: find the chain of links between the two frames,
+// compute the answer from the chain, and let the guard validate what was read. A failure is an
+// answer, too, and is validated in the same way.
+//
+// Thread safety: a reader belongs to one thread and one transaction.
+#pragma once
+
+#include <algorithm>
+#include <unordered_set>
+#include <vector>
+
+#include "reads/answer.hpp"
+#include "reads/fast_path.hpp"
+#include "reads/motion.hpp"
+#include "reads/sample_block.hpp"
+
+namespace ztf {
+
+// Answers queries under one guard. Every public function returns false if the transaction must
+// be retried; then its outputs mean nothing.
+template <class Guard, class Access>
+class Reader {
+ public:
+  Reader(const Access& access, Guard& guard, std::uint32_t max_depth,
+         const std::atomic<bool>& ever_reparented, const std::atomic<std::uint64_t>& ids_freed)
+      : access_(access),
+        guard_(guard),
+        max_depth_(max_depth),
+        ever_reparented_(ever_reparented),
+        ids_freed_(ids_freed) {}
+
+  // Whether all that was read so far was the tree's state at one instant. Requires a guard that
+  // records what it reads.
+  [[nodiscard]] bool is_valid() const { return guard_.validate_all(); }
+
+  // Answers one query of any kind.
+  ZTF_ALWAYS_INLINE bool answer(const Query& q, Answer& a) {
+    a.failure.code = Code::ok;
+    if (q.target == 0 || q.source == 0) [[unlikely]]
+      if (q.op != Op::full) return report_unknown(q.target, q.source, a);
+    switch (q.op) {
+      case Op::at:
+        return lookup_at(q.target, q.source, q.stamp, a);
+      case Op::latest_common:
+        return lookup_latest_common(q.target, q.source, a);
+      case Op::latest:
+        // `latest` promises less than latest_xact, so one answer serves both. It gets here only
+        // where Tree::lookup() does not use latest_each(), or that gave no answer.
+      case Op::latest_xact:
+        return lookup_latest(q.target, q.source, a);
+      case Op::common_time:
+        return lookup_common_time(q.target, q.source, a);
+      case Op::full:
+        return lookup_full(q, a);
+    }
+    return true;
+  }
+
+  // Lists the frames from the target to the source, at Query::stamp or along the newest links.
+  bool chain(const Query& q, std::vector<FrameId>& out, Answer& a) {
+    out.clear();
+    a = Answer{};
+    if (q.target == 0 || q.source == 0) return answer(q, a);
+    if (q.target == q.source) {
+      out.push_back(q.target);
+      return true;
+    }
+    const auto list = [&](const Chain& chain) {
+      for (const PathStep& step : chain.target) out.push_back(id_of(step.frame));
+      out.push_back(id_of(chain.common_ancestor));
+      for (auto step = chain.source.rbegin(); step != chain.source.rend(); ++step)
+        out.push_back(id_of(step->frame));
+      return true;
+    };
+    if (q.stamp == kNoStamp)
+      return with_chain(q.target, q.source, SelectLatest{}, kNoStamp, a, list);
+    return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, list);
+  }
+
+  // Calls visit(id, frame, parent, version) for the frames from each start up to its root, each
+  // frame once. The links are those at `stamp`, and the newest where a frame has none at that time;
+  // kNoStamp means the newest ones.
+  template <class Visit>
+  bool visit_ancestors(std::span<const FrameId> starts, Stamp stamp, Visit visit) {
+    std::unordered_set<FrameId> seen;
+    for (FrameId id : starts) {
+      for (std::uint32_t depth = 0; id != 0 && depth <= max_depth_; ++depth) {
+        if (!seen.insert(id).second) break;
+        const Frame& frame = *access_.frame(id);
+        id = id_of(&frame);  // of mapped memory that makes no sense it is another one
+        PathStep step{&frame, 0, {}};
+        if (!guard_.read_version(frame, step.version)) return false;
+        FrameId parent = 0;
+        if (stamp != kNoStamp) {
+          const LinkLookup link = SelectAt{stamp}(access_, frame, step.interval);
+          if (link.status == LinkLookup::Status::ok) parent = link.parent;
+        }
+        if (parent == 0) parent = LatestLink(frame).parent;
+        visit(id, frame, parent, step.version);
+        if (!guard_.validate({&step, 1})) return false;
+        id = parent;
+      }
+    }
+    return true;
+  }
+
+  // Answers the rows of a block that one chain serves, and marks the others as unanswered. If there
+  // is no chain at the first row's time, reports only that row's failure.
+  bool answer_block(SampleBlock& block) {
+    const Query& q = block.first();
+    Answer& a = block.first_answer();
+    a.failure.code = Code::ok;
+    return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
+      if (never_reparented())
+        with_rings(chain, [&](auto source, auto target) { block.compute(chain, source, target); });
+      else
+        block.leave_unanswered();
+      return true;
+    });
+  }
+
+  // Composes the newest links, each of which is consistent by itself; together they may mix
+  // commits. Returns false also if the path has changed since the walk. A failure that it reports
+  // may rest on a torn read. Requires NoGuard.
+  ZTF_ALWAYS_INLINE bool latest_each(FrameId target, FrameId source, Answer& a) {
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      StampRange stamps;
+      Pose from_source, from_target;
+      if (!compose_each(chain.source, chain.common_ancestor, stamps, from_source) ||
+          !compose_each(chain.target, chain.common_ancestor, stamps, from_target))
+        return false;
+      a.pose = chain.target.empty() ? from_source : inverse(from_target) * from_source;
+      set_stamps(stamps, a);
+      return true;
+    });
+  }
+
+  // Copies the motion of the source in the fixed frame. If that cannot be looked up at one of the
+  // query's times, `a` is the failure; else `result` says whether the motion was copied.
+  bool copy_motion(const MotionQuery& q, Motion& motion, MotionResult& result, Answer& a) {
+    motion.clear();
+    result = MotionResult::copied;
+    for (const Stamp time : {q.at, q.first, q.last}) {
+      if (!answer({Op::at, q.fixed, q.source, time}, a)) return false;
+      if (a.failure.code != Code::ok) return true;
+    }
+    if (q.fixed == q.source) return true;
+    return with_chain(q.fixed, q.source, SelectAt{q.at}, q.at, a, [&](const Chain& chain) {
+      if (!serves_all_times(chain)) {
+        result = MotionResult::varies;
+        return true;
+      }
+      return with_rings(chain, [&](std::span<const Ring> source, std::span<const Ring> target) {
+        return motion.copy(chain, source, target, std::min(q.at, q.first), std::max(q.at, q.last));
+      });
+    });
+  }
+
+ private:
+  [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept { return access_.id_of(frame); }
+
+  // Returns body(source_rings, target_rings).
+  template <class Body>
+  auto with_rings(const Chain& chain, Body&& body) const {
+    SmallVector<Ring, 32> source, target;
+    for (const PathStep& step : chain.source) source.push_back(access_.ring(*step.frame));
+    for (const PathStep& step : chain.target) target.push_back(access_.ring(*step.frame));
+    return body(std::span<const Ring>(source.begin(), source.size()),
+                std::span<const Ring>(target.begin(), target.size()));
+  }
+
+  // True if no frame ever had samples of two parents in its history. Then a chain found for one
+  // time serves all times. Otherwise past links may form loops, with two chains between the same
+  // frames. The first commit that makes it false changes the versions of all frames. So validating
+  // a chain's frames also validates a decision that rests on this.
+  [[nodiscard]] bool never_reparented() const noexcept {
+    return !ever_reparented_.load(std::memory_order_seq_cst);
+  }
+
+  // True if the chain is that of all times at which its links have samples. Where frames were
+  // reparented, that is sure only if no frame that the walk has read was: those of a direct chain.
+  [[nodiscard]] bool serves_all_times(const Chain& chain) const noexcept {
+    return never_reparented() ||
+           (chain.target.empty() && chain.source.size() <= kDirectLinks &&
+            std::all_of(chain.source.begin(), chain.source.end(), [](const PathStep& step) {
+              return step.frame->parent_changes.load(std::memory_order_acquire) == 0;
+            }));
+  }
+
+  // Finds the chain between two frames and calls body(chain), or reports in `a` why there is none.
+  // Then validates what was read. `stamp` is the time that a failure reports: that of SelectAt, or
+  // kNoStamp for SelectLatest.
+  template <class LinkSelector, class Body>
+  ZTF_ALWAYS_INLINE bool with_chain(FrameId target, FrameId source, LinkSelector select,
+                                    Stamp stamp, Answer& a, Body body) {
+    AncestorPath from_source(access_.frame(source)), from_target(access_.frame(target));
+    Chain chain;
+    Walker<Access, Guard, LinkSelector> walker(access_, guard_, select, max_depth_);
+    switch (walker.find_chain(from_source, from_target, chain)) {
+      case WalkResult::reached:
+        if (!body(chain)) return false;
+        // Past links may form a loop. Then there may be two chains, and which one is found depends
+        // on frames outside it. So every frame that was read is validated.
+        if (!LinkSelector::is_forest && !never_reparented())
+          return validate(from_source) && validate(from_target);
+        return guard_.validate(chain.source) && guard_.validate(chain.target);
+      case WalkResult::retry:
+        return false;
+      case WalkResult::exhausted:
+        break;
+    }
+    report_failure(from_target, from_source, stamp, a);
+    return validate(from_source) && validate(from_target);
+  }
+
+  // Validates a whole path. If it has an end, validates the frame at the end, too.
+  bool validate(AncestorPath& path) {
+    if (!guard_.validate({path.steps.begin(), path.steps.size()})) return false;
+    if (path.state == AncestorPath::State::open) return true;
+    const PathStep last{path.highest, path.highest_version, {}};
+    return guard_.validate({&last, 1});
+  }
+
+  ZTF_ALWAYS_INLINE bool lookup_at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+    a.stamp = stamp;
+    a.pose = Pose{};
+    if (target == source) return true;
+    return with_chain(target, source, SelectAt{stamp}, stamp, a, [&](const Chain& chain) {
+      compose_chain(chain, a.pose);
+      return true;
+    });
+  }
+
+  ZTF_ALWAYS_INLINE bool lookup_latest_common(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return lookup_self(target, 0, a);
+    StampRange newest;
+    if (compose_newest_links(access_, guard_, max_depth_, target, source, true, newest, a.pose)) {
+      a.stamp = oldest_or_zero(newest);
+      return true;
+    }
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      a.stamp = oldest_or_zero(stamps_of(chain));
+      if (!never_reparented() || !move_to_time(chain.source, a.stamp) ||
+          !move_to_time(chain.target, a.stamp))
+        return lookup_at(target, source, a.stamp, a);
+      compose_chain(chain, a.pose);
+      return true;
+    });
+  }
+
+  ZTF_ALWAYS_INLINE bool lookup_latest(FrameId target, FrameId source, Answer& a) {
+    if (target == source) return lookup_self(target, 0, a);
+    StampRange newest;
+    if (compose_newest_links(access_, guard_, max_depth_, target, source, false, newest, a.pose)) {
+      set_stamps(newest, a);
+      return true;
+    }
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      set_stamps(stamps_of(chain), a);
+      compose_chain(chain, a.pose);
+      return true;
+    });
+  }
+
+  bool lookup_common_time(FrameId target, FrameId source, Answer& a) {
+    a.pose = Pose{};
+    if (target == source) return lookup_self(target, kNoStamp, a);
+    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
+      const StampRange stamps = stamps_of(chain);
+      a.stamp = stamps.empty() ? kNoStamp : stamps.oldest();
+      return true;
+    });
+  }
+
+  // Source to fixed at the source's stamp, then fixed to target at the target's stamp.
+  bool lookup_full(const Query& q, Answer& a) {
+    if (q.fixed == 0 || q.source == 0) return report_unknown(q.fixed, q.source, a);
+    if (q.target == 0) return report_unknown(q.target, q.fixed, a);
+    const auto lookup = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
+      return stamp == kNoStamp ? lookup_latest_common(target, source, answer)
+                               : lookup_at(target, source, stamp, answer);
+    };
+    Answer first;
+    if (!lookup(q.fixed, q.source, q.source_stamp, first)) return false;
+    if (first.failure.code != Code::ok) {
+      a = first;
+      return true;
+    }
+    if (!lookup(q.target, q.fixed, q.stamp, a)) return false;
+    if (a.failure.code == Code::ok) a.pose = a.pose * first.pose;
+    return true;
+  }
+
+  // Answers the lookup of a frame in itself: the identity, with the stamp of its newest sample. For
+  // a root or a static frame the stamp is `timeless_stamp`, which is kNoStamp for common_time.
+  bool lookup_self(FrameId id, Stamp timeless_stamp, Answer& a) {
+    const Frame& frame = *access_.frame(id);
+    Version version;
+    if (!guard_.read_version(frame, version)) return false;
+    const LatestLink link(frame);
+    const bool timeless = link.parent == 0 || link.stamp == kNoStamp;
+    a.stamp = a.newest = timeless ? timeless_stamp : link.stamp;
+    a.pose = Pose{};
+    const PathStep step{&frame, version, {}};
+    return guard_.validate({&step, 1});
+  }
+
+  // Sets the intervals of newest links to an earlier time. Returns false if a link has no sample
+  // then. Requires never_reparented(), because the links must have the same parents at that time.
+  bool move_to_time(PathSegment steps, Stamp time) const noexcept {
+    for (PathStep& step : steps) {
+      if (step.interval.time == time || step.interval.time == kNoStamp) continue;
+      const Ring ring = access_.ring(*step.frame);
+      if (find_link(*step.frame, ring, time, step.interval).status != LinkLookup::Status::ok)
+        return false;
+    }
+    return true;
+  }
+
+  // Sets X_target_source = inverse(X_ancestor_target) * X_ancestor_source. Requires at least one
+  // link.
+  ZTF_ALWAYS_INLINE static void compose_chain(const Chain& chain, Pose& pose) noexcept {
+    if (!chain.source.empty()) compose(chain.source, pose);
+    if (chain.target.empty()) return;
+    Pose from_target;
+    compose(chain.target, from_target);
+    pose = chain.source.empty() ? inverse(from_target) : inverse(from_target) * pose;
+  }
+
+  // Reads the steps' newest links again, each consistently, and sets the product of their poses.
+  // Returns false if a link leads to another frame than during the walk.
+  ZTF_ALWAYS_INLINE bool compose_each(PathSegment steps, const Frame* common_ancestor,
+                                      StampRange& stamps, Pose& pose) const {
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+      const Frame& frame = *steps[i].frame;
+      Pose newest;
+      const LatestLink link = frame.version.read_consistent([&](Version) noexcept {
+        newest = frame.latest.pose.load();
+        return LatestLink(frame);
+      });
+      const Frame* const parent = i + 1 < steps.size() ? steps[i + 1].frame : common_ancestor;
+      if (access_.frame(link.parent) != parent) return false;
+      stamps.include(link.stamp);
+      pose = newest * pose;
+    }
+    return true;
+  }
+
+  static bool report_unknown(FrameId target, FrameId source, Answer& a) {
+    a = Answer{.failure = {Code::lookup, target, source}};
+    return true;
+  }
+
+  // Sets the reason why two complete paths have no common frame. If there are several, the order is
+  // tf2's: a path that is too deep, then a link without a sample, then unconnected trees.
+  void report_failure(const AncestorPath& from_target, const AncestorPath& from_source, Stamp stamp,
+                      Answer& a) const {
+    a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
+    // Before the paths are validated: a frame on them that loses a parent's id gets a new version.
+    a.failure.ids_freed = ids_freed_.load(std::memory_order_acquire);
+    a.failure.stamp = stamp;
+    a.failure.target_root = id_of(from_target.highest);
+    a.failure.source_root = id_of(from_source.highest);
+    for (const AncestorPath* path : {&from_source, &from_target})
+      if (path->state == AncestorPath::State::too_deep) {
+        a.failure.code = Code::lookup;
+        a.failure.frame = id_of(path->highest);
+        return;
+      }
+    for (const AncestorPath* path : {&from_target, &from_source})
+      if (path->state == AncestorPath::State::no_sample) {
+        const Frame& frame = *path->highest;
+        a.failure.code = code_of(path->failure);
+        a.failure.frame = id_of(path->highest);
+        // A time before the history gets the oldest sample's parent, one after it the newest's.
+        a.failure.parent = path->failure == LinkLookup::Status::backward
+                               ? oldest_parent(frame, access_.ring(frame))
+                               : frame.parent.load(std::memory_order_acquire);
+        a.failure.oldest = oldest_served_stamp(frame);
+        a.failure.newest = frame.latest.stamp.load(std::memory_order_acquire);
+        return;
+      }
+  }
+
+  const Access access_;
+  Guard& guard_;
+  const std::uint32_t max_depth_;
+  const std::atomic<bool>& ever_reparented_;
+  const std::atomic<std::uint64_t>& ids_freed_;
+};
+
+}  // namespace ztf

@@ -1,0 +1,81 @@
+// What is known about a frame beside its samples.
+//
+// Thread safety: FrameEvents are written under the frame's write lock, and may be read at any time,
+// each word by itself. A FrameInfo is a value, read at one instant.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+#include "records/counters.hpp"
+#include "records/frame.hpp"
+
+namespace ztf {
+
+// How often rare events happened to a frame, and the last one that changed its link. The counters
+// never go back while the frame has its name: 64 bits do not wrap.
+struct FrameEvents {
+  enum class Change : std::uint8_t {
+    none,
+    reparented,  // the newest sample has another parent
+    switched,    // between static and dynamic
+    authority,   // another authority writes the frame
+  };
+
+  std::atomic<std::uint64_t> rewritten;   // samples replaced at their stamp
+  std::atomic<std::uint64_t> dropped;     // rows too old, or older than all of a full frame
+  std::atomic<std::uint64_t> reparented;  // changes of the link, by kind
+  std::atomic<std::uint64_t> switched;
+  std::atomic<std::uint64_t> authority_changes;
+  std::atomic<std::uint64_t> time_jumps;  // the history was cleared, as time was set back
+
+  // The newest row of the last commit whose rows were all too old, and the frame's version then.
+  std::atomic<Stamp> late_stamp;
+  std::atomic<Version> late_version;
+
+  // The last change of the link, and what the link was before.
+  std::atomic<Stamp> change_stamp;  // of the row that made the change
+  std::atomic<AuthorityId> change_authority;
+  std::atomic<FrameId> parent_before;
+  std::atomic<bool> static_before;
+  std::atomic<Change> change;
+
+  // Forgets everything, as the frame gets another name. Requires the frame's write lock.
+  void reset() noexcept {
+    const auto release = std::memory_order_release;
+    for (auto* counter :
+         {&rewritten, &dropped, &reparented, &switched, &authority_changes, &time_jumps})
+      counter->store(0, release);
+    late_stamp.store(0, release);
+    late_version.store(0, release);
+    change_stamp.store(0, release);
+    change_authority.store(0, release);
+    parent_before.store(0, release);
+    static_before.store(false, release);
+    change.store(Change::none, release);
+  }
+};
+
+struct FrameInfo {
+  FrameId parent;         // of the newest sample; 0: a root
+  AuthorityId authority;  // of the last commit to the frame
+  bool is_static;
+  std::uint32_t samples;  // in the history; 0 for a static frame
+  std::uint64_t evicted;  // samples dropped because the frame was full
+  Stamp oldest, newest;   // both a static frame's stamp; unspecified for a root
+  Version version;
+
+  // As in FrameEvents.
+  FrameEvents::Change change;
+  Stamp change_stamp;
+  AuthorityId change_authority;
+  FrameId parent_before;
+  bool static_before;
+};
+
+struct NamedInfo {
+  FrameId id;
+  FrameInfo info;
+};
+
+}  // namespace ztf

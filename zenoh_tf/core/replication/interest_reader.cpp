@@ -1,0 +1,310 @@
+// How the frames on the ways are copied and told. replication/interest_paths.cpp finds them.
+#include "replication/interest_reader.hpp"
+
+#include <algorithm>
+#include <unordered_set>
+
+#include "commits/write_locks.hpp"
+#include "replication/snapshot.hpp"
+
+namespace ztf {
+
+namespace {
+
+constexpr int kOptimisticReads = 32;
+constexpr auto kAcquire = std::memory_order_acquire;
+// Added to a frame's version it is above all that the frame will ever have.
+constexpr Version kAfterAll = Version{1} << 40;
+
+}  // namespace
+
+// Collects changes with the names that they refer to.
+class InterestReader::Rows {
+ public:
+  Rows(const Tree& tree, ChangeRows& out) : tree_(tree), out_(out) {}
+
+  std::uint32_t name(const std::string& text) {
+    const auto [at, is_new] = texts_.try_emplace(text, size(out_.names));
+    if (is_new) out_.names.push_back(text);
+    return at->second;
+  }
+  std::uint32_t name(FrameId id) {
+    const auto at = ids_.find(id);
+    if (at != ids_.end()) return at->second;
+    return ids_[id] = name(tree_.name(id));
+  }
+  void add(ChangeKind kind, std::uint32_t frame, Version version) {
+    out_.kind.push_back(kind);
+    out_.frame.push_back(frame);
+    out_.version.push_back(version);
+  }
+  void add_sample(const Copy& copy, std::uint32_t frame, const CopiedSample& sample) {
+    add(copy.is_static ? ChangeKind::static_link : ChangeKind::sample, frame, copy.version);
+    out_.parent.push_back(sample.parent == 0 ? kNoParent : name(sample.parent));
+    out_.authority.push_back(authority(copy.authority));
+    out_.stamp.push_back(sample.stamp);
+    out_.pose.push_back(sample.pose);
+  }
+
+ private:
+  static std::uint32_t size(const std::vector<std::string>& list) {
+    return static_cast<std::uint32_t>(list.size());
+  }
+  std::uint32_t authority(AuthorityId id) {
+    const auto [at, is_new] = authorities_.try_emplace(id, size(out_.authorities));
+    if (is_new) out_.authorities.push_back(tree_.authority(id));
+    return at->second;
+  }
+
+  const Tree& tree_;
+  ChangeRows& out_;
+  std::unordered_map<std::string, std::uint32_t> texts_;
+  std::unordered_map<FrameId, std::uint32_t> ids_;
+  std::unordered_map<AuthorityId, std::uint32_t> authorities_;
+};
+
+InterestReader::InterestReader(Tree& tree, Pairs pairs, bool newest_only)
+    : tree_(tree), pairs_(std::move(pairs)), newest_only_(newest_only) {}
+
+bool InterestReader::has_changed() const {
+  const std::lock_guard lock(mutex_);
+  if (pairs_.empty() || refs_.empty()) return true;
+  // A frame that is removed gets another version, too.
+  for (const auto& [id, told] : told_)
+    if (tree_.version(id) != told.version) return true;
+  for (const auto& [id, before] : watched_) {
+    const Link now = read_link(id);
+    if (now.parent != before.parent || now.has_several_parents ||
+        now.is_removed != before.is_removed)
+      return true;
+  }
+  for (std::size_t i = 0; i < refs_.size(); ++i)
+    if (refs_[i].id == 0 && tree_.find(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) != 0)
+      return true;
+  return false;
+}
+
+InterestReader::Result InterestReader::read(bool with_all, std::size_t max_frames) {
+  const std::lock_guard lock(mutex_);
+  for (int attempt = 0; attempt < kOptimisticReads; ++attempt)
+    if (std::optional<Result> result = try_read(with_all, max_frames)) return std::move(*result);
+  return read_locked(with_all, max_frames);
+}
+
+std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
+                                                               std::size_t max_frames) {
+  // A commit with a number up to this one makes readers wait for its frames (WriteLocks). If it
+  // adds names, it also holds the topology mutex, until the names can be found.
+  seq_ = tree_.change_log_->last_drawn();
+  {
+    const auto topology = lock_announced(tree_.topology_);
+  }
+  begin_attempt();
+  find_frames(max_frames);
+  if (frames_.size() > max_frames) {
+    if (!is_valid()) return std::nullopt;
+    check_frames(max_frames);
+  }
+  copy_frames(with_all);
+  Result result = tell(with_all);  // before the comparison, which is for the names, too
+  if (!is_valid()) return std::nullopt;
+  // A mirror takes changes only under a number that is new to it. All commits up to the last number
+  // that was told were told with it, those in progress included, as above. So what is new is of a
+  // later commit. It drew its number before it stored anything: perhaps just after `seq_` was
+  // loaded. A thread that sees its changes sees its number, too, so the next attempt has a later
+  // one. That may be another commit's; then this commit is told early, and not told again.
+  if (!result.changes.kind.empty() && seq_ <= told_seq_) return std::nullopt;
+  remember();
+  return result;
+}
+
+// Holds the locks of all frames that it reads, so that they do not change. The topology mutex keeps
+// links and names as they are.
+InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t max_frames) {
+  const auto giant = tree_.lock_giant();
+  const auto topology = lock_announced(tree_.topology_);
+  begin_attempt();
+  find_frames(Tree::kNoReadLimit);
+  FrameList ascending;
+  for (const FrameId id : frames_) ascending.push_back(id);
+  std::sort(ascending.begin(), ascending.end());
+  const WriteLocks locks(tree_, ascending, true);
+  // None of these frames changes any more, so what is new has a number up to this one.
+  seq_ = tree_.change_log_->last_drawn();
+  begin_attempt();
+  find_frames(Tree::kNoReadLimit);
+  check_frames(max_frames);
+  copy_frames(with_all);
+  Result result = tell(with_all);
+  remember();
+  return result;
+}
+
+void InterestReader::begin_attempt() {
+  ids_freed_ = tree_.ids_freed_.load(kAcquire);
+  links_.clear();
+  wanted_.clear();
+  frames_.clear();
+  reads_.clear();
+  copies_.clear();
+  left_.clear();
+  new_refs_.clear();
+}
+
+// Throws Rejected if the attempt has found more frames. Requires that what it has read is valid: a
+// torn walk may find more.
+void InterestReader::check_frames(std::size_t max_frames) const {
+  if (frames_.size() <= max_frames) return;
+  throw Rejected{.code = Code::limit,
+                 .message = "the ways of the interest have more than " +
+                            std::to_string(max_frames) + " frames",
+                 .field = "interest_frames",
+                 .limit = static_cast<std::int64_t>(max_frames),
+                 .value = static_cast<std::int64_t>(frames_.size())};
+}
+
+void InterestReader::copy_frames(bool with_all) {
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const FrameId id = frames_[i];
+    const auto at = told_.find(id);
+    const Told* told =
+        at != told_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
+    if (told && !with_all && told->version == tree_.version(id)) continue;
+    copies_.emplace_back().id = id;
+    copy_frame(copies_.back(), told, with_all);
+  }
+  ever_reparented_ = tree_.ever_reparented_.load();
+}
+
+void InterestReader::copy_frame(Copy& copy, const Told* told, bool with_all) {
+  const Frame& frame = tree_.frames_[copy.id];
+  copy.is_new = !told;
+  if (copy.is_new) {
+    copy.name = tree_.name(copy.id);
+    copy.ref = tree_.find_ref(copy.name);
+  }
+  std::vector<CopiedSample>& samples = copy.samples;
+  std::size_t room = told && !with_all ? 8 : 16;
+  do {
+    samples.resize(room);
+    frame.version.read_consistent([&](Version version) noexcept {
+      copy.version = version;
+      copy.parent = frame.parent.load(kAcquire);
+      copy.authority = frame.authority.load(kAcquire);
+      copy.oldest = frame.oldest_stamp.load(kAcquire);
+      copy.edits = tree_.edits_[copy.id].load(kAcquire);
+      copy.count = frame.count.load(kAcquire);
+      copy.is_static = frame.is_static.load(kAcquire);
+      copy.is_append = told && copy.edits == told->edits;
+      copy.first_new = 0;
+      copy.fits = true;
+      if (copy.is_static || copy.count == 0) {
+        copy.count = copy.is_static ? 1 : 0;
+        samples[0] = {frame.latest.stamp.load(kAcquire), copy.parent, frame.latest.pose.load()};
+        if (copy.is_append) copy.first_new = copy.count;  // only the version has changed
+        return 0;
+      }
+      const Ring ring = frame.ring.load(kAcquire);
+      if (!ring) return 0;  // a torn read
+      const std::uint32_t first = frame.first.load(kAcquire);
+      const bool has_parents = frame.parent_changes.load(kAcquire) != 0;
+      std::uint32_t begin = copy.count;  // of those that were not told
+      if (copy.is_append)
+        while (begin > 0 && copy.count - begin < ring.capacity() &&
+               ring.stamp(first + begin - 1) > told->newest)
+          --begin;
+      else
+        begin = 0;
+      if (newest_only_) begin = std::max(begin, copy.count - 1);
+      const std::uint32_t from = !with_all ? begin : newest_only_ ? copy.count - 1 : 0;
+      copy.first_new = begin - from;
+      copy.fits = copy.count - from <= samples.size();
+      if (!copy.fits) return 0;
+      for (std::uint32_t i = from; i < copy.count; ++i)
+        samples[i - from] = {ring.stamp(first + i),
+                             has_parents ? ring.parent(first + i) : copy.parent,
+                             ring.sample(first + i).pose.load()};
+      copy.count -= from;
+      return 0;
+    });
+    room = std::min<std::size_t>(copy.count, tree_.options_.max_samples_per_frame) + 16;
+  } while (!copy.fits);
+  samples.resize(copy.count);
+}
+
+// Whether all that was read was the tree's state at one instant.
+bool InterestReader::is_valid() const {
+  yield_point();
+  for (const Copy& copy : copies_)
+    if (tree_.version(copy.id) != copy.version || (copy.is_new && copy.ref.id != copy.id))
+      return false;
+  for (const ReadVersion& read : reads_)
+    if (tree_.version(read.frame) != read.version) return false;
+  if (tree_.ids_freed_.load(kAcquire) != ids_freed_) return false;
+  if (pairs_.empty()) return tree_.size() == size_;
+  for (std::size_t i = 0; i < new_refs_.size(); ++i)
+    if (!(tree_.find_ref(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) == new_refs_[i]))
+      return false;
+  return true;
+}
+
+// Makes the result of a read, which may turn out to be invalid.
+InterestReader::Result InterestReader::tell(bool with_all) {
+  Result result{seq_, ever_reparented_, {}, {}};
+  Rows changes(tree_, result.changes), all(tree_, result.all);
+  const std::unordered_set<FrameId> present(frames_.begin(), frames_.end());
+  for (const auto& [id, told] : told_)
+    if (!present.contains(id) || !tree_.is_current(told.ref)) {
+      left_.push_back(id);
+      // The frame may come back with the version that it has now.
+      changes.add(ChangeKind::removed, changes.name(told.name), told.version + kAfterAll);
+    }
+  // Beside changes of theirs, because the first reparenting gives all frames a new version.
+  if (ever_reparented_ && !told_reparented_ && !copies_.empty())
+    changes.add(ChangeKind::new_version, changes.name(copies_.front().id), copies_.front().version);
+  for (const Copy& copy : copies_) {
+    const auto at = told_.find(copy.id);
+    if (copy.is_new || at->second.version != copy.version) tell_frame(copy, false, changes);
+    if (with_all) tell_frame(copy, true, all);
+  }
+  return result;
+}
+
+// Remembers what the last tell() has told.
+void InterestReader::remember() {
+  for (const FrameId id : left_) told_.erase(id);
+  for (Copy& copy : copies_) {
+    Told& told = told_[copy.id];
+    if (copy.is_new) {
+      told.name = std::move(copy.name);
+      told.ref = copy.ref;
+    }
+    told.version = copy.version;
+    told.edits = copy.edits;
+    if (!copy.samples.empty()) told.newest = copy.samples.back().stamp;
+  }
+  told_reparented_ |= ever_reparented_ && !copies_.empty();
+  told_seq_ = seq_;
+  refs_ = new_refs_;
+  watched_.clear();
+  for (const auto& [id, link] : links_)
+    if (!wanted_.contains(id)) watched_.emplace_back(id, link);
+  told_frames_.store(told_.size(), std::memory_order_relaxed);
+}
+
+void InterestReader::tell_frame(const Copy& copy, bool all, Rows& rows) const {
+  const std::uint32_t frame = rows.name(copy.id);
+  if (!all && !copy.is_new && !copy.is_append) {
+    // Newest samples alone are kept if they may still belong to the history.
+    const Stamp before = told_.at(copy.id).newest;
+    const bool goes_on = newest_only_ && !copy.is_static && !copy.samples.empty() &&
+                         copy.oldest <= before && copy.samples.back().stamp >= before;
+    if (!goes_on) rows.add(ChangeKind::cleared, frame, copy.version);
+  }
+  const std::size_t begin = all ? 0 : copy.first_new;
+  if (begin == copy.samples.size()) rows.add(ChangeKind::created, frame, copy.version);
+  for (std::size_t i = begin; i < copy.samples.size(); ++i)
+    rows.add_sample(copy, frame, copy.samples[i]);
+}
+
+}  // namespace ztf

@@ -1,0 +1,82 @@
+// Snapshots: all frames with their histories and versions, read in pieces while others write.
+//
+// A snapshot is not one instant. It has the number S of a commit, and each frame is as it was at
+// some instant after that commit. Replaying the change log from S on makes it the tree's state
+// (replication/change_replay.hpp).
+//
+// Thread safety: every function, from any thread. Readers and writers go on meanwhile.
+// Invariant: whatever a commit up to S has done is in the snapshot, unless a later one undid it.
+// Such a commit may still be in progress. Then readers wait for its frames, and it holds the
+// topology mutex if it adds or removes names.
+#pragma once
+
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "tree.hpp"
+
+namespace ztf {
+
+// Some frames as columns. Frames and parents are indices into `names`.
+struct SnapshotPiece {
+  FrameId reached;  // the last id that was read
+  std::vector<std::string> names, authorities;
+  // By frame. A frame with a static link has one sample.
+  std::vector<std::uint32_t> frame, authority, count;
+  std::vector<Version> version;
+  std::vector<std::uint8_t> is_static;
+  // By sample, of all frames in turn. kNoParent: the parent was removed.
+  std::vector<Stamp> stamp;
+  std::vector<std::uint32_t> parent;
+  std::vector<Pose> pose;
+};
+
+struct SnapshotPlan {
+  Seq seq;               // S
+  bool ever_reparented;  // frames may have samples of several parents
+  // The pieces: frames with ids above the first bound, up to the second, and so on. Frames that are
+  // added later are in the change log.
+  std::vector<FrameId> bounds;
+};
+
+class SnapshotReader {
+ public:
+  explicit SnapshotReader(Tree& tree) noexcept : tree_(tree) {}
+
+  // Plans pieces of about this many bytes. A piece has whole frames. Requires a change log. Throws
+  // bad_alloc.
+  [[nodiscard]] SnapshotPlan plan(std::size_t piece_bytes);
+  // Reads the frames with ids above `after`, up to `last`, or until they have `most_bytes` or more.
+  // Throws bad_alloc.
+  [[nodiscard]] SnapshotPiece read(FrameId after, FrameId last, std::size_t most_bytes);
+
+ private:
+  // What is read at one instant, beside the samples.
+  struct FrameState {
+    Version version;
+    FrameId parent;
+    AuthorityId authority;
+    std::uint32_t count;
+    bool is_static;
+    bool fits;
+  };
+  struct CopiedSample {
+    Stamp stamp;
+    FrameId parent;
+    Pose pose;
+  };
+
+  [[nodiscard]] SnapshotPiece read_once(FrameId after, FrameId last, std::size_t most_bytes);
+  [[nodiscard]] FrameState copy(const Frame& frame);
+  void add_frame(FrameId id, SnapshotPiece& piece);
+  std::uint32_t name_of(FrameId id, SnapshotPiece& piece);
+  std::uint32_t authority_of(AuthorityId id, SnapshotPiece& piece);
+
+  Tree& tree_;
+  std::vector<CopiedSample> samples_;
+  std::unordered_map<FrameId, std::uint32_t> names_;
+  std::unordered_map<AuthorityId, std::uint32_t> authorities_;
+};
+
+}  // namespace ztf

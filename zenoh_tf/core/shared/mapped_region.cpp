@@ -1,0 +1,129 @@
+// Mapping a region of another process, and refusing what this process cannot read.
+#include <algorithm>
+#include <cerrno>
+#include <cstddef>
+#include <cstdio>
+#include <cstring>
+
+#include "base/host.hpp"
+#include "shared/shared_tree.hpp"
+
+#if defined(__linux__)
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#endif
+
+namespace ztf {
+
+#if defined(__linux__)
+
+MappedRegion::MappedRegion(int descriptor) {
+  // A mapping whose file shrinks ends the process that touches it.
+  const int seals = ::fcntl(descriptor, F_GET_SEALS);
+  if (seals < 0 || !(seals & F_SEAL_SHRINK))
+    throw RegionRefused("the file is not sealed against shrinking");
+  struct stat status{};
+  if (::fstat(descriptor, &status) != 0 || status.st_size < std::int64_t{kHeaderBytes})
+    throw RegionRefused("the file is too small for a region");
+  file_bytes_ = static_cast<std::uint64_t>(status.st_size);
+  map(descriptor);
+  try {
+    check_header();
+    const int own = ::fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+    if (own < 0)
+      throw RegionRefused(std::string("no file descriptor is left for the region: ") +
+                          std::strerror(errno));
+    file_.emplace(own, file_bytes_);
+  } catch (...) {
+    unmap();
+    throw;
+  }
+}
+
+// Maps what the header says, or all of the file if that is more.
+void MappedRegion::map(int descriptor) {
+  std::uint64_t bytes = 0;
+  if (::pread(descriptor, &bytes, sizeof bytes, offsetof(RegionHeader, bytes)) != sizeof bytes)
+    throw RegionRefused(std::string("the file cannot be read: ") + std::strerror(errno));
+  bytes_ = std::max(bytes, file_bytes_);
+  void* const mapped = ::mmap(nullptr, bytes_, PROT_READ, MAP_SHARED, descriptor, 0);
+  if (mapped == MAP_FAILED)
+    throw RegionRefused("the region of " + std::to_string(bytes_) +
+                        " bytes cannot be mapped: " + std::strerror(errno));
+  header_ = static_cast<const RegionHeader*>(mapped);
+}
+
+MappedFile::~MappedFile() { ::close(descriptor_); }
+
+std::uint64_t MappedFile::reach_now(std::uint64_t end) const noexcept {
+  struct stat status{};
+  if (::fstat(descriptor_, &status) == 0) {
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    std::uint64_t known = size_.load(std::memory_order_relaxed);
+    while (known < size && !size_.compare_exchange_weak(known, size, std::memory_order_release,
+                                                        std::memory_order_relaxed)) {
+    }
+  }
+  return std::min(end, size_.load(std::memory_order_acquire));
+}
+
+void MappedRegion::unmap() noexcept {
+  if (header_) ::munmap(const_cast<RegionHeader*>(header_), bytes_);
+}
+
+#else
+
+MappedRegion::MappedRegion(int) { throw RegionRefused("a region can be mapped only on Linux"); }
+void MappedRegion::map(int) {}
+void MappedRegion::unmap() noexcept {}
+MappedFile::~MappedFile() = default;
+std::uint64_t MappedFile::reach_now(std::uint64_t) const noexcept { return 0; }
+
+#endif
+
+MappedRegion::~MappedRegion() { unmap(); }
+
+void MappedRegion::check_header() {
+  const RegionHeader& header = *header_;
+  if (header.magic != kMagic) throw RegionRefused("the file is not a region of zenoh-tf");
+  if (header.layout_version != kLayoutVersion || header.layout_hash != kLayoutHash) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "the region has layout %llu (%016llx), and this process reads layout %llu "
+                  "(%016llx)",
+                  static_cast<unsigned long long>(header.layout_version),
+                  static_cast<unsigned long long>(header.layout_hash),
+                  static_cast<unsigned long long>(kLayoutVersion),
+                  static_cast<unsigned long long>(kLayoutHash));
+    throw RegionRefused(text);
+  }
+  if (header.bytes != bytes_) throw RegionRefused("the region has not the size that it says");
+  const auto text_of = [](const auto& field) {
+    return std::string(field, ::strnlen(field, sizeof field));
+  };
+  if (text_of(header.boot_id) != boot_id())
+    throw RegionRefused("the region is of another boot of the host, or of another host");
+  if (header.time_namespace != time_namespace())
+    throw RegionRefused("the region's owner has another monotonic clock (time namespace)");
+  options_.cache_ns = header.cache_ns;
+  options_.concurrency = static_cast<Concurrency>(header.concurrency);
+  options_.max_frames = header.max_frames;
+  options_.max_authorities = static_cast<std::uint16_t>(header.max_authorities);
+  options_.max_samples_per_frame = header.max_samples_per_frame;
+  options_.max_name_bytes = header.max_name_bytes;
+  options_.max_depth = header.max_depth;
+  options_.instance = text_of(header.instance);
+  if (options_.max_authorities != header.max_authorities || options_.max_frames > 1u << 30 ||
+      options_.max_depth > 1u << 30 || options_.max_name_bytes > 1u << 16 || header.concurrency > 2)
+    throw RegionRefused("the region's limits are out of range");
+}
+
+void MappedRegion::check_array(std::uint64_t distance, std::uint64_t bytes,
+                               std::uint64_t alignment) const {
+  if (distance % alignment != 0 || distance > file_bytes_ || bytes > file_bytes_ - distance)
+    throw RegionRefused("the region's parts lie outside of it");
+}
+
+}  // namespace ztf

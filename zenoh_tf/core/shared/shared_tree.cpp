@@ -1,0 +1,99 @@
+// The reads of a shared tree.
+#include "shared/shared_tree.hpp"
+
+#include "base/host.hpp"
+#include "shared/transaction.hpp"
+
+namespace ztf {
+
+SharedTree::SharedTree(int descriptor)
+    : region_(descriptor),
+      memory_(region_.header(), region_.file(), options().max_name_bytes),
+      frames_(
+          region_.array<Frame>(region_.header().frames, std::uint64_t{options().max_ids()} + 1)),
+      events_(region_.array<FrameEvents>(region_.header().events,
+                                         std::uint64_t{options().max_ids()} + 1)),
+      names_(checked(region_, region_.header().names, options().max_ids(), memory_)),
+      authorities_(
+          checked(region_, region_.header().authorities, options().max_authorities, memory_)),
+      max_depth_(options().max_path()),
+      ever_reparented_(region_.header().ever_reparented),
+      ids_freed_(region_.header().ids_freed) {}
+
+SharedTree::Names SharedTree::checked(const MappedRegion& region, const NameRoot& root,
+                                      std::uint32_t max_names, const MappedMemory& memory) {
+  const Names names(root, max_names, memory);
+  (void)region.array<NameEntry>(memory.distance(names.entries()), std::uint64_t{max_names} + 1);
+  return names;
+}
+
+std::string SharedTree::name_in(const Names& names, NameId id) {
+  std::string text;
+  if (!names.read_name(id, text)) throw Unanswered{Unanswered::Reason::busy};
+  return text;
+}
+
+void SharedTree::check_lease() const {
+#if defined(CLOCK_MONOTONIC_COARSE)
+  // A tenth of the time, but late by a tick, or by more where a host takes processors away from a
+  // virtual machine. So it decides only where much of the lease is left.
+  constexpr std::int64_t kMargin = 100'000'000;
+  if (clock_ns(CLOCK_MONOTONIC_COARSE) < lease_ns() - kMargin) [[likely]]
+    return;
+#endif
+  if (monotonic_ns() >= lease_ns()) throw Unanswered{Unanswered::Reason::lapsed};
+}
+
+ZTF_MULTIVERSION void SharedTree::lookup(const Query& query, Answer& answer) const {
+  // A `full` lookup takes two walks one after the other, which a WalkGuard cannot validate
+  // together.
+  if (query.op == Op::full) {
+    ReadSet reads;
+    return read(reads, [&](auto& reader) { return reader.answer(query, answer); });
+  }
+  Patience patience;
+  for (int i = 0; i < kSharedAttempts && !patience.is_exhausted(); ++i) {
+    Attempt attempt(memory_, names_);
+    PatientWalkGuard guard(patience);
+    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
+    const bool valid = reader.answer(query, answer);
+    if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
+    if (valid) [[likely]]
+      return check_lease();
+    count_retry();
+  }
+  throw Unanswered{Unanswered::Reason::busy};
+}
+
+void SharedTree::lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
+                                    ReadSet& reads, std::size_t max_reads) const {
+  read(reads, [&](auto& reader) { return answer_all(reader, queries, answers, reads, max_reads); });
+}
+
+Failure SharedTree::chain(const Query& query, std::vector<FrameId>& frames) const {
+  ReadSet reads;
+  Answer answer;
+  read(reads, [&](auto& reader) { return reader.chain(query, frames, answer); });
+  return answer.failure;
+}
+
+std::vector<NamedInfo> SharedTree::ancestors(std::span<const FrameId> starts, Stamp stamp) const {
+  ReadSet reads;
+  std::vector<NamedInfo> found;
+  read(reads, [&](auto& reader) { return list_ancestors(reader, starts, stamp, events_, found); });
+  return found;
+}
+
+FrameId SharedTree::parent(FrameId id, Stamp stamp) const {
+  return read_frame(id, [&](const MappedFrames& frames, const Frame& frame, Version) {
+    return parent_of(frames, frame, stamp);
+  });
+}
+
+FrameInfo SharedTree::info(FrameId id) const {
+  return read_frame(id, [&](const MappedFrames&, const Frame& frame, Version version) {
+    return info_of(frame, events_[id], version);
+  });
+}
+
+}  // namespace ztf

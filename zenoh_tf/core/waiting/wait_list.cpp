@@ -1,0 +1,199 @@
+// Parking and waking.
+#include "waiting/wait_list.hpp"
+
+#include <algorithm>
+#include <iterator>
+#include <limits>
+
+#include "tree.hpp"
+
+namespace ztf {
+
+namespace {
+
+// A time that no sample has: only a change of the link itself wakes the waiter.
+constexpr Stamp kNever = std::numeric_limits<Stamp>::max();
+
+}  // namespace
+
+class WaitList::WokenList {
+ public:
+  void add(Waiter* waiter) noexcept {
+    waiter->next_woken_ = nullptr;
+    *end_ = waiter;
+    end_ = &waiter->next_woken_;
+  }
+  template <class Iterator>
+  void add(Iterator begin, Iterator end) noexcept {
+    for (; begin != end; ++begin) add(begin->second);
+  }
+  // Calls visit(waiter) for each. The waiter may be destroyed when visit() returns.
+  template <class Visit>
+  void for_each(Visit&& visit) const noexcept {
+    for (Waiter* waiter = first_; waiter != nullptr;) {
+      Waiter* const next = waiter->next_woken_;
+      visit(*waiter);
+      waiter = next;
+    }
+  }
+
+ private:
+  Waiter* first_ = nullptr;
+  Waiter** end_ = &first_;
+};
+
+bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
+  // Copied, because a parked waiter may belong to another thread.
+  const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
+  for (;;) {
+    Query& query = waiter.query_;
+    const Tree::FrameRef refs[] = {
+        tree_.find_ref(waiter.target_), tree_.find_ref(waiter.source_),
+        query.op == Op::full ? tree_.find_ref(waiter.fixed_) : Tree::FrameRef()};
+    query.target = refs[0].id;
+    query.source = refs[1].id;
+    query.fixed = refs[2].id;
+    ReadSet reads;
+    tree_.lookup_transaction({&query, 1}, {&waiter.answer_, 1}, reads);
+    if (!std::all_of(refs, std::end(refs), [&](auto ref) { return tree_.is_current(ref); }))
+      continue;
+    const Failure& failure = waiter.answer_.failure;
+    if (failure.code == Code::ok || !tree_.may_succeed_later(failure)) return true;
+    {
+      const auto lock = lock_announced(mutex_);
+      try {
+        park(waiter, reads, max_links);  // step W1 (waiting/wait_list.hpp)
+      } catch (...) {
+        if (waiter.parked_) unpark(waiter);
+        throw;
+      }
+    }
+    (void)tree_.commits();  // step W2
+    bool unchanged = true;
+    for (const ReadVersion& read : reads) unchanged &= tree_.version(read.frame) == read.version;
+    for (int i = 0; i < 3; ++i)
+      unchanged &= names[i].empty() || tree_.find_ref(names[i]) == refs[i];
+    // If something changed, a commit came in between. If that has woken the waiter already,
+    // cancel() fails, and the waiter belongs to the woken thread.
+    if (unchanged || !cancel(waiter)) return false;
+  }
+}
+
+bool WaitList::cancel(Waiter& waiter) {
+  const auto lock = lock_announced(mutex_);
+  if (!waiter.parked_) return false;
+  unpark(waiter);
+  return true;
+}
+
+void WaitList::park(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
+  SmallVector<FrameId, 64> frames;
+  for (const ReadVersion& read : reads) frames.push_back(read.frame);
+  std::sort(frames.begin(), frames.end());
+  const FrameId* const end = std::unique(frames.begin(), frames.end());
+  const auto links = static_cast<std::size_t>(end - frames.begin());
+  if (links > max_links || links_ > max_links - links)
+    throw Rejected{.code = Code::limit, .message = "waiting lookups watch too many frames"};
+  waiter.on_frames_.reserve(links);
+  waiter.on_names_.reserve(3);
+  waiter.parked_ = true;
+  size_.fetch_add(1, std::memory_order_seq_cst);
+  for (const FrameId* frame = frames.begin(); frame != end; ++frame) park_on_frame(waiter, *frame);
+  const Query& query = waiter.query_;
+  park_on_name(waiter, query.target, waiter.target_);
+  park_on_name(waiter, query.source, waiter.source_);
+  park_on_name(waiter, query.fixed, waiter.fixed_);
+}
+
+void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
+  using Need = Waiter::Need;
+  const Query& query = waiter.query_;
+  const Stamp failed_at = waiter.answer_.failure.stamp;
+  // Any sample may move the latest common time.
+  const bool any_sample =
+      query.op == Op::latest_common ||
+      (query.op == Op::full && (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
+  Need need = Need::sample;
+  Stamp stamp = kNoStamp;
+  if (failed_at == kNoStamp) {  // the newest links do not connect the frames
+    if (tree_.parent(frame, kNoStamp) != 0) need = Need::link, stamp = kNever;
+  } else if (!any_sample) {
+    need = tree_.parent(frame, failed_at) == 0 ? Need::sample : Need::link;
+    stamp = failed_at;
+  }
+  const auto at = frames_.try_emplace(frame).first;
+  try {
+    waiter.on_frames_.push_back({frame, need, at->second.of(need).emplace(stamp, &waiter)});
+  } catch (...) {
+    erase_if_empty(at);
+    throw;
+  }
+  ++links_;
+  tree_.add_waiter(frame);
+}
+
+// Parks the waiter under a name that it misses. Does nothing if the frame exists or the name is
+// empty.
+void WaitList::park_on_name(Waiter& waiter, FrameId id, std::string_view name) {
+  if (id != 0 || name.empty()) return;
+  for (const auto& entry : waiter.on_names_)
+    if (entry->first == name) return;
+  waiter.on_names_.push_back(names_.emplace(name, &waiter));
+}
+
+void WaitList::unpark(Waiter& waiter) noexcept {
+  for (const Waiter::ParkedOnFrame& parked : waiter.on_frames_) {
+    const auto waiters = frames_.find(parked.frame);
+    waiters->second.of(parked.need).erase(parked.entry);
+    erase_if_empty(waiters);
+    tree_.remove_waiter(parked.frame);
+  }
+  for (const auto& entry : waiter.on_names_) names_.erase(entry);
+  links_ -= waiter.on_frames_.size();
+  waiter.on_frames_.clear();
+  waiter.on_names_.clear();
+  waiter.parked_ = false;
+  size_.fetch_sub(1, std::memory_order_seq_cst);
+}
+
+void WaitList::erase_if_empty(Frames::iterator frame) noexcept {
+  if (frame->second.need_sample.empty() && frame->second.need_link.empty()) frames_.erase(frame);
+}
+
+void WaitList::wake(const WokenList& woken) noexcept {
+  woken.for_each([&](Waiter& waiter) {
+    unpark(waiter);
+    waiter.notify();
+  });
+}
+
+void WaitList::notify_frame(FrameId frame, Change change) noexcept {
+  const auto lock = lock_announced(mutex_);
+  const auto at = frames_.find(frame);
+  if (at == frames_.end()) return;
+  const auto& [need_sample, need_link] = at->second;
+  WokenList woken;
+  if (change == Change::other) {
+    woken.add(need_sample.begin(), need_sample.end());
+    woken.add(need_link.begin(), need_link.end());
+  } else {
+    // The frame now serves the times from its oldest to its newest sample. Lookups at times that it
+    // does not accept any more are woken to fail for good.
+    const FrameInfo info = tree_.info(frame);
+    const Stamp oldest_possible = std::min(tree_.oldest_insertable(info), info.oldest);
+    woken.add(need_sample.begin(), need_sample.lower_bound(oldest_possible));
+    woken.add(need_sample.lower_bound(info.oldest), need_sample.upper_bound(info.newest));
+    woken.add(need_link.begin(), need_link.lower_bound(info.oldest));
+  }
+  wake(woken);
+}
+
+void WaitList::notify_name(std::string_view name) noexcept {
+  const auto lock = lock_announced(mutex_);
+  const auto [begin, end] = names_.equal_range(name);
+  WokenList woken;
+  woken.add(begin, end);
+  wake(woken);
+}
+
+}  // namespace ztf

@@ -1,0 +1,183 @@
+// Lookups that wait for a commit, and which commit wakes which of them.
+//
+// A lookup that failed, but may succeed later, is parked under the frames that its failure rests on
+// and under the names that it misses. A commit wakes the lookups parked under its frames whose
+// result it may have changed; a woken lookup runs again. This costs a commit one load while no
+// lookup waits, else one load for each of its frames.
+//
+// Thread safety: every function, from any thread. A waiter belongs to one thread at a time:
+// lookup_or_park() takes it over, and keeps it if it parks it. cancel() that returns true, or
+// notify(), gives it back.
+// Lock order: see tree.hpp. Under the list's mutex Tree::info() or parent() may take one frame's
+// writer lock for a moment (SeqLock::read_consistent), and a waiter's notify() its own locks. That
+// cannot deadlock, because no thread takes the list's mutex while it holds one of those.
+//
+// Why no wake-up is lost. Four steps are sequentially consistent, two of each side:
+//   lookup_or_park():  W1 marks the frames as waited for;  W2 reads the commit count.
+//   a commit:          C1 counts itself;                   C2 reads the marks of its frames.
+// In the single order of these steps either W1 precedes C2 or C1 precedes W2.
+// - W1 before C2: the commit sees the mark and takes the list's mutex. Parking completed under that
+//   mutex, so the commit finds the waiter and wakes it, with the exception below.
+// - C1 before W2: the commit unlocked its frames before C1, so that happens before what
+//   lookup_or_park() does after W2: it compares the frames' versions with those that the lookup
+//   read, sees the new version, and runs the lookup again.
+// The exception: notify_frame(appended) wakes selectively. It may pass over a waiter that was
+// parked by what Tree::parent() returned after the commit. The commit's unlock happened before that
+// read, so the comparison after W2 sees the new version. Both cases therefore need the comparison.
+// The same holds for names, with WaitList::size() as the mark. Names are compared by their ids,
+// and how many names these have had.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "reads/guards.hpp"
+#include "reads/query.hpp"
+
+namespace ztf {
+
+class Tree;
+
+// One waiting lookup. Derived classes say how it is woken. They must call WaitList::cancel() in
+// their destructor. A waiter must outlive each call of lookup_or_park(), even if notify() runs
+// meanwhile.
+class Waiter {
+ public:
+  // The query's ids are looked up by these names, which must outlive the waiter.
+  Waiter(const Query& query, std::string_view target, std::string_view source,
+         std::string_view fixed = {})
+      : query_(query), target_(target), source_(source), fixed_(fixed) {}
+  virtual ~Waiter() = default;
+  Waiter(const Waiter&) = delete;
+  Waiter& operator=(const Waiter&) = delete;
+
+  // The query and the answer of the last lookup_or_park().
+  [[nodiscard]] const Query& query() const noexcept { return query_; }
+  [[nodiscard]] const Answer& answer() const noexcept { return answer_; }
+
+ protected:
+  // Called once after the waiter was parked, unless it is cancelled: the lookup may now succeed, or
+  // fail for good. Runs under the list's mutex, so it must not block, nor call the list.
+  virtual void notify() noexcept = 0;
+
+ private:
+  friend class WaitList;
+  using ByTime = std::multimap<Stamp, Waiter*>;
+  using ByName = std::unordered_multimap<std::string_view, Waiter*>;
+  // What a lookup needs of a frame at a time: a sample, or that its link stays as it is.
+  enum class Need : std::uint8_t { sample, link };
+  struct ParkedOnFrame {
+    FrameId frame;
+    Need need;
+    ByTime::iterator entry;
+  };
+
+  Query query_;
+  const std::string_view target_, source_, fixed_;
+  Answer answer_;
+
+  // Guarded by the list's mutex.
+  bool parked_ = false;
+  std::vector<ParkedOnFrame> on_frames_;  // each frame once
+  std::vector<ByName::iterator> on_names_;
+  Waiter* next_woken_ = nullptr;
+};
+
+class WaitList {
+ public:
+  explicit WaitList(const Tree& tree) noexcept : tree_(tree) {}
+
+  // Runs the lookup. Returns true if it is done: it succeeded, or failed for good. Returns false if
+  // the waiter is parked: notify() will be called once, when a commit may have changed the result.
+  // Throws bad_alloc, and Rejected if all waiters together would be parked on more than `max_links`
+  // frames; then the waiter is not parked.
+  bool lookup_or_park(Waiter& waiter, std::size_t max_links = static_cast<std::size_t>(-1));
+  // Returns whether the waiter was still parked. If so, notify() will not be called any more.
+  bool cancel(Waiter& waiter);
+
+  [[nodiscard]] std::size_t size() const noexcept { return size_.load(std::memory_order_seq_cst); }
+
+  // What a commit did to a frame.
+  enum class Change : std::uint8_t {
+    appended,  // only added samples newer than all before, under the same parent
+    other,
+  };
+  // Wake the lookups that may now succeed, or fail for good, after a commit on this frame or of
+  // this new name. Require that the commit is counted. Allocate nothing, as a commit that is done
+  // must not fail.
+  void notify_frame(FrameId frame, Change change) noexcept;
+  void notify_name(std::string_view name) noexcept;
+
+ private:
+  // The waiters parked under one frame, by the time that they ask about.
+  struct FrameWaiters {
+    Waiter::ByTime need_sample;  // the lookup fails here; kNoStamp: any newer sample may help
+    Waiter::ByTime need_link;    // the lookup follows this link, and fails elsewhere
+
+    Waiter::ByTime& of(Waiter::Need need) noexcept {
+      return need == Waiter::Need::sample ? need_sample : need_link;
+    }
+  };
+  // Waiters to be woken, linked through the waiters, so that collecting them cannot fail.
+  class WokenList;
+  using Frames = std::unordered_map<FrameId, FrameWaiters>;
+
+  void park(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
+  void park_on_frame(Waiter& waiter, FrameId frame);
+  void park_on_name(Waiter& waiter, FrameId id, std::string_view name);
+  void unpark(Waiter& waiter) noexcept;
+  void erase_if_empty(Frames::iterator frame) noexcept;
+  void wake(const WokenList& woken) noexcept;
+
+  const Tree& tree_;
+  std::atomic<std::size_t> size_{0};  // parked waiters
+  std::mutex mutex_;                  // guards what follows
+  std::size_t links_ = 0;             // frames that waiters are parked on, counted for each waiter
+  Frames frames_;
+  Waiter::ByName names_;
+};
+
+// A waiter that a thread blocks on.
+class BlockingWaiter final : public Waiter {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  BlockingWaiter(WaitList& list, const Query& query, std::string_view target,
+                 std::string_view source, std::string_view fixed = {})
+      : Waiter(query, target, source, fixed), list_(list) {}
+  ~BlockingWaiter() override { list_.cancel(*this); }
+
+  // Blocks until the lookup is done (lookup_or_park()), and returns true, or until the deadline,
+  // and returns false. May be called again after the deadline.
+  bool wait(Clock::time_point deadline) {
+    for (;;) {
+      if (!parked_here_) {
+        if (list_.lookup_or_park(*this)) return true;
+        parked_here_ = true;
+      }
+      std::unique_lock lock(mutex_);
+      if (!changed_.wait_until(lock, deadline, [&] { return woken_; })) return false;
+      woken_ = parked_here_ = false;
+    }
+  }
+
+ private:
+  void notify() noexcept override {
+    const std::lock_guard lock(mutex_);
+    woken_ = true;
+    changed_.notify_one();
+  }
+
+  WaitList& list_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool woken_ = false;        // guarded by mutex_
+  bool parked_here_ = false;  // parked, and not yet seen to be woken; the blocking thread's own
+};
+
+}  // namespace ztf
