@@ -8,6 +8,7 @@ from scripts.checks import CHECKS
 from scripts.checks.repository import Repository
 
 CLIENT, AIO = "client/zenoh_tf_client", "client/zenoh_tf_client/aio"
+CORE = "zenoh_tf/core"
 DASHBOARD = "docker/grafana/dashboard.json"
 #: Check, file, a pattern in it, what takes its place, and a part of the report.
 PLANTED: list[tuple[str, str, str, str, str]] = [
@@ -42,6 +43,12 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
         "the last",
         "in zenoh_tf/core/tree",
     ),
+    ("core_rooms", f"{CORE}/names/hash.hpp", "base/comp", 'commits/plan.hpp"//', "not commits"),
+    ("core_rooms", f"{CORE}/names/hash.hpp", "base/compiler", "compiler", "from the core's root"),
+    ("core_rooms", f"{CORE}/names/table.hpp", "The room", "A room", "one header of names/"),
+    ("core_rooms", f"{CORE}/names/table.hpp", "include base, ", "include ", "It may include base"),
+    ("core_rooms", f"{CORE}/waiting/wait_list.cpp", '#include "tree.hpp"', "", "any more"),
+    ("core_rooms", f"{CORE}/extra/new.hpp", r"\Z", "// New.\n", "extra is no room"),
     ("shown_examples", "examples/sensor.py", "0.02", "0.03", "README.md"),
     ("api_reference", "docs/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
     ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:14"),

@@ -1,6 +1,9 @@
 // The transform tree: every frame's record, the names, and the two kinds of transactions, reads
 // and commits. Needs a 64-bit target (records/frame.hpp).
 //
+// A tree is made of the rooms below it, from base/ to waiting/. The rooms above define its members
+// and use what they share: commits/, replication/, lookups/. docs/architecture.md has all rooms.
+//
 // Thread safety: every function, from any thread.
 // Lock order, of the whole core. A thread takes a lock only while it holds none of a later line:
 //   replication/interest_reader.hpp  the reader's mutex: around a whole read of the interest

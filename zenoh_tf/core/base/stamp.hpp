@@ -1,3 +1,7 @@
+// The room `base/`: what every room uses, and what depends on the machine.
+// In: nothing of a tree. Out: stamps, options, reasons of failures, containers, hooks of tests.
+// It may include nothing.
+//
 // Stamps: times in nanoseconds.
 //
 // Thread safety: values.

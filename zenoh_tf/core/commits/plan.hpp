@@ -1,3 +1,7 @@
+// The room `commits/`: how a tree is written: all rows of a commit at one instant, or none.
+// In: a CommitRequest. Out: new versions of frames and an entry of the change log, or Rejected.
+// It may include base, histories, tree.hpp.
+//
 // What a commit will do: its rows in order, grouped by child, with a decision for each group.
 //
 // A commit is a plan and its execution (commits/apply.hpp). Planning rejects the request, reserves

@@ -1,3 +1,7 @@
+// The room `geometry/`: poses and points; it knows no frames.
+// In: poses, and arrays of points. Out: products, interpolated poses, moved points.
+// It may include base.
+//
 // Poses and their arithmetic, which avoids trigonometry for small angles.
 //
 // Notation: X_parent_child maps a point's coordinates in child to coordinates in parent. So

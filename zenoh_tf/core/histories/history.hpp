@@ -1,3 +1,7 @@
+// The room `histories/`: the samples of one frame, in the order of their stamps.
+// In: samples to insert, or a time. Out: the samples around that time, or that there are none.
+// It may include geometry, records.
+//
 // Finding samples in one frame's history.
 //
 // Thread safety: any reader may call these functions at any time. After a torn read they return

@@ -1,3 +1,7 @@
+// The room `lookups/`: the lookups of a tree of this process or of a shared one.
+// In: queries. Out: answers, validated; a lookup that fails too often takes locks.
+// It may include base, geometry, reads, shared, tree.hpp.
+//
 // Read-only transactions of the tree, under each concurrency control. Included only by the files
 // that implement the tree's reads.
 //

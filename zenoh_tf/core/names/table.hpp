@@ -1,3 +1,7 @@
+// The room `names/`: which id a name has, and which name an id has.
+// In: names. Out: ids, and the texts of ids.
+// It may include base, records.
+//
 // A hash table from names to dense ids, with open addressing. Ids of removed names are used again.
 // A hidden name cannot be found, but keeps its id until it is removed.
 //

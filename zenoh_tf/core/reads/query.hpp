@@ -1,3 +1,7 @@
+// The room `reads/`: how a query is answered, in any memory and under any concurrency control.
+// In: a query, frames, and a guard that validates what was read. Out: an answer or a failure.
+// It may include base, geometry, records, histories.
+//
 // Queries of the tree and their answers, without names and without Python.
 //
 // Thread safety: values.

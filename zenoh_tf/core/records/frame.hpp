@@ -1,3 +1,7 @@
+// The room `records/`: the words in which a tree keeps its state, and their locks.
+// In: writes of frames, under their locks. Out: words that any thread may read, and then validates.
+// It may include base, geometry.
+//
 // A frame's record and the ring of samples behind it: where every word of the tree's data lives.
 //
 // Thread safety: one writer at a time, which holds the frame's write lock (records/lock_words.hpp).

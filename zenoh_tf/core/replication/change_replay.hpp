@@ -1,3 +1,7 @@
+// The room `replication/`: copies of a tree in other processes.
+// In: a tree and its change log. Out: snapshots, changes, and a mirror that has replayed them.
+// It may include records, histories, commits, tree.hpp.
+//
 // Replaying another tree's snapshot and change log into this one, which is then its mirror.
 //
 // First the pieces of a snapshot with the number S are loaded, into an empty tree with the same

@@ -1,3 +1,7 @@
+// The room `shared/`: the tree of another process of this host, valid for a lease.
+// In: a descriptor of the owner's memory, and queries. Out: answers, or why there is none.
+// It may include base, records, reads, tree.hpp.
+//
 // A tree of another process on this host, mapped read-only: its lookups, as the owner answers them.
 //
 // Every read is validated as an optimistic read of the owner is, whatever the owner's concurrency

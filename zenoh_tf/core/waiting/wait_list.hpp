@@ -1,3 +1,7 @@
+// The room `waiting/`: lookups that wait for a commit.
+// In: a query, then the frames and names of each commit. Out: a call once the lookup may succeed.
+// It may include reads.
+//
 // Lookups that wait for a commit, and which commit wakes which of them.
 //
 // A lookup that failed, but may succeed later, is parked under the frames that its failure rests on
