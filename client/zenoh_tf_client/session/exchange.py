@@ -185,16 +185,15 @@ class Exchange:
                 return request.parse(found)
             behind = found
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
-        key = self._key(request)
         seen = self.seen.least
-        if self.reads_may_be_old:
-            payload = wire.pack(request.body() | {wire.WITH_SEQ: True})
+        if self.access is None and not self.reads_may_be_old:  # the common case
+            key, payload = self._keys[request.kind], request.payload()
         else:
-            payload = request.payload()
-        self._check_size(payload)
-        reply: bytes | NoReply = yield Ask(key, payload, timeout_s)
-        server = self.server
-        if server is not None and type(reply) is bytes:
+            body = request.body()
+            key = self._key(request.kind, body)
+            payload = wire.pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
+        reply: bytes | NoReply = yield Ask(key, self._check_size(payload), timeout_s)
+        if (server := self.server) is not None and type(reply) is bytes:
             plain = request.parse_plain(reply, server.instance)
             if plain is not None:  # the common case
                 self.replica_age_s = None
@@ -268,10 +267,10 @@ class Exchange:
         if awaited is not None and not wire.is_behind(reply):
             self.seen.caught_up(awaited)
         instance = reply.get("instance")
-        told = wire.parse_replica(reply)
-        self.replica_age_s = None if told is None else told[1] / 1e9
-        if told is not None and self.seen.is_news(instance, told[2]) and not wire.is_behind(reply):
-            self.seen.note_read(wire.text(reply, "instance"), told[2])
+        state = wire.parse_replica(reply)
+        self.replica_age_s = None if state is None else state[1] / 1e9
+        if state and self.seen.is_news(instance, state[2]) and not wire.is_behind(reply):
+            self.seen.note_read(wire.text(reply, "instance"), state[2])
         if type(instance) is str and instance != replica.server.instance:  # it follows another one
             self.replica = replace(replica, server=replace(replica.server, instance=instance))
         if time.monotonic() >= self._next_greeting_s:
@@ -296,14 +295,15 @@ class Exchange:
         server = self.server
         if server is None or time.monotonic() >= self._next_hello_s:
             server = yield from self.hello()  # for an expiry by the clocks as they are now
-        key = self._key(request)
+        body = request.body()
+        key = self._key(request.kind, body)
         now_ns = time.monotonic_ns()
         write = wire.write_fields(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
             now_ns + server.clock_offset_ns + self._timeout_ns,
             request.instance or server.instance,
         )
-        payload = self._check_size(wire.pack(request.body() | write))
+        payload = self._check_size(wire.pack(body | write))
         reply = decode((yield Ask(key, payload, self._timeout_s)))
         if not self._is_final(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.
@@ -320,12 +320,12 @@ class Exchange:
             wire.raise_error(reply)
         return reply
 
-    def _key(self, request: Request[Any]) -> zenoh.KeyExpr:
+    def _key(self, operation: str, body: wire.Message) -> zenoh.KeyExpr:
         """The key of a request. Raises AccessDenied if the server's rules do not allow it."""
         access = self.access
         if access is None:
-            return self._keys[request.kind]
-        return zenoh.KeyExpr(access.key(request.kind, request.body()))
+            return self._keys[operation]
+        return zenoh.KeyExpr(access.key(operation, body))
 
     def _check_new_rules(self, request: Request[Any]) -> Steps[None]:
         """Raise AccessDenied if the server was restarted with rules that do not allow a request.
@@ -335,7 +335,7 @@ class Exchange:
         if self.server is None:
             with contextlib.suppress(ServerUnavailable):
                 yield from self.hello()
-                self._key(request)
+                self._key(request.kind, request.body())
 
     def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
         """Raise AccessDenied if the rules of a server instance, which never change, do not allow
@@ -345,7 +345,7 @@ class Exchange:
         with contextlib.suppress(ServerUnavailable):
             server = yield from self.hello(_CLOCK_TIMEOUT_S)
             if server.instance == (request.instance or instance):
-                self._key(request)
+                self._key(request.kind, request.body())
 
     def _until_served(
         self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float

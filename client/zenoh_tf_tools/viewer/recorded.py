@@ -71,7 +71,7 @@ class RecordedSource:
         )
 
     def now_ns(self, links: Sequence[Link]) -> int:
-        raise NotImplementedError  # the panel's slider says what is shown
+        return self.range_ns[1]  # the end, if no time is chosen
 
     def trouble(self) -> str | None:
         return None
