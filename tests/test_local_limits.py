@@ -154,19 +154,19 @@ def test_connections_are_bounded(start_sharing: StartServer) -> None:
 
 def test_one_client_cannot_take_all_connections(server: ServerProcess) -> None:
     offer, instance = offer_of(server)
-    peers = []
-    for _ in range(40):
-        peer = handover.connect(offer, server.tree, instance, 5.0)
-        peer.settimeout(START_TIMEOUT_S)
-        peer.sendall(REQUEST.pack(3, CLIENT) + b"raw")
-        peers.append(peer)
-    refused = 0
-    for peer in peers:
-        try:
-            assert "error" in wire.unpack(ask(peer, LOOKUP, b"\xc1"))
-        except (OSError, struct.error):
-            refused += 1
-        peer.close()
+    with contextlib.ExitStack() as stack:  # a closed one makes room for another
+        peers = []
+        for _ in range(40):
+            peer = stack.enter_context(handover.connect(offer, server.tree, instance, 5.0))
+            peer.settimeout(START_TIMEOUT_S)
+            peer.sendall(REQUEST.pack(3, CLIENT) + b"raw")
+            peers.append(peer)
+        refused = 0
+        for peer in peers:
+            try:
+                assert "error" in wire.unpack(ask(peer, LOOKUP, b"\xc1"))
+            except (OSError, struct.error):
+                refused += 1
     assert refused == 8
 
 

@@ -14,10 +14,11 @@ from zenoh_tf._net import keys
 from . import federation, ros2
 from .ingest.ingest import Ingest
 from .monitoring.event_reports import EventReports
-from .process import network, sharing, tree_claim
+from .process import network, sharing
 from .process.abandoned_keys import AbandonedKeys
 from .process.free_memory import FreeMemory
 from .process.sharing import Sharing
+from .process.tree_claim import Claim
 from .requests.guard import RequestGuard
 from .requests.service import Service
 from .settings import Settings
@@ -75,7 +76,7 @@ class Server:
             stack.callback(session.close)
             listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
-            tree_claim.refuse_if_taken(session, settings.tree)
+            claim = stack.enter_context(closing(Claim(session, settings.tree, self.instance)))
             self.session = session
             #: The key of a query family.
             self.key = functools.partial(keys.operation, settings.tree)
@@ -134,8 +135,9 @@ class Server:
             clients.start(session, settings.tree)
             stack.callback(workers.close)
             workers.start(session, self.key)
-            token = tree_claim.claim(session, settings.tree, self.instance)
-            stack.callback(token.undeclare)
+            # Withdrawn first when it closes, so that clients learn of it.
+            stack.callback(claim.close)
+            claim.serve()
             self._stack = stack.pop_all()
 
     def _start_stream(self, settings: Settings, stack: ExitStack) -> None:

@@ -7,8 +7,9 @@ declares a candidate's token, then looks for other candidates and for servers:
 - A candidate yields to a server, and to a candidate with a lower instance id.
 - The candidate with the lowest id waits until each other one that it sees has yielded or, because
   it has not seen this one, serves. However slow they are, one of them serves in the end.
-- A candidate that nobody is in the way of declares a server's token, and then withdraws its
-  candidate's. Candidates are queried before servers, so it is never missed.
+- A candidate that nobody is in the way of has the tree. When it serves, it declares a server's
+  token, and then withdraws its candidate's. Candidates are queried before servers, so it is never
+  missed.
 
 A network that does not answer in time says nothing: it is asked again, and in the end the server
 does not start.
@@ -46,8 +47,54 @@ class TreeTaken(Exception):
         self.other = other
 
 
-def refuse_if_taken(session: zenoh.Session, tree: str) -> None:
-    """Check for other servers of the tree. Call it before anything is declared.
+class Claim:
+    """A claim of a tree, from construction to `close`. Claim it before anything is declared: a
+    network never has two servers' queryables, of which it could keep a route to the wrong one.
+
+    Raises:
+        TreeTaken: Another server has the tree, or claimed it at the same time and this one yields.
+        NetworkError: The network does not say whether one has or did.
+    """
+
+    def __init__(self, session: zenoh.Session, tree: str, instance: str) -> None:
+        self._session = session
+        self._key = keys.server(tree, instance)
+        self._candidate: zenoh.LivelinessToken | None = None
+        self._server: zenoh.LivelinessToken | None = None
+        _refuse_if_taken(session, tree)  # without a candidate, for which others would wait
+        self._candidate = session.liveliness().declare_token(keys.candidate(tree, instance))
+        try:
+            deadline_s = time.monotonic() + _YIELD_TIMEOUT_S
+            while others := _others(session, tree, instance, keys.candidates(tree)):
+                _refuse_if_taken(session, tree)
+                if min(others) < instance or time.monotonic() > deadline_s:
+                    raise TreeTaken(tree, min(others))
+                time.sleep(_POLL_PERIOD_S)
+            _refuse_if_taken(session, tree)
+        except BaseException:
+            self.close()
+            raise
+
+    def serve(self) -> None:
+        """Declare the server's token. Call it when everything is served: clients take the token as
+        the sign that puts and queries arrive."""
+        self._server = self._session.liveliness().declare_token(self._key)
+        self._withdraw()
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.undeclare()
+            self._server = None
+        self._withdraw()
+
+    def _withdraw(self) -> None:
+        if self._candidate is not None:
+            self._candidate.undeclare()
+            self._candidate = None
+
+
+def _refuse_if_taken(session: zenoh.Session, tree: str) -> None:
+    """Check for other servers of the tree.
 
     Raises:
         TreeTaken: Another server has a token.
@@ -55,29 +102,6 @@ def refuse_if_taken(session: zenoh.Session, tree: str) -> None:
     """
     for other in _others(session, tree, "", keys.servers(tree)):
         raise TreeTaken(tree, other)
-
-
-def claim(session: zenoh.Session, tree: str, instance: str) -> zenoh.LivelinessToken:
-    """Declare this server's token. Call it when everything is served: clients take the token as
-    the sign that puts and queries arrive.
-
-    Raises:
-        TreeTaken: Another server claimed the tree at the same time, and this one yields.
-        NetworkError: The network does not say whether one did.
-    """
-    candidate = session.liveliness().declare_token(keys.candidate(tree, instance))
-    try:
-        deadline_s = time.monotonic() + _YIELD_TIMEOUT_S
-        while True:
-            others = _others(session, tree, instance, keys.candidates(tree))
-            refuse_if_taken(session, tree)
-            if not others:
-                return session.liveliness().declare_token(keys.server(tree, instance))
-            if min(others) < instance or time.monotonic() > deadline_s:
-                raise TreeTaken(tree, min(others))
-            time.sleep(_POLL_PERIOD_S)
-    finally:
-        candidate.undeclare()
 
 
 def _others(session: zenoh.Session, tree: str, instance: str, key_expr: str) -> set[str]:
