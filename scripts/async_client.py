@@ -41,12 +41,13 @@ REPLACEMENTS = [
     # Calls that wait.
     (
         r"(?<!def )\bself\.(_connection\.call|_reads\.ask|_shared\.read_versions"
-        r"|_read_versions|_read|_ancestors|frames|commit|send|lookup_transforms)\(",
+        r"|_read_versions|_read|_ancestors|_send|frames|commit|send|lookup_transforms)\(",
         r"await self.\1(",
     ),
     (r"\bwith (?=begin\()", "async with "),
     (r"return repeat\(", "return await repeat("),
     (r"= function\(", "= await function("),
+    (r"transaction\.check_reads\(", "await transaction.check_reads("),
     (r"\btime\.sleep\(", "await asyncio.sleep("),
     # Examples in docstrings.
     (r"\bwith (?=tf\.)", "async with "),

@@ -69,6 +69,34 @@ def test_transaction_sees_one_state_or_conflicts(server: ServerProcess) -> None:
         assert "a" not in tf.frames()
 
 
+def test_an_exception_over_reads_of_two_instants_is_a_conflict(server: ServerProcess) -> None:
+    with server.connect() as tf, server.connect() as rival:
+        fill(tf)
+        attempts = []
+
+        def compare(tx: Any) -> None:
+            first = tx.lookup_latest_transform_xact("map", "odom").stamp_ns
+            attempts.append(first)
+            if len(attempts) < 3:
+                stamp_ns = first + S
+                rival.set_transforms_xact([link("map", a, stamp_ns) for a in ("odom", "twin")])
+            assert tx.lookup_latest_transform_xact("map", "twin").stamp_ns == first, "they differ"
+
+        rival.set_transforms_xact([link("map", "odom", 10 * S), link("map", "twin", 10 * S)])
+        tf.run_transaction(compare)
+        assert attempts == [10 * S, 11 * S, 12 * S]
+
+        def fails(tx: Any) -> None:
+            tx.lookup_latest_transform_xact("map", "odom")
+            tx.lookup_latest_transform_xact("map", "twin")
+            tx.set_transform(link("map", "never", 10 * S))
+            raise KeyError("of its own")
+
+        with pytest.raises(KeyError, match="of its own"):
+            tf.run_transaction(fails)
+        assert "never" not in tf.frames()
+
+
 def test_run_transaction_tries_again(server: ServerProcess) -> None:
     with server.connect() as tf, server.connect() as rival:
         fill(tf)

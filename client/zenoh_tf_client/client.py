@@ -199,6 +199,9 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """Call `function` with a new transaction and commit it; repeat this after a conflict.
 
+        An exception of `function` ends it only if what it has read is the state of one instant;
+        else it counts as a conflict.
+
         Args:
             function: Reads and sets through the transaction. It may be called several times.
             attempts: How often to call it at most.

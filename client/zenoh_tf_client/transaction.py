@@ -14,6 +14,7 @@ again; ``with tf.transaction() as tx:`` tries once.
 
 from __future__ import annotations
 
+import contextlib
 import random
 import time
 from collections.abc import Callable, Sequence
@@ -25,7 +26,9 @@ import numpy as np
 from zenoh_tf import LatestTransform, StampedTransform
 from zenoh_tf.errors import (
     InvalidArgumentException,
+    OutcomeUnknown,
     ServerRestarted,
+    ServerUnavailable,
     TransactionConflict,
 )
 
@@ -301,20 +304,28 @@ class Transaction:
             OutcomeUnknown: No reply came; the commit may or may not have been applied.
             ProtocolError: The reply is malformed.
         """
-        if self._is_done():
-            return
+        if self._sets or not self._reads_agree():
+            self._send(self._sets)
+
+    def check_reads(self) -> None:
+        """Raise TransactionConflict if what was read is not the state of one instant."""
+        if not self._reads_agree():
+            with contextlib.suppress(ServerRestarted, ServerUnavailable, OutcomeUnknown):
+                self._send([])
+
+    def _send(self, sets: list[StampedTransform]) -> None:
         authority, static = self._kind or ("", False)
-        commit = columns.commit(self._sets, authority, static)
+        commit = columns.commit(sets, authority, static)
         commit.read_names = list(self._versions)
         commit.read_versions = np.fromiter(self._versions.values(), np.uint64, len(self._versions))
         self._connection.call(writes.commit(commit, self._instance))
 
-    def _is_done(self) -> bool:
-        """Whether there is nothing to commit, and nothing to compare."""
+    def _reads_agree(self) -> bool:
+        """Whether what was read needs no comparison with the server's state."""
         # A single read of the server is one snapshot by itself; several were taken at different
         # times, and one of a replica may be old.
         most = 0 if self._connection.reads_may_be_old else 1
-        return not self._sets and self._reads <= most
+        return self._reads <= most
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         return self._shared.read_versions(request)
@@ -360,7 +371,11 @@ def repeat(
     while True:
         try:
             with begin() as transaction:
-                result = function(transaction)
+                try:
+                    result = function(transaction)
+                except Exception:  # an error is decided on consistent data: else it is a conflict
+                    transaction.check_reads()
+                    raise
             return result
         except TransactionConflict as conflict:
             if attempt == attempts:

@@ -244,6 +244,9 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     ) -> T:
         """Call `function` with a new transaction and commit it; repeat this after a conflict.
 
+        An exception of `function` ends it only if what it has read is the state of one instant;
+        else it counts as a conflict.
+
         Args:
             function: A coroutine function that reads and sets through the transaction, whose reads
                 are coroutines. It may be called several times.

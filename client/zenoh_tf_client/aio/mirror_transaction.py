@@ -57,10 +57,8 @@ class AsyncMirrorTransaction(AsyncTransaction):
             frames = [stamped.child_frame for stamped in self._sets]
             self._mirror._own_writes.add(frames, self._connection.last_receipt)
 
-    def _is_done(self) -> bool:
-        if self._tree is None:
-            return super()._is_done()
-        return not self._sets and not self._reads
+    def _reads_agree(self) -> bool:
+        return super()._reads_agree() if self._tree is None else not self._reads
 
     async def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         tree, mirror = self._tree, self._mirror

@@ -107,9 +107,9 @@ class MirrorTransaction(Transaction):
             frames = [stamped.child_frame for stamped in self._sets]
             self._own_writes.add(frames, self._connection.last_receipt)
 
-    def _is_done(self) -> bool:
+    def _reads_agree(self) -> bool:
         # Unlike at the server, a single read may be old.
-        return not self._sets and not self._reads
+        return not self._reads
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         found = look_up(self._tree, self._copy_of, request, self._interest)
