@@ -308,7 +308,11 @@ class Transaction:
             self._send(self._sets)
 
     def check_reads(self) -> None:
-        """Raise TransactionConflict if what was read is not the state of one instant."""
+        """Compare what was read with the server's state, if that can differ, and write nothing.
+
+        Raises:
+            TransactionConflict: A frame changed since this transaction read it.
+        """
         if not self._reads_agree():
             with contextlib.suppress(ServerRestarted, ServerUnavailable, OutcomeUnknown):
                 self._send([])

@@ -310,7 +310,11 @@ class AsyncTransaction:
             await self._send(self._sets)
 
     async def check_reads(self) -> None:
-        """Raise TransactionConflict if what was read is not the state of one instant."""
+        """Compare what was read with the server's state, if that can differ, and write nothing.
+
+        Raises:
+            TransactionConflict: A frame changed since this transaction read it.
+        """
         if not self._reads_agree():
             with contextlib.suppress(ServerRestarted, ServerUnavailable, OutcomeUnknown):
                 await self._send([])
