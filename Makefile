@@ -137,8 +137,8 @@ lint: native ## ruff, mypy --strict, clang-format, import-linter, scripts/checks
 	@$(BIN)/python -m scripts.checks
 	@if command -v actionlint >/dev/null; then actionlint $(WORKFLOWS); fi
 
-format: .venv/requirements.stamp ## format Python and C++, sort imports, make the asynchronous client's methods
-	@$(BIN)/python scripts/async_client.py
+format: .venv/requirements.stamp ## format Python and C++, sort imports, make the synchronous client
+	@$(BIN)/python -m scripts.sync_client
 	@$(BIN)/ruff check --select I --fix .
 	@$(BIN)/ruff format .
 	@$(BIN)/clang-format -i $(CPP)

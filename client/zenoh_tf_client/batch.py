@@ -6,6 +6,8 @@ with tf.batch() as batch:
 camera.result(), stored.result()
 """
 
+# Made from aio/batch.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 from types import TracebackType

@@ -11,15 +11,15 @@ from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
 
 from .batch import Batch
-from .introspection import ClientIntrospection
-from .lookups import ClientLookups
+from .introspection import Introspection
+from .lookups import Lookups
 from .mirror.interest import interest_of
 from .mirror.mirror import Mirror
 from .mirror.watch import Watch
 from .mirror.watching import Terms
 from .publish.broadcaster import Broadcaster
 from .requests.receipt import Receipt
-from .sensor_data import ClientSensorData
+from .sensor_data import SensorData
 from .session import shared_reads
 from .session.connection import (
     DEFAULT_ENDPOINT,
@@ -29,12 +29,12 @@ from .session.connection import (
 )
 from .session.shared_reads import Mode, SharedReads
 from .transaction import Transaction, run_transaction
-from .writes import ClientWrites
+from .writes import Writes
 
 T = TypeVar("T")
 
 
-class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntrospection):
+class TransformClient(Lookups, SensorData, Writes, Introspection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
@@ -66,7 +66,8 @@ class TransformClient(ClientLookups, ClientSensorData, ClientWrites, ClientIntro
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._reads = SharedReads(connection, self, reads)
+        self._reads = SharedReads(connection, reads)
+        self._reads.attach(self)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod

@@ -1,5 +1,7 @@
 """The methods of `TransformClient` that describe the tree."""
 
+# Made from aio/introspection.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
@@ -11,7 +13,7 @@ from .session.connection import Connection
 from .session.shared_reads import SharedReads
 
 
-class ClientIntrospection:
+class Introspection:
     """A base of `TransformClient`, which has the connection."""
 
     _connection: Connection

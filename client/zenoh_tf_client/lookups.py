@@ -1,5 +1,7 @@
 """The lookups of `TransformClient`."""
 
+# Made from aio/lookups.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -18,7 +20,7 @@ from .requests import lookups
 from .session.shared_reads import SharedReads
 
 
-class ClientLookups:
+class Lookups:
     """A base of `TransformClient`, which says how to read.
 
     Each method reads the server's memory where it is mapped. Else, or if that has no answer, it

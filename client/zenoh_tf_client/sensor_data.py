@@ -1,5 +1,7 @@
 """The methods of `TransformClient` for sensor data: point clouds."""
 
+# Made from aio/sensor_data.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 from typing import Any
@@ -13,7 +15,7 @@ from .requests import lookups
 from .session.shared_reads import SharedReads
 
 
-class ClientSensorData:
+class SensorData:
     """A base of `TransformClient`, which says how to read."""
 
     _reads: SharedReads

@@ -12,6 +12,8 @@ applies the write set atomically, or answers TransactionConflict. `run_transacti
 again; ``with tf.transaction() as tx:`` tries once.
 """
 
+# Made from aio/transaction.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 import contextlib
@@ -363,7 +365,9 @@ def run_transaction(
 
 
 def repeat(
-    begin: Callable[[], Transaction], function: Callable[[Transaction], T], attempts: int
+    begin: Callable[[], Transaction],
+    function: Callable[[Transaction], T],
+    attempts: int,
 ) -> T:
     """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:

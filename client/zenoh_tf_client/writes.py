@@ -1,5 +1,7 @@
 """The writes of `TransformClient`."""
 
+# Made from aio/writes.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,7 +12,7 @@ from .requests import writes
 from .session.connection import Connection
 
 
-class ClientWrites:
+class Writes:
     """A base of `TransformClient`, which has the connection."""
 
     _connection: Connection

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import zenoh_tf_client as client
 
-from .. import async_client
+from .. import sync_client
 from .public_members import Member, members
 from .repository import Repository, Violation
 
@@ -81,10 +81,9 @@ def arguments(member: Member) -> str:
 
 
 def made_files(repository: Repository) -> Iterator[Violation]:
-    """The files that scripts/async_client.py makes are current."""
-    folder = "client/zenoh_tf_client"
-    for name in async_client.FILES:
-        text = async_client.made_from(name, repository.text(f"{folder}/{name}"))
-        if repository.text(f"{folder}/aio/{name}") != text:
-            problem = f"differs from what ../{name} gives: run scripts/async_client.py"
-            yield Violation(f"{folder}/aio/{name}", 1, problem)
+    """The files that scripts/sync_client.py makes are current, and each of its rules applies."""
+    try:
+        for path, _ in sync_client.stale(repository.text):
+            yield Violation(path, 1, "differs from what aio/ gives: run make format")
+    except (sync_client.Unmade, SyntaxError) as error:
+        yield Violation("scripts/sync_client.py", 1, str(error))

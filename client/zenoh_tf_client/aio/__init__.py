@@ -1,8 +1,8 @@
 """The asynchronous client, for asyncio: `AsyncTransformClient` and what it returns.
 
-`lookups`, `sensor_data`, `writes`, `introspection`, `transaction` and `batch` are made from the
-synchronous client's files of the same names by `scripts/async_client.py`. What differs more is
-written by hand: `client`, `gate`, `mirror`, `watch`, `broadcaster`, and in `aio.session` what sends
+From `lookups`, `sensor_data`, `writes`, `introspection`, `transaction` and `batch` the synchronous
+client's files of the same names are made by `scripts/sync_client.py`. What differs more is written
+by hand: `client`, `gate`, `mirror`, `watch`, `broadcaster`, and in `aio.session` what sends
 requests on an event loop.
 
 It may import all of the synchronous client, and runs what has no asynchronous form on threads.

@@ -6,8 +6,6 @@ async with tf.batch() as batch:
 camera.result(), stored.result()
 """
 
-# Made from batch.py by scripts/async_client.py: edit that file.
-
 from __future__ import annotations
 
 from types import TracebackType

@@ -67,6 +67,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             )
         self._connection = connection
         self._reads = SharedReads(connection)
+        connection.mapped.attach(self)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod

@@ -1,7 +1,5 @@
 """The methods of `AsyncTransformClient` that describe the tree."""
 
-# Made from introspection.py by scripts/async_client.py: edit that file.
-
 from __future__ import annotations
 
 from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo

@@ -1,7 +1,5 @@
 """The lookups of `AsyncTransformClient`."""
 
-# Made from lookups.py by scripts/async_client.py: edit that file.
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -14,7 +12,7 @@ from zenoh_tf import (
     TransformArray,
     Velocity,
 )
-from zenoh_tf.shared_tree import AskServer
+from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from ..requests import lookups
 from .session.shared_reads import SharedReads
@@ -28,6 +26,8 @@ class AsyncLookups:
     """
 
     _reads: SharedReads
+    #: The server's memory. Lookups there take so little time that every step before them counts.
+    _tree: SharedTree
 
     async def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -58,8 +58,8 @@ class AsyncLookups:
         Example:
             ``X_map_base = (await tf.lookup_transform("map", "base")).transform``
         """
-        found = self._reads.tree.lookup_transform(target, source, stamp_ns, timeout_s)
-        if type(found) is not AskServer:
+        found = self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        if found:
             return found
         return await self._reads.ask(
             found, lookups.lookup_transform(target, source, stamp_ns, timeout_s)
@@ -100,10 +100,10 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_transform_full(
+        found = self._tree.lookup_transform_full(
             target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
         )
-        if type(found) is not AskServer:
+        if found:
             return found
         request = lookups.lookup_transform_full(
             target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
@@ -132,7 +132,7 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.can_transform(target, source, stamp_ns, timeout_s)
+        found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(
@@ -161,8 +161,8 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_latest_transform(target, source)
-        if type(found) is not AskServer:
+        found = self._tree.lookup_latest_transform(target, source)
+        if found:
             return found
         return await self._reads.ask(found, lookups.lookup_latest_transform(target, source))
 
@@ -188,8 +188,8 @@ class AsyncLookups:
         Example:
             ``X_map_wrist = (await tf.lookup_latest_transform_xact("map", "wrist")).transform``
         """
-        found = self._reads.tree.lookup_latest_transform_xact(target, source)
-        if type(found) is not AskServer:
+        found = self._tree.lookup_latest_transform_xact(target, source)
+        if found:
             return found
         return await self._reads.ask(found, lookups.lookup_latest_transform_xact(target, source))
 
@@ -215,7 +215,7 @@ class AsyncLookups:
         Example:
             ``arm, cup = await tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
-        found = self._reads.tree.lookup_latest_transforms_xact(pairs)
+        found = self._tree.lookup_latest_transforms_xact(pairs)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, lookups.lookup_latest_transforms_xact(pairs))
@@ -244,7 +244,7 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_transforms(targets, sources, stamps_ns)
+        found = self._tree.lookup_transforms(targets, sources, stamps_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, lookups.lookup_transforms(targets, sources, stamps_ns))
@@ -291,7 +291,7 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.latest_common_time(a, b)
+        found = self._tree.latest_common_time(a, b)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, lookups.latest_common_time(a, b))
@@ -334,7 +334,7 @@ class AsyncLookups:
             LimitExceeded: A limit of the server was hit, such as its backlog of requests.
             ProtocolError: The reply is malformed.
         """
-        found = self._reads.tree.lookup_velocity(
+        found = self._tree.lookup_velocity(
             tracking_frame,
             observation_frame,
             stamp_ns,

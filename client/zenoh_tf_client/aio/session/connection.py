@@ -64,7 +64,7 @@ class Connection:
 
         def connect() -> tuple[connection.Connection, SharedReads]:
             opened = connection.Connection(endpoint, tree, timeout_s, credentials)
-            return opened, SharedReads(opened, None, reads)
+            return opened, SharedReads(opened, reads)
 
         def close(opened: tuple[connection.Connection, SharedReads]) -> None:
             opened[0].close()

@@ -5,7 +5,7 @@ What is in memory is read without suspending the caller.
 
 from __future__ import annotations
 
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from zenoh_tf.shared_tree import AskServer, SharedTree
 
@@ -33,8 +33,8 @@ class SharedReads:
         """How a lookup would be answered now."""
         return self._mapped.way
 
-    async def ask(self, why: AskServer, request: Request[T]) -> T:
-        """Ask the server, because the tree in memory does not answer."""
+    async def ask(self, why: Any, request: Request[T]) -> T:
+        """Ask the server, because the tree in memory has returned an AskServer."""
         self._mapped.count(why)
         try:
             return await self._connection.call(request)
