@@ -25,7 +25,9 @@ from zenoh_tf import (
     Transform,
 )
 from zenoh_tf._net import handover
+from zenoh_tf.shared_tree import SharedTree
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.session.shared_reads import NO_TREE
 
 from . import forks
 from .conftest import StartServer
@@ -229,6 +231,17 @@ def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(
         server.send_signal(signal.SIGCONT)
         eventually(lambda: becomes_shared(tf))
         assert tf.stats()["reads_mapped"] == 2
+
+
+def test_all_clients_of_a_connection_follow_its_memory(start_sharing: StartServer) -> None:
+    class Other:  # such as the asynchronous client of `tf2`'s message filters
+        _tree: SharedTree
+
+    other = Other()
+    with start_sharing().connect(reads="auto") as tf:
+        tf._reads.attach(other)
+        assert tf._tree is other._tree is tf._reads.tree is not NO_TREE
+    assert tf._tree is other._tree is NO_TREE
 
 
 def test_a_server_without_sharing_is_asked(start_server: StartServer) -> None:

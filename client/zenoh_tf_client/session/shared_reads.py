@@ -95,7 +95,7 @@ class SharedReads:
         #: Any thread may read it at any time.
         self.tree: SharedTree = NO_TREE
         self._connection = connection
-        self._client: weakref.ref[Reader] | None = None
+        self._clients: weakref.WeakSet[Reader] = weakref.WeakSet()
         # Without a lock, as a forked child may inherit one locked. A lost count does no harm.
         self._asked = dict.fromkeys(AskServer, 0)
         self._refused = dict.fromkeys(REASONS, 0)
@@ -130,7 +130,7 @@ class SharedReads:
     def attach(self, client: Reader) -> None:
         """Let a client always have the tree as `_tree`."""
         with self._lock:
-            self._client = weakref.ref(client)
+            self._clients.add(client)
             client._tree = self.tree
 
     @property
@@ -266,8 +266,7 @@ class SharedReads:
 
     def _install(self, tree: SharedTree) -> None:
         self.tree = tree
-        client = None if self._client is None else self._client()
-        if client is not None:
+        for client in self._clients:
             client._tree = tree
 
     def _tell(self, state: str) -> None:
