@@ -26,7 +26,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import RingChannel
 
-from .. import wire
+from .. import threads, wire
 from .._net.server_clock import COMPARISONS, ServerClock, now_ns
 from ..errors import (
     ProtocolError,
@@ -286,9 +286,8 @@ class MirrorFeed:
     @staticmethod
     def _in_thread(work: Callable[..., None], *arguments: object) -> bool:
         """Start a thread. False: there are too many, or the program is ending."""
-        thread = threading.Thread(target=work, args=arguments, name="mirror request", daemon=True)
         try:
-            thread.start()
+            threads.start("mirror request", work, *arguments)
         except RuntimeError:
             return False
         return True

@@ -20,6 +20,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import FifoChannel
 
+from .. import threads
 from .._net import keys as service_keys
 from ..errors import ProtocolError, TransformException
 from ..text import quoted
@@ -32,7 +33,6 @@ _CHANNEL: Final = 256
 _BATCH: Final = 64
 #: Keys whose topic is remembered.
 _KNOWN_KEYS: Final = 4096
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 @dataclass(slots=True)
@@ -129,22 +129,16 @@ class TopicListener:
             )
             # The thread receives on the handler: undeclaring a subscriber fails while a thread
             # waits on the subscriber itself.
-            thread = threading.Thread(
-                target=self._run,
-                args=(subscriber.handler, Reception(kind, report)),
-                name=f"ros2-{topic}",
-                daemon=True,
-            )
             self._subscribers.append(subscriber)
-            self._threads.append(thread)
-            thread.start()
+            reception = Reception(kind, report)
+            work = threads.start(f"ros2-{topic}", self._run, subscriber.handler, reception)
+            self._threads.append(work)
 
     def close(self) -> None:
         """Receive no more."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
-        for thread in self._threads:
-            thread.join(_JOIN_TIMEOUT_S)
+        threads.join(*self._threads)
 
     def _run(self, handler: Any, reception: Reception) -> None:
         try:

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import TransformException
@@ -83,7 +83,7 @@ class Robot:
     def start(self, ingest: Ingest) -> None:
         """Connect and listen, in the background."""
         self._ingest = ingest
-        threading.Thread(target=self._connect, name=f"robot {self.name}", daemon=True).start()
+        threads.start(f"robot {self.name}", self._connect)
 
     def close(self) -> None:
         """Listen no more. Returns at once: to take leave of a frozen robot may last long."""
@@ -92,8 +92,7 @@ class Robot:
             feed, session = self._feed, self._session
             self._feed = self._session = None
         if feed is not None and session is not None:
-            arguments = (feed, session)
-            threading.Thread(target=_leave, args=arguments, name="robot leave", daemon=True).start()
+            threads.start("robot leave", _leave, feed, session)
 
     def counters(self) -> dict[str, Any]:
         """Counters for `stats`."""

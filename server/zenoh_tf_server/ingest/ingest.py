@@ -20,7 +20,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from zenoh_tf import wire
+from zenoh_tf import threads, wire
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.text import quoted
@@ -44,7 +44,6 @@ _HOLD_BACK_S: Final = 0.025
 _HOLD_BACK_ALONE_S: Final = 0.1
 #: An authority is alone after no other one has sent for this long.
 _ALONE_S: Final = 1.0
-_JOIN_TIMEOUT_S: Final = 0.5
 #: Keys whose authority is remembered.
 _KNOWN_KEYS: Final = 4096
 
@@ -113,9 +112,7 @@ class Ingest:
             ("ingest", self._receive_and_serve, (handler,)),
             ("ingest-large", self._serve_large, ()),
         ):
-            thread = threading.Thread(target=run, args=arguments, name=name, daemon=True)
-            thread.start()
-            self._threads.append(thread)
+            self._threads.append(threads.start(name, run, *arguments))
 
     def close(self) -> None:
         """Stop receiving. Puts that wait in a queue are not committed any more."""
@@ -124,8 +121,7 @@ class Ingest:
             self._lock.notify_all()
         if self._subscriber is not None:
             self._subscriber.undeclare()
-        for thread in self._threads:
-            thread.join(_JOIN_TIMEOUT_S)
+        threads.join(*self._threads)
 
     def add(self, puts: list[Put], *, wait: bool = True) -> None:
         """Queue puts that another part of the server has received, in their order.

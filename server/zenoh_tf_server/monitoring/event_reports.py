@@ -9,11 +9,11 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import logging
-import threading
 from typing import Any, Final
 
 from zenoh_tf import TransformTree
 from zenoh_tf.text import quoted
+from zenoh_tf.threads import Periodic
 
 from ..ingest.clock_offsets import ClockOffsets
 from ..rate_limited_log import RateLimitedLog
@@ -23,7 +23,6 @@ _INTERVAL_S: Final = 0.5
 _CLOCK_PERIOD_S: Final = 60.0
 #: A frame that changes hands, or its parent, this often between two looks is fought over.
 _FIGHT: Final = 2
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class EventReports:
@@ -33,8 +32,7 @@ class EventReports:
         self._clocks = clocks
         self._log = RateLimitedLog(logger)
         self._clock_log = RateLimitedLog(logger, _CLOCK_PERIOD_S)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="event-reports", daemon=True)
+        self._thread = Periodic("event-reports", self._report, _INTERVAL_S, at_end=True)
 
     def start(self) -> None:
         """Begin to report."""
@@ -42,18 +40,7 @@ class EventReports:
 
     def close(self) -> None:
         """Report what has happened until now, and stop."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
-
-    def _run(self) -> None:
-        stopped = False
-        while not stopped:
-            stopped = self._stop.wait(_INTERVAL_S)
-            try:
-                self._report()
-            except Exception:  # the next events must be reported
-                logging.getLogger("zenoh_tf.server").exception("internal error in a report")
+        self._thread.close()
 
     def _report(self) -> None:
         events, lost = self._tree._take_events()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import zenoh
 
-from zenoh_tf import wire
+from zenoh_tf import threads, wire
 from zenoh_tf.errors import TransformException
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ HEALTHY_FOR_S: Final = 10.0
 PERIOD_S: Final = 2.0
 #: How long a probe waits for its reply.
 _TIMEOUT_S: Final = 5.0
-_JOIN_TIMEOUT_S: Final = 0.2
 #: Any name will do; the tree need not have such a frame.
 _FRAME: Final = "zenoh-tf-health"
 _REQUEST: Final = wire.pack_one_read(_FRAME, _FRAME, wire.OP_COMMON, wire.NO_STAMP)
@@ -64,17 +63,13 @@ class Health:
         """The tree of `server` is claimed and served: begin to probe."""
         self._healthy_until_s = time.monotonic() + HEALTHY_FOR_S
         self.ready = True
-        self._thread = threading.Thread(
-            target=self._run, args=(server,), name="health", daemon=True
-        )
-        self._thread.start()
+        self._thread = threads.start("health", self._run, server)
 
     def stopping(self) -> None:
         """The server closes now: it is no longer ready, and not probed any more."""
         self.ready = False
         self._stop.set()
-        if self._thread is not None:
-            self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread)
 
     def _run(self, server: Watched) -> None:
         while not self._stop.is_set():

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
+from zenoh_tf import threads
 from zenoh_tf.text import quoted
 
 from ..process.network import NetworkError
@@ -58,7 +59,7 @@ class StatusPort:
             raise NetworkError(
                 f"cannot serve metrics on {address}: {error.strerror or error}"
             ) from error
-        threading.Thread(target=self._http.serve_forever, name="status", daemon=True).start()
+        threads.start("status", self._http.serve_forever)
 
     @property
     def port(self) -> int:

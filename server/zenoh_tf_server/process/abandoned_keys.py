@@ -12,7 +12,6 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -20,15 +19,13 @@ from typing import Final
 import zenoh
 
 from zenoh_tf._net import keys
-
-log = logging.getLogger("zenoh_tf.server")
+from zenoh_tf.threads import Periodic
 
 #: Keys are looked at this often, if a client has gone since.
 _PERIOD_S: Final = 30.0
 #: The thread pauses after so many authorities, as each token locks the routing tables for a moment.
 _AT_ONCE: Final = 16
 _PAUSE_S: Final = 0.002
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class AbandonedKeys:
@@ -39,21 +36,16 @@ class AbandonedKeys:
         self._tree = tree
         self._authorities = authorities
         self._gone = threading.Event()
-        self._closing = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread = Periodic("abandoned-keys", self._free_if_gone, _PERIOD_S)
 
     def start(self, session: zenoh.Session) -> None:
         """Begin. The session is that of the router."""
-        self._thread = threading.Thread(
-            target=self._run, args=(session,), name="abandoned-keys", daemon=True
-        )
+        self._session = session
         self._thread.start()
 
     def close(self) -> None:
         """End the thread."""
-        self._closing.set()
-        if self._thread is not None:
-            self._thread.join(_JOIN_TIMEOUT_S)
+        self._thread.close()
 
     def client_gone(self, client: str) -> None:
         """Note that a client is gone: its publishers are, too."""
@@ -65,14 +57,10 @@ class AbandonedKeys:
         for count, authority in enumerate(self._authorities(), 1):
             for static in (False, True):  # a broadcaster declares both
                 tokens.declare_token(keys.put(self._tree, authority, static=static)).undeclare()
-            if count % _AT_ONCE == 0 and self._closing.wait(_PAUSE_S):
+            if count % _AT_ONCE == 0 and self._thread.pause(_PAUSE_S):
                 return
 
-    def _run(self, session: zenoh.Session) -> None:
-        while not self._closing.wait(_PERIOD_S):
-            if self._gone.is_set():
-                self._gone.clear()
-                try:
-                    self.free(session)
-                except Exception:  # no error may end the thread
-                    log.exception("internal error while freeing the keys of publishers")
+    def _free_if_gone(self) -> None:
+        if self._gone.is_set():
+            self._gone.clear()
+            self.free(self._session)

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import ctypes
 import os
-import threading
 from pathlib import Path
 from typing import Final
+
+from zenoh_tf.threads import Periodic
 
 _INTERVAL_S: Final = 2.0
 #: Growth after which free memory is given back.
 _GROWTH_BYTES: Final = 32 << 20
-_JOIN_TIMEOUT_S: Final = 0.5
 _STATM: Final = Path("/proc/self/statm")
 #: glibc makes 8 heaps for each core, and shares them out among threads. Each keeps the
 #: most that it ever held: 480 clients, killed 20 at a time, left 84 MB with 16 heaps, 76 with 4.
@@ -41,29 +41,25 @@ class FreeMemory:
 
     def __init__(self) -> None:
         self._trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="free-memory", daemon=True)
+        self._thread = Periodic("free-memory", self._look, _INTERVAL_S)
 
     def start(self) -> None:
         """Begin to watch the process's size."""
         if self._trim is not None and _STATM.exists():
+            self._least = resident_bytes()
             self._thread.start()
 
     def close(self) -> None:
         """Stop."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
+        self._thread.close()
 
-    def _run(self) -> None:
+    def _look(self) -> None:
         assert self._trim is not None
-        least = resident_bytes()
-        while not self._stop.wait(_INTERVAL_S):
-            now = resident_bytes()
-            if now > least + _GROWTH_BYTES:
-                self._trim(0)
-                now = least = resident_bytes()
-            least = min(least, now)
+        now = resident_bytes()
+        if now > self._least + _GROWTH_BYTES:
+            self._trim(0)
+            self._least = resident_bytes()
+        self._least = min(self._least, now)
 
 
 def set_up_heaps() -> None:

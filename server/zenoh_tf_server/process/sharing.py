@@ -26,14 +26,13 @@ import re
 import shutil
 import socket
 import stat
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, threads
 from zenoh_tf._core import LeaseKeeper
 from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import check_folder
@@ -178,9 +177,7 @@ class Sharing:
             return None
         self._keeper = LeaseKeeper(tree)
         hello = handover.message(self._tree_name, self._instance, limits)
-        threading.Thread(
-            target=self._hand_over, args=(listener, hello, tree, take), name="share", daemon=True
-        ).start()
+        threads.start("share", self._hand_over, listener, hello, tree, take)
         final = path.with_suffix(handover.SUFFIX)
         path.rename(final)
         self._path = final

@@ -10,13 +10,12 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, NoReturn
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind, ServerUnavailable
 from zenoh_tf.mirrors.feed import MirrorFeed
@@ -170,9 +169,7 @@ class ReplicaService:
         replaced = dict(self._services)
         self._services[tree] = service
         if replaced:
-            threading.Thread(
-                target=self._end, args=(replaced, instance), name="replaced copy", daemon=True
-            ).start()
+            threads.start("replaced copy", self._end, replaced, instance)
 
     def _end(self, replaced: dict[TransformTree, Service], instance: str) -> None:
         time.sleep(_REPLACED_S)

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._core import Budget, ParkedLookups, WakeQueue, park_lookups
 from zenoh_tf.errors import (
     InvalidArgumentException,
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("zenoh_tf.server")
 
-_JOIN_TIMEOUT_S: Final = 1.0
 _RETRY_AFTER_S: Final = 1.0
 #: How long lookups of a client may wait that has no token, whose end would end them. A new
 #: client's token may arrive after its first query: it asks again soon.
@@ -113,8 +112,7 @@ class Waiters:
         self._rows = FairShare(limits, "waiters")
         self._links = FairShare(limits, "waiter_links")
         self._stopping = False
-        self._thread = threading.Thread(target=self._serve, name="waiters", daemon=True)
-        self._thread.start()
+        self._thread = threads.start("waiters", self._serve)
 
     def ask(
         self,
@@ -175,12 +173,7 @@ class Waiters:
                 if waiting.request.client == client
             ]
         if tokens:
-            threading.Thread(
-                target=self._fail,
-                args=(tokens, "the client is gone"),
-                name="client-gone",
-                daemon=True,
-            ).start()
+            threads.start("client-gone", self._fail, tokens, "the client is gone")
 
     def close(self) -> None:
         """Fail all waiting lookups with ServerUnavailable, and end the thread."""
@@ -189,7 +182,7 @@ class Waiters:
             tokens = list(self._waiting)
         self._queue.close()
         self._fail(tokens, "the server is stopping")
-        self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread)
 
     def _fail(self, tokens: list[int], reason: str) -> None:
         for token in tokens:

@@ -22,6 +22,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import Callback
 
+from zenoh_tf import threads
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2 import keys
 from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher
@@ -39,7 +40,6 @@ _OLD_CACHE: Final = "@ros2_pub_cache"
 #: Replies that wait for this module's thread. If there is no room, the publisher is asked again.
 _MAX_REPLIES: Final = 4096
 _MAX_REPLY_BYTES: Final = 64 << 20
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 @dataclass(slots=True, eq=False)
@@ -82,7 +82,7 @@ class Histories:
         self._failures = 0
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
-        self._thread = threading.Thread(target=self._run, name="ros2-histories", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def attach(self, session: zenoh.Session) -> None:
         """Set the session, so that bridges can be asked; their replies wait for `start`."""
@@ -98,7 +98,7 @@ class Histories:
         self._own_zid = str(session.info.zid())
         self._receive = receive
         self._reception = Reception(TF_MESSAGE, report)
-        self._thread.start()
+        self._thread = threads.start("ros2-histories", self._run)
         for data in (keys.rmw_data(TOPIC, TF_MESSAGE), keys.bridge_data(TOPIC)):
             self._subscribers.append(
                 session.liveliness().declare_subscriber(
@@ -113,8 +113,7 @@ class Histories:
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread)
 
     @property
     def failures(self) -> int:

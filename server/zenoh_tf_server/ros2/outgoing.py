@@ -32,6 +32,7 @@ from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.attachment import Attachment
 from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
+from zenoh_tf.threads import Periodic
 
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
@@ -47,7 +48,6 @@ _MAX_ROWS: Final = 1000
 #: How often changes of static links are looked for.
 _STATICS_S: Final = 0.1
 _KNOWN_NAMES: Final = 65_536
-_JOIN_TIMEOUT_S: Final = 0.5
 
 _Row = tuple[str, int, Any]  # parent, stamp in ns, pose
 
@@ -117,7 +117,6 @@ class Outgoing:
         self._lock = threading.Lock()
         self._commits: deque[tuple[wire.Commit, Stores]] = deque()
         self._waiting = 0  # transforms in them
-        self._closing = threading.Event()
         self._tokens: list[zenoh.LivelinessToken] = []
         self._peers: dict[str, list[_Peer]] = {}
         self._statics: TfMessage | None = None
@@ -125,7 +124,9 @@ class Outgoing:
         self._statics_change = -1
         self._messages = self._transforms = self._left_out = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
-        self._thread = threading.Thread(target=self._run, name="ros2-out", daemon=True)
+        self._next_s = 0.0
+        period_s = min(self._period_s, _STATICS_S)
+        self._thread = Periodic("ros2-out", self._publish_due, period_s)
 
     def start(self, session: zenoh.Session) -> None:
         """Begin to publish."""
@@ -146,9 +147,7 @@ class Outgoing:
 
     def close(self) -> None:
         """Publish no more."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
+        self._thread.close()
         for token in self._tokens:
             token.undeclare()
         for peers in self._peers.values():
@@ -176,13 +175,11 @@ class Outgoing:
     def _declare_token(self, session: zenoh.Session, key: str) -> None:
         self._tokens.append(session.liveliness().declare_token(key))
 
-    def _run(self) -> None:
-        next_s = 0.0
-        while not self._closing.wait(min(self._period_s, _STATICS_S)):
-            self._attempt(self._publish_statics)
-            if (now_s := time.monotonic()) >= next_s:
-                next_s = now_s + self._period_s
-                self._attempt(self._publish_moving)
+    def _publish_due(self) -> None:
+        self._attempt(self._publish_statics)
+        if (now_s := time.monotonic()) >= self._next_s:
+            self._next_s = now_s + self._period_s
+            self._attempt(self._publish_moving)
 
     def _attempt(self, publish: Callable[[], None]) -> None:
         try:

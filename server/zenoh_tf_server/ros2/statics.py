@@ -27,6 +27,7 @@ from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.keys import Publisher as Peer
 from zenoh_tf.ros2.topics import Received
+from zenoh_tf.threads import Periodic
 
 from ..ingest.put_queues import Put
 from ..rate_limited_log import RateLimitedLog
@@ -37,7 +38,6 @@ from .publishers import Source
 #: How often it is looked whose grace has ended.
 _PERIOD_S: Final = 0.25
 _REMOVAL_S: Final = 5.0
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 @dataclass(slots=True)
@@ -97,9 +97,8 @@ class Statics:
         self._owners: dict[str, _Identity] = {}  # of each child: the publisher that sent it last
         self._links = 0  # over all publishers
         self._dropped = 0
-        self._closing = threading.Event()
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
-        self._thread = threading.Thread(target=self._forget_gone, name="ros2-statics", daemon=True)
+        self._thread = Periodic("ros2-statics", self._forget_gone, _PERIOD_S)
 
     def attach(self, session: zenoh.Session) -> None:
         """Set the session; before publishers can be found."""
@@ -112,14 +111,13 @@ class Statics:
     ) -> None:
         """Ask for what was sent before, now and whenever a publisher appears."""
         self._histories.start(receive, report)
-        self._thread.start()
+        if self._grace_s:
+            self._thread.start()
 
     def close(self) -> None:
         """End."""
-        self._closing.set()
         self._histories.close()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
+        self._thread.close()
 
     def peer_found(self, peer: Peer) -> None:
         """Take note of a publisher of transforms that has appeared."""
@@ -225,20 +223,17 @@ class Statics:
                 publisher.gone_s = time.monotonic()
 
     def _forget_gone(self) -> None:
-        while not self._closing.wait(_PERIOD_S):
-            if not self._grace_s:
-                continue
-            before_s = time.monotonic() - self._grace_s
-            with self._lock:
-                gone = [
-                    identity
-                    for identity, each in self._publishers.items()
-                    if each.gone_s is not None and each.gone_s <= before_s
-                ]
-                forgotten = [self._forget(identity) for identity in gone]
-            for authority, handed_over, orphans in forgotten:
-                self._add([self.put(heir, _commit(links)) for heir, links in handed_over.items()])
-                self._remove(authority, orphans)
+        before_s = time.monotonic() - self._grace_s
+        with self._lock:
+            gone = [
+                identity
+                for identity, each in self._publishers.items()
+                if each.gone_s is not None and each.gone_s <= before_s
+            ]
+            forgotten = [self._forget(identity) for identity in gone]
+        for authority, handed_over, orphans in forgotten:
+            self._add([self.put(heir, _commit(links)) for heir, links in handed_over.items()])
+            self._remove(authority, orphans)
 
     def _forget(self, identity: _Identity) -> tuple[str, dict[str, dict[str, _Link]], set[str]]:
         """Forget a publisher. Returns its authority, what others have of what was its own, by their

@@ -5,22 +5,18 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import logging
-import threading
 from collections.abc import Sequence
 from typing import Final
 
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import TransformException
+from zenoh_tf.threads import Periodic
 
 from .file import Link, Stored, Table
 from .static_links import Changed, StaticLinks
-from .writer import StateWriter
-
-log = logging.getLogger("zenoh_tf.server.state")
+from .writer import STORE_TIMEOUT_S, StateWriter
 
 _PERIOD_S: Final = 1.0
-_JOIN_TIMEOUT_S: Final = 1.0
 
 
 class LastPoses:
@@ -39,26 +35,14 @@ class LastPoses:
         self._links = links
         self._writer = writer
         self._stored: dict[str, Link] = dict(stored.last_poses)
-        self._closing = threading.Event()
         # Frames that are no longer to be remembered.
         self._put({frame: None for frame in self._stored.keys() - set(frames)})
-        self._thread = threading.Thread(target=self._run, name="last poses", daemon=True)
+        self._thread = Periodic("last poses", self._store, _PERIOD_S, at_end=True)
         self._thread.start()
 
     def close(self) -> None:
         """Store the poses once more, and end the thread."""
-        self._closing.set()
-        self._thread.join(_JOIN_TIMEOUT_S)
-
-    def _run(self) -> None:
-        while True:
-            is_last = self._closing.wait(_PERIOD_S)
-            try:
-                self._store()
-            except Exception:  # no error may end the thread
-                log.exception("internal error while storing the last poses")
-            if is_last:
-                return
+        self._thread.close(STORE_TIMEOUT_S)
 
     def _store(self) -> None:
         with self._links.lock:  # so that no pose is stored after its frame was removed

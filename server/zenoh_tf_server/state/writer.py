@@ -13,6 +13,7 @@ import threading
 import time
 from typing import Final
 
+from zenoh_tf import threads
 from zenoh_tf.errors import NotDurable
 
 from .file import Changes, Link, StateFile, Table
@@ -23,7 +24,8 @@ log = logging.getLogger("zenoh_tf.server.state")
 _RETRY_S: Final = 2.0
 #: How long a client's write waits for the disk.
 WAIT_S: Final = 3.0
-_JOIN_TIMEOUT_S: Final = 1.0
+#: On closing, for the last changes.
+STORE_TIMEOUT_S: Final = 1.0
 
 
 class StateWriter:
@@ -41,8 +43,7 @@ class StateWriter:
         self._writing_since_s: float | None = None
         self._writing = 0  # entries of the write that runs
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name="state", daemon=True)
-        self._thread.start()
+        self._thread = threads.start("state", self._run)
 
     def put(self, changes: Changes) -> int:
         """Take changes to write soon. Returns the ticket to `wait` for. Never blocks for long."""
@@ -83,7 +84,7 @@ class StateWriter:
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread, timeout_s=STORE_TIMEOUT_S)
         return not self._thread.is_alive()
 
     def _not_durable(self, reason: str) -> NotDurable:

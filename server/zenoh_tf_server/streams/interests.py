@@ -26,7 +26,7 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._core import ChangeLog, InterestReader, wait_for_changes
 from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerRestarted, TransformException
@@ -51,7 +51,6 @@ _REST: Final = 2.0
 _UNHEARD_S: Final = 10.0
 _UNHEARD_IF_BUSY_S: Final = 1.0
 _MISSED_BYTES: Final = 1 << 20
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class _Interest:
@@ -148,19 +147,18 @@ class Interests:
         self._closing = False
         self._session: zenoh.Session | None = None
         self._name = ""
-        self._thread = threading.Thread(target=self._run, name="interests", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         """Publish to whoever listens to an interest of a tree."""
         self._session, self._name = session, tree
-        self._thread.start()
+        self._thread = threads.start("interests", self._run)
 
     def close(self) -> None:
         """Publish no more."""
         self._closing = True
         self._changed.set()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread)
 
     def snapshot(
         self, wanted: wire.Interest, client: str, settings: wire.TreeSettings

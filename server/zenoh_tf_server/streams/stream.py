@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._core import ChangeLog
 from zenoh_tf._net import keys
 
@@ -35,7 +35,6 @@ _INTERVAL_S: Final = 0.001
 _MESSAGE_BYTES: Final = 1 << 18
 #: A reply to `missed` takes messages until they have this many bytes.
 _MISSED_BYTES: Final = 1 << 20
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class Stream:
@@ -54,7 +53,7 @@ class Stream:
         self._put_s = 0.0  # when that was
         self._clock_ns = 0
         self._messages = self._bytes = self._gaps = 0
-        self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         """Publish to whoever listens to the stream of a tree."""
@@ -66,14 +65,13 @@ class Stream:
             allowed_destination=zenoh.Locality.REMOTE,
         )
         self._publisher.declare_matching_listener(lambda status: self._wake())
-        self._thread.start()
+        self._thread = threads.start("stream", self._run)
 
     def close(self) -> None:
         """Publish no more."""
         self._closing = True
         self._wake()
-        if self._thread.is_alive():
-            self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread)
 
     def wait_until_active(self, timeout_s: float) -> None:
         """Wait until the changes are published, if someone listens."""

@@ -22,6 +22,7 @@ import threading
 import time
 from typing import Final
 
+from zenoh_tf import threads
 from zenoh_tf._net.local_requests import (
     CLIENT,
     FAMILIES,
@@ -48,7 +49,6 @@ _ID_S: Final = 5.0
 #: A client that takes nothing of a reply for this long loses the connection.
 _CUT_OFF_S: Final = 10
 _READ_BYTES: Final = 8192
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class _Malformed(Exception):
@@ -185,13 +185,9 @@ class LocalRequests:
                 peer.close()
                 return
             self._connections.add(connection)
-        connection.thread = threading.Thread(
-            target=self._serve, args=(connection,), name="local", daemon=True
-        )
         try:
-            connection.thread.start()
+            connection.thread = threads.start("local", self._serve, connection)
         except RuntimeError:  # the system has no thread left; the client goes on over Zenoh
-            connection.thread = None
             self._forget(connection)
             peer.close()
 
@@ -202,7 +198,7 @@ class LocalRequests:
             connections = list(self._connections)
         for connection in connections:
             connection.end()
-        deadline_s = time.monotonic() + _JOIN_TIMEOUT_S
+        deadline_s = time.monotonic() + threads.JOIN_TIMEOUT_S
         for connection in connections:
             if connection.thread is not None:
                 connection.thread.join(max(0.0, deadline_s - time.monotonic()))

@@ -29,6 +29,7 @@ from typing import Final
 
 import zenoh
 
+from zenoh_tf import threads
 from zenoh_tf.errors import LimitExceeded, ServerBusy
 
 from ..limits import Limits
@@ -49,7 +50,6 @@ _ASK_AGAIN_MS: Final = 10
 _POLL_MS: Final = 1000
 #: A send that takes less has not waited for the link.
 _PROMPT_S: Final = 0.002
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class Reply:
@@ -176,15 +176,14 @@ class Replies:
         self._closing = False
         self._woken, self._wake = socket.socketpair()
         self._wake.setblocking(False)
-        self._thread = threading.Thread(target=self._serve, name="replies", daemon=True)
-        self._thread.start()
+        self._thread = threads.start("replies", self._serve)
 
     def close(self) -> None:
         """End the thread. Clients that have not read their replies lose the connection, because
         Zenoh would wait for them."""
         self._closing = True
         self._wake_up()
-        self._thread.join(_JOIN_TIMEOUT_S)
+        threads.join(self._thread)
         for outbox in list(self._outboxes.values()):
             if outbox.busy:
                 self._links.cut_full(outbox.client)
@@ -304,9 +303,7 @@ class Replies:
     def _resume(self, outbox: _Outbox) -> bool:
         """Go on sending. True: the outbox is done, or another thread's."""
         if self._links.is_blind(outbox.client):
-            threading.Thread(
-                target=self._send_blindly, args=(outbox,), name="reply", daemon=True
-            ).start()
+            threads.start("reply", self._send_blindly, outbox)
             return True
         progress = False
         for _ in range(_AT_ONCE):

@@ -24,6 +24,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import FifoChannel
 
+from zenoh_tf import threads
 from zenoh_tf._net import keys
 
 from ..requests.handler import UNKNOWN, Handler
@@ -47,7 +48,6 @@ _SMALL: Final = ("info", "admin", "hello", "snapshot", "missed")
 #: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
 _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64
-_JOIN_TIMEOUT_S: Final = 0.5
 
 
 class Workers:
@@ -64,7 +64,7 @@ class Workers:
         #: What waits, also of requests that come in other ways.
         self.budget = Budget(service.limits)
         service.add_counters(self.budget.counters)
-        shared = _Shared(service, clients, replies, self.budget)
+        self._shared = shared = _Shared(service, clients, replies, self.budget)
         self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
         self._families = [
             _Family(
@@ -78,8 +78,8 @@ class Workers:
 
     def start(self, session: zenoh.Session, key: Callable[[str], str]) -> None:
         """Receive the queries on the key of each family."""
-        for threads in self._lanes.values():
-            threads.start()
+        for lane in self._lanes.values():
+            lane.start()
         for family in self._families:
             family.start(session, key)
 
@@ -87,12 +87,9 @@ class Workers:
         """Receive no more queries, serve those received, and end the threads."""
         for family in self._families:
             family.undeclare()
-        for threads in self._lanes.values():
-            threads.lane.close()
-        for family in self._families:
-            family.join()
-        for threads in self._lanes.values():
-            threads.join()
+        for lane in self._lanes.values():
+            lane.lane.close()
+        threads.join(*self._shared.threads)
 
 
 class _Shared:
@@ -112,8 +109,12 @@ class _Shared:
         #: The families whose keys go on with the authority or operation of the request.
         self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
         self.keys: dict[str, zenoh.KeyExpr] = {}
+        self.threads: list[threading.Thread] = []
         #: What attachments say: the client's id, and whether it takes parts. Saves decoding.
         self._senders: dict[bytes, tuple[str, bool]] = {}
+
+    def start(self, name: str, work: Callable[..., None], *arguments: object) -> None:
+        self.threads.append(threads.start(name, work, *arguments))
 
     def reply_to(self, query: zenoh.Query, operation: str, size: int) -> Reply:
         """The ReplyCallback of a query with `size` bytes."""
@@ -176,18 +177,11 @@ class _LaneThreads:
     def __init__(self, shared: _Shared, count: int) -> None:
         self.lane: Lane[zenoh.Query] = Lane(shared.budget)
         self._shared = shared
-        self._threads = [
-            threading.Thread(target=self._work, name=f"lane-{index}", daemon=True)
-            for index in range(count)
-        ]
+        self._count = count
 
     def start(self) -> None:
-        for thread in self._threads:
-            thread.start()
-
-    def join(self) -> None:
-        for thread in self._threads:
-            thread.join(timeout=_JOIN_TIMEOUT_S)
+        for index in range(self._count):
+            self._shared.start(f"lane-{index}", self._work)
 
     def _work(self) -> None:
         while (request := self.lane.wait()) is not None:
@@ -210,7 +204,6 @@ class _Family:
         # threads are busy, and each of them looks there before it stops being busy.
         self._busy = 0
         self._queryable: zenoh.Queryable[Any] | None = None
-        self._threads: list[threading.Thread] = []
 
     def start(self, session: zenoh.Session, key_of: Callable[[str], str]) -> None:
         key = key_of(self._operation)
@@ -222,22 +215,11 @@ class _Family:
         # the queryable itself.
         handler: Any = self._queryable.handler
         for index in range(self._count + 1):
-            thread = threading.Thread(
-                target=self._work,
-                args=(handler.recv,),
-                name=f"{self._operation}-{index}",
-                daemon=True,
-            )
-            thread.start()
-            self._threads.append(thread)
+            self._shared.start(f"{self._operation}-{index}", self._work, handler.recv)
 
     def undeclare(self) -> None:
         if self._queryable is not None:
             self._queryable.undeclare()
-
-    def join(self) -> None:
-        for thread in self._threads:
-            thread.join(timeout=_JOIN_TIMEOUT_S)
 
     def _work(self, receive: Any) -> None:
         while True:
