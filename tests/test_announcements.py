@@ -147,7 +147,7 @@ def test_many_statics_and_small_limits(start_server: StartServer) -> None:
         urdf.send_static([link("base", f"{'x' * 100} {number}") for number in range(500)])
         assert tf.can_transform("base", f"{'x' * 100} 499", timeout_s=10)
         server.kill()
-        flags = ("--max-rows", "50", "--max-message-bytes", "4096")
+        flags = ("--limit", "rows=50", "--limit", "message_bytes=4096")
         server = start_server(*flags, endpoint=endpoint)
         until_informed(urdf, server)
         until(lambda: len(tf.frames()) == 501)
@@ -233,7 +233,7 @@ def test_which_announcements_are_applied(server: ServerProcess, client: Transfor
 
 
 def test_removals_are_forgotten_at_the_limit(start_server: StartServer) -> None:
-    server = start_server("--max-removed-statics", "2")
+    server = start_server("--limit", "removed_statics=2")
     with server.connect() as tf:
         names = ["a", "b", "c"]
         for name in names:

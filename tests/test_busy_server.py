@@ -90,7 +90,7 @@ def fill(tf: TransformClient) -> None:
 
 
 def test_queries_beyond_the_limit_are_refused_and_not_run(start_server: StartServer) -> None:
-    server = start_server("--max-pending-queries", "1", "--workers", "1")
+    server = start_server("--limit", "pending_queries=1", "--workers", "1")
     outcomes: list[str] = []
     done = threading.Semaphore(0)
 
@@ -121,7 +121,7 @@ def test_queries_beyond_the_limit_are_refused_and_not_run(start_server: StartSer
 
 
 def test_the_sdk_comes_back(start_server: StartServer) -> None:
-    server = start_server("--max-pending-queries", "1", "--workers", "1")
+    server = start_server("--limit", "pending_queries=1", "--workers", "1")
     stamps = np.arange(20_000)
     with server.connect(60.0) as tf, ThreadPoolExecutor(8) as pool:
         fill(tf)

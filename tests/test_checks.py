@@ -55,7 +55,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("core_rooms", f"{CORE}/extra/new.hpp", r"\Z", "// New.\n", "extra is no room"),
     ("shown_examples", "examples/sensor.py", "0.02", "0.03", "README.md"),
     ("api_reference", "docs/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
-    ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:14"),
+    ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:26"),
     (
         "measured_numbers",
         "README.md",
@@ -72,6 +72,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("scraping", "docker/prometheus/prometheus.yaml", r"server:\d+", "server:1", "metrics are at"),
     ("flags", "docs/view.md", r"zenoh-tf view ", "zenoh-tf view --loop ", "has no flag --loop"),
     ("flags", "docs/clocks.md", "`--cache-time`", "`--cash-time`", "flag --cash-time"),
+    ("limits", "docs/state.md", "--limit frames", "--limit frame", "there is no limit frame"),
     ("defaults", "docs/clocks.md", "default 3600", "default 60", "of --max-future-s is 3600"),
     ("enumerations", "docs/urdf.md", "`no_stamp`", "", "docs/urdf.md"),
     ("conformance", "tests/conformance/test_e_time.py", "test_E02_", "test_E03_", "row E02"),

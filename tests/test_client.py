@@ -380,7 +380,7 @@ def test_waiting_lookups(any_server: ServerProcess) -> None:
 
 
 def test_more_waiters_than_allowed(start_server: StartServer) -> None:
-    server = start_server("--max-waiters", "1")
+    server = start_server("--limit", "waiters=1")
     import threading  # noqa: PLC0415
 
     with server.connect() as tf:

@@ -336,7 +336,7 @@ def test_from_shared_memory_and_a_mirror(shared: TransformClient, tree: Transfor
 
 
 def test_more_stamps_than_a_message_may_have(start_server: StartServer) -> None:
-    with start_server("--max-rows", "500").connect() as client:
+    with start_server("--limit", "rows=500").connect() as client:
         for rows in np.array_split(np.array(drive(), object), 10):
             client.set_transforms_xact(list(rows))
         client.set_transform(MOUNT, static=True)

@@ -155,7 +155,7 @@ def test_a_robot_with_too_many_frames_harms_nobody(start_server: StartServer) ->
                 [StampedTransform("map", f"part{n}", 1, Transform()) for n in range(count)]
             )
     site = start_server(
-        *("--mirror-of", f"greedy={greedy.endpoint}/main,max-frames=20", "--max-frames", "50"),
+        *("--mirror-of", f"greedy={greedy.endpoint}/main,max-frames=20", "--limit", "frames=50"),
         *("--mirror-of", f"modest={modest.endpoint}", "--mirror-shared", "map"),
     )
     with site.connect() as tf:

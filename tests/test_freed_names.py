@@ -32,7 +32,7 @@ def make_tf(request: pytest.FixtureRequest, start_server: StartServer) -> Iterat
     def make(max_frames: int) -> Tf:
         if request.param == "embedded":
             return TransformTree(max_frames=max_frames)
-        clients.append(start_server("--max-frames", str(max_frames)).connect())
+        clients.append(start_server("--limit", f"frames={max_frames}").connect())
         return clients[-1]
 
     yield make
@@ -109,7 +109,7 @@ def test_a_past_link_does_not_lead_to_the_next_frame(make_tf: MakeTf) -> None:
 def test_a_transaction_conflicts_if_its_frame_was_removed_and_came_back(
     start_server: StartServer,
 ) -> None:
-    with start_server("--max-frames", "4").connect() as tf:
+    with start_server("--limit", "frames=4").connect() as tf:
         for others in range(4):
             tf.set_transform(pose("map", "cup", 1))
             with pytest.raises(TransactionConflict), tf.transaction() as xact:

@@ -42,7 +42,7 @@ def wait(done: Callable[[], object], what: Callable[[], object]) -> None:
 
 
 def test_a_publisher_alone_is_held_back_and_loses_nothing(start_server: StartServer) -> None:
-    server = start_server("--max-put-queue-bytes", "20000")
+    server = start_server("--limit", "put_queue_bytes=20000")
     with server.connect() as tf, tf.broadcaster("burst") as burst:
         for stamp_ns in range(3000):
             burst.send(rows("f", stamp_ns))
@@ -64,7 +64,7 @@ def flood(endpoint: str, name: str, stop: threading.Event) -> None:
 
 
 def test_floods_lose_and_a_sensor_beside_them_does_not(start_server: StartServer) -> None:
-    server = start_server("--max-put-queue-bytes", "2000000")
+    server = start_server("--limit", "put_queue_bytes=2000000")
     stop = threading.Event()
     with server.connect() as tf:
         threads = [

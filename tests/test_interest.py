@@ -237,7 +237,7 @@ def test_bad_arguments(client: TransformClient) -> None:
 @pytest.mark.slow
 def test_limits(start_server: StartServer) -> None:
     server = start_server(
-        *("--max-interests", "4", "--max-interest-pairs", "2", "--max-interest-frames", "5"),
+        *("--limit", "interests=4", "--limit", "interest_pairs=2", "--limit", "interest_frames=5"),
     )
     with server.connect(1) as tf, server.connect(1) as other:
         robot(tf, 1)

@@ -147,7 +147,7 @@ def test_equal_to_the_mirror_of_everything(start_server: StartServer, seed: int)
     """Random writes of several clients: names come and go, time is set back, the tree is cleared,
     frames are reparented. What a mirror of pairs answers is what the other one answers."""
     server = start_server(
-        *("--max-frames", "400", "--time-jump", "clear", "--max-samples-per-frame", "20")
+        *("--limit", "frames=400", "--time-jump", "clear", "--limit", "samples_per_frame=20")
     )
     chance = random.Random(seed)
     clients = [server.connect(20) for _ in range(2)]

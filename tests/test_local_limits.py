@@ -142,7 +142,7 @@ def test_a_client_that_reads_nothing_is_cut_off_alone(
 
 
 def test_connections_are_bounded(start_sharing: StartServer) -> None:
-    server = start_sharing("--max-local-connections", "2")
+    server = start_sharing("--limit", "local_connections=2")
     clients = [connect(server) for _ in range(4)]
     for tf in clients:
         assert tf.set_transform(link())

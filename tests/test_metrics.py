@@ -87,7 +87,7 @@ def link(child: str, stamp_ns: int = 1) -> StampedTransform:
 
 @pytest.fixture
 def server(start_server: StartServer, tmp_path: Path) -> ServerProcess:
-    flags = ["--metrics", "127.0.0.1:0", "--max-metrics-authorities", "2"]
+    flags = ["--metrics", "127.0.0.1:0", "--limit", "metrics_authorities=2"]
     flags += ["--state-dir", str(tmp_path / "state"), "--ros2", "--ros2-publish"]
     return start_server(*flags)
 

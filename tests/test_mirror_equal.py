@@ -114,8 +114,8 @@ def assert_equal(m: Mirror, tf: TransformClient, stamps: list[int]) -> None:
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
 def test_equal_after_random_traffic(start_server: StartServer, concurrency: str) -> None:
     server = start_server(
-        *("--concurrency", concurrency, "--max-frames", "128", "--time-jump", "clear"),
-        *("--max-samples-per-frame", "20"),
+        *("--concurrency", concurrency, "--limit", "frames=128", "--time-jump", "clear"),
+        *("--limit", "samples_per_frame=20"),
     )
     seed = random.randrange(1 << 30)
     print(f"seed {seed}")

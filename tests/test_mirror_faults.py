@@ -120,7 +120,7 @@ def test_a_mirror_behind_a_broken_link(server: ServerProcess, fault: str) -> Non
 @pytest.mark.slow
 def test_a_mirror_that_is_too_slow(start_server: StartServer) -> None:
     """It cannot apply the stream as fast as it comes; others are not held up."""
-    server = start_server("--max-stream-bytes", "1000000")
+    server = start_server("--limit", "stream_bytes=1000000")
     with server.connect(20) as tf:
         tf.set_transforms_xact(step(1))
         with tf.mirror() as other, MirrorProcess(server.endpoint, "0.03") as slow:
@@ -156,7 +156,7 @@ def test_a_restarted_server(start_server: StartServer) -> None:
 
 def test_names_beyond_what_the_tree_holds(start_server: StartServer) -> None:
     """Names that come and go use up the ids of a mirror's tree: it begins anew."""
-    server = start_server("--max-frames", "64")
+    server = start_server("--limit", "frames=64")
     with server.connect(20) as tf, tf.mirror() as m:
         for round_ in range(400):
             name = f"visitor{round_}"

@@ -145,7 +145,7 @@ def test_errors_of_many_failed_rows(server: ServerProcess, wires: Raw) -> None:
 
 
 def test_a_reply_has_a_limit(start_server: StartServer) -> None:
-    server = start_server("--max-reply-bytes", "10000")
+    server = start_server("--limit", "reply_bytes=10000")
     with raw(server.endpoint) as wires:
         fill_star(wires, 20)
         hello = wires.query("hello", wire.pack({"v": 1, **info("hello")}))
@@ -165,7 +165,7 @@ def test_a_reply_has_a_limit(start_server: StartServer) -> None:
 
 def test_a_reply_that_no_client_accepts_cannot_be_allowed(start_server: StartServer) -> None:
     with pytest.raises(AssertionError, match="did not start"):
-        start_server("--max-reply-bytes", str(wire.MAX_REPLY_BYTES + 1))
+        start_server("--limit", f"reply_bytes={wire.MAX_REPLY_BYTES + 1}")
 
 
 def hostile(size: int) -> Iterator[bytes]:

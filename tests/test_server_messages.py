@@ -149,7 +149,7 @@ def test_a_write_for_another_instance_is_refused(wires: Raw, client: TransformCl
 
 
 def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServer) -> None:
-    server = start_server("--max-outcomes", "4")
+    server = start_server("--limit", "outcomes=4")
     with raw(server.endpoint) as wires, server.connect() as tf:
         clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
         until = clock_ns + 6_000_000_000
@@ -169,8 +169,8 @@ def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServ
 
 def test_limits_name_themselves(start_server: StartServer) -> None:
     server = start_server(
-        "--max-rows", "10", "--max-message-bytes", "2000", "--max-name-bytes", "8",
-        "--max-frames", "4",
+        "--limit", "rows=10", "--limit", "message_bytes=2000", "--limit", "name_bytes=8",
+        "--limit", "frames=4",
     )  # fmt: skip
     with raw(server.endpoint) as wires, server.connect() as tf:
         link = StampedTransform("map", "base", 1, Transform())
@@ -202,7 +202,7 @@ def test_limits_name_themselves(start_server: StartServer) -> None:
         many = tf.broadcaster("many")
         many.send([link] * 11)
         _wait(tf, "bad_puts", 1)
-        assert "the limit is 10 (--max-rows)" in server.log
+        assert "the limit is 10 (--limit rows=N)" in server.log
 
 
 def _wait(tf: TransformClient, counter: str, value: int) -> None:
@@ -307,7 +307,7 @@ def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient)
 
 
 def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartServer) -> None:
-    server = start_server("--max-refused-authorities", "2")
+    server = start_server("--limit", "refused_authorities=2")
     with raw(server.endpoint) as wires, server.connect() as tf:
         wires.put("good", wire.pack(commit()))
         wires.put("good", b"garbage")

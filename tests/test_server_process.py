@@ -153,7 +153,7 @@ def test_the_greeting_shows_no_options_of_an_endpoint(start_server: StartServer)
 
 
 def test_wrong_flags(flag_error: Callable[..., str]) -> None:
-    assert "--max-rows" in flag_error("--max-rows", "0")
+    assert "the limit rows is 0" in flag_error("--limit", "rows=0")
     assert "--cache-time" in flag_error("--cache-time", "0")
     assert "--tree" in flag_error("--tree", "x" * 256)
     assert "not allowed with" in flag_error("--listen", "tcp/[::]:1", "--connect", "tcp/[::]:1")

@@ -308,7 +308,7 @@ def test_a_file_that_another_program_uses(
 
 def test_links_that_do_not_fit(start: Callable[..., ServerProcess], folder: Path) -> None:
     written(start)
-    line = refusal(folder, "--max-frames", "10")
+    line = refusal(folder, "--limit", "frames=10")
     assert f"the static links of {folder / 'state.sqlite3'} do not fit into the tree: " in line
     assert "the limit of 10 frames is reached" in line
 

@@ -215,7 +215,7 @@ def test_missed_messages_are_sent_again(server: ServerProcess) -> None:
 
 
 def test_forgotten_messages_are_not_sent(start_server: StartServer) -> None:
-    server = start_server("--max-stream-bytes", "2000")
+    server = start_server("--limit", "stream_bytes=2000")
     with server.connect() as tf, listening(server) as listener:
         listener.load()
         for stamp in range(1, 200):
@@ -232,7 +232,7 @@ def test_forgotten_messages_are_not_sent(start_server: StartServer) -> None:
 
 
 def test_a_log_that_overflows_is_a_gap(start_server: StartServer) -> None:
-    server = start_server("--max-change-log-bytes", "3000")
+    server = start_server("--limit", "change_log_bytes=3000")
     with server.connect() as tf, listening(server) as listener:
         listener.load()
         small, large = [stamped("small", 1)], [stamped(f"frame{i}", 1) for i in range(100)]
@@ -343,7 +343,7 @@ def test_malformed_requests(
 
 
 def test_a_piece_that_is_too_large_for_a_reply(start_server: StartServer) -> None:
-    server = start_server("--max-reply-bytes", "3000")
+    server = start_server("--limit", "reply_bytes=3000")
     with server.connect() as tf, raw(server.endpoint) as client:
         for i in range(100):
             tf.set_transform(stamped(f"frame{i}", 1))

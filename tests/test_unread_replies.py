@@ -160,7 +160,7 @@ def test_requests_of_a_client_with_many_unread_replies_are_refused(
 ) -> None:
     # Room for 7 of 20 replies. The refusals, which hold their requests of 2 MB, do not add up to
     # twice the limit, at which the client would be cut off.
-    server = start_server("--max-unread-reply-bytes", "60000000")
+    server = start_server("--limit", "unread_reply_bytes=60000000")
     with server.connect(30.0) as tf:
         fill(tf)
         reader = start_reader(server, count=20)

@@ -82,7 +82,7 @@ def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
 def test_frames_that_move_below_waiting_lookups(start_server: StartServer) -> None:
     """The tree counts what is watched in fact: a chain that grows after the lookups were parked
     does not make them watch more than is allowed."""
-    server = start_server("--max-waiter-links", "2000")
+    server = start_server("--limit", "waiter_links=2000")
     with raw(server.endpoint) as wires, server.connect() as tf, ThreadPoolExecutor(1) as pool:
         tf.set_transform(StampedTransform("a", "b", 1, Transform()))
         asked = pool.submit(wires.query, "lookup", waiting(100, "b", "island", 10.0), 20.0)
@@ -100,7 +100,7 @@ def test_a_wait_has_a_limit(wires: Raw, start_server: StartServer) -> None:
     error = wires.error("lookup", waiting(1, "a", "b", 601.0))
     assert isinstance(error, LimitExceeded)
     assert (error.field, error.limit, error.value) == ("timeout_s", 600, 601.0)
-    server = start_server("--max-wait-s", "2")
+    server = start_server("--limit", "wait_s=2")
     with server.connect() as tf:
         with pytest.raises(LimitExceeded) as caught:
             tf.lookup_transform("a", "b", timeout_s=3.0)
@@ -131,7 +131,7 @@ def test_waiters_of_a_killed_client_are_released(server: ServerProcess) -> None:
 
 def test_a_reply_that_cannot_be_made_is_an_error(start_server: StartServer) -> None:
     """The request is answered, and the server goes on to serve lookups that wait."""
-    server = start_server("--max-reply-bytes", "1000")
+    server = start_server("--limit", "reply_bytes=1000")
     with raw(server.endpoint) as wires, server.connect() as tf, ThreadPoolExecutor(1) as pool:
         for _ in range(3):
             asked = pool.submit(wires.query, "lookup", waiting(100, "map", "late", 9.0), 30.0)

@@ -84,7 +84,7 @@ def test_an_outcome_holds_the_writes_part_only(server: ServerProcess, wires: Raw
 
 
 def test_a_greedy_client_exhausts_only_its_own_share(start_server: StartServer) -> None:
-    server = start_server("--max-outcome-bytes", "4000")
+    server = start_server("--limit", "outcome_bytes=4000")
     with raw(server.endpoint) as wires, server.connect() as tf:
         until = clock_ns(wires) + 60_000_000_000
 
@@ -105,7 +105,7 @@ def test_a_greedy_client_exhausts_only_its_own_share(start_server: StartServer) 
 
 
 def test_a_write_that_names_no_expiry_has_a_short_one(start_server: StartServer) -> None:
-    server = start_server("--max-default-expiry-s", "1")
+    server = start_server("--limit", "default_expiry_s=1")
     with raw(server.endpoint) as wires:
         wires.query("commit", wire.pack(write(1, id=os.urandom(16))))
         deadline = time.monotonic() + 20

@@ -282,7 +282,7 @@ def _too_late(link: LinkReport) -> str:
     reach = (link.newest_stamp_ns or 0) - (link.oldest_stamp_ns or 0)
     return (
         f"{_name(link)} has a history of {age(reach)}. Ask for a later time, sooner, or keep more "
-        "(--cache-time, --max-samples-per-frame of the server)."
+        "(--cache-time, --limit samples_per_frame of the server)."
     )
 
 

@@ -27,6 +27,6 @@ CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     *(pages.links, pages.named_files, pages.architecture, pages.shown_examples),
     *(pages.api_reference, pages.made_pages, pages.measured_numbers, pages.documented_calls),
     *(monitoring.queries, monitoring.panels, monitoring.compose_files, monitoring.scraping),
-    *(documented.flags, documented.defaults, documented.enumerations),
+    *(documented.flags, documented.limits, documented.defaults, documented.enumerations),
     *(suite.conformance, clocks.clocks),
 )

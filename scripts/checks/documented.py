@@ -10,6 +10,7 @@ from dataclasses import fields
 
 from zenoh_tf_client.tf2 import FilterFailureReason
 from zenoh_tf_server import flags as server_flags
+from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.monitoring.metric_table import FROM_AUTHORITIES, FROM_STATS
 from zenoh_tf_tools.cli.main import _parser
 from zenoh_tf_tools.urdf import joint_states, kinematics
@@ -74,6 +75,17 @@ def _call_problems(command: str, by_words: dict[str, argparse.ArgumentParser]) -
         flag = word.partition("=")[0]
         if re.fullmatch(FLAG, flag) and flag not in allowed:
             yield f"{name} has no flag {flag}"
+
+
+def limits(repository: Repository) -> Iterator[Violation]:
+    """A limit that a page or a message names exists."""
+    known = {entry.name for entry in fields(Limits)} - {"memory"} | {"help"}
+    sources = repository.files(".py", ".cpp", ".hpp", under=["zenoh_tf", "server", "client"])
+    for path in (*repository.pages(), *sources):
+        for number, line in repository.lines(path):
+            for name in re.findall(r"--limit ([a-z]\w*)", line):
+                if name not in known:
+                    yield Violation(path, number, f"there is no limit {name}")
 
 
 def defaults(repository: Repository) -> Iterator[Violation]:

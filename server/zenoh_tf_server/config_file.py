@@ -5,7 +5,7 @@
     users = "users.txt"             # --users
 
     [limits]
-    rows = 1000                     # --max-rows
+    rows = 1000                     # --limit rows=1000
 
     [tls]
     certificate = "server.pem"      # --tls-certificate
@@ -14,9 +14,8 @@
     users = ["nav"]
     may = ["read"]
 
-A flag may stand at the top or in any section, by its name. In `[limits]` the `max-` may be left
-out, and in `[NAME]` a `NAME-`. Paths are relative to the file's folder. Flags of the command line
-win.
+A flag may stand at the top or in any section, by its name; in `[NAME]` a `NAME-` may be left out.
+`[limits]` has limits alone. Paths are relative to the file's folder. Flags of the command line win.
 """
 
 from __future__ import annotations
@@ -30,12 +29,14 @@ from typing import Any, Final, NoReturn
 
 from zenoh_tf.errors import InvalidArgumentException
 
+from . import limit_flags
 from .security import access_rules
 from .security.access_rules import AccessRule
 
 _ACCESS: Final = "access"
-#: Flags that make no sense in a file.
-_NOT_IN_FILE: Final = ("help", "version", "config")
+_LIMITS: Final = "limits"
+#: Flags that make no sense in a file, where limits have a section.
+_NOT_IN_FILE: Final = ("help", "version", "config", "limit")
 _PATH_METAVARS: Final = ("FILE", "DIR")
 #: Numbers that may have a unit, as in "1G".
 _SIZE_METAVAR: Final = "BYTES"
@@ -59,6 +60,7 @@ def parse_arguments(
     on_line = _given(parser, arguments)
     if "listen" in on_line or "connect" in on_line:
         given = {dest: value for dest, value in given.items() if dest not in ("listen", "connect")}
+    options.limit = given.pop("limit") | options.limit
     for dest, value in given.items():
         if dest not in on_line:
             setattr(options, dest, value)
@@ -98,7 +100,8 @@ def read(
         raise InvalidArgumentException(f"{path} is not TOML: {error}") from error
     try:
         rules = _rules(document.pop(_ACCESS, []))
-        return _flags(_actions(parser), document, path.parent), rules
+        limits = _limits(document.pop(_LIMITS, {}))
+        return _flags(_actions(parser), document, path.parent) | {"limit": limits}, rules
     except InvalidArgumentException as error:
         raise InvalidArgumentException(f"{path}: {error}", field="config") from error
 
@@ -107,6 +110,12 @@ def _rules(tables: Any) -> tuple[AccessRule, ...]:
     if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
         raise InvalidArgumentException("write access rules as tables [[access]]")
     return access_rules.parse(tables)
+
+
+def _limits(table: Any) -> dict[str, int]:
+    if not isinstance(table, dict):
+        raise InvalidArgumentException("write limits in a table [limits]")
+    return {name: limit_flags.check(name, value) for name, value in table.items()}
 
 
 def _actions(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
@@ -150,7 +159,7 @@ def _spellings(section: str, key: str) -> list[str]:
     key = key.replace("_", "-")
     if not section:
         return [key]
-    return [f"max-{key}" if section == "limits" else f"{section}-{key}", key]
+    return [f"{section}-{key}", key]
 
 
 def _reject_unknown(section: str, key: str, actions: dict[str, argparse.Action]) -> NoReturn:
@@ -158,7 +167,7 @@ def _reject_unknown(section: str, key: str, actions: dict[str, argparse.Action])
     nearest = [
         close
         for spelling in _spellings(section, key)
-        for close in difflib.get_close_matches(spelling, [*actions, _ACCESS], 1)
+        for close in difflib.get_close_matches(spelling, [*actions, _ACCESS, _LIMITS], 1)
     ]
     hint = f": did you mean {nearest[0]!r}?" if nearest else "; zenoh-tf-server --help lists all"
     raise InvalidArgumentException(f"unknown key {shown!r}{hint}", field=shown)

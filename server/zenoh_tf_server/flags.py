@@ -1,11 +1,12 @@
 """The command-line flags of ``zenoh-tf-server`` and the settings that they give.
 
-A module with flags of its own adds them with a function `add_flags(parser)`, as `limits` does.
+A module with flags of its own adds them with a function `add_flags(parser)`, as `limit_flags` does.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -13,7 +14,7 @@ from importlib.metadata import version
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 
-from . import config_file, limits
+from . import config_file, limit_flags
 from .federation import settings as federation
 from .ingest import future_stamps
 from .monitoring import logs, operations
@@ -29,86 +30,94 @@ DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 def parser() -> argparse.ArgumentParser:
     flags = argparse.ArgumentParser(
         prog="zenoh-tf-server",
-        # argparse's own text has 35 lines, and each error would stand below it.
-        usage="%(prog)s [--listen ENDPOINT | --connect ENDPOINT] [FLAG ...]; --help lists them all",
+        # argparse's own text has 20 lines, and each error would stand below it.
+        usage="%(prog)s [--listen ENDPOINT] [FLAG ...]; --help lists all flags",
         description="Serve a transform tree over Zenoh.",
+        formatter_class=functools.partial(argparse.HelpFormatter, max_help_position=26),
     )
     flags.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
     flags.add_argument(
         "--config",
         metavar="FILE",
-        help="read flags and access rules from this TOML file; flags of the command line win",
+        help="TOML file of flags and access rules; the command line wins (docs/security.md)",
     )
+    _add_network_flags(flags.add_argument_group("network"))
+    tree = flags.add_argument_group("tree")
+    _add_tree_flags(tree)
+    future_stamps.add_flags(tree)
+    limit_flags.add_flags(flags)
+    state.add_flags(flags)
+    sharing.add_flags(flags)
+    security.add_flags(flags)
+    ros2.add_flags(flags)
+    federation.add_flags(flags)
+    monitoring = flags.add_argument_group("logs and metrics (docs/metrics.md)")
+    logs.add_flags(monitoring)
+    operations.add_flags(monitoring)
+    return flags
+
+
+def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
     where = flags.add_mutually_exclusive_group()
     where.add_argument(
         "--listen",
         action="append",
         metavar="ENDPOINT",
-        help="embed a Zenoh router that listens on this endpoint, PROTOCOL/HOST:PORT; repeatable "
+        help="be a Zenoh router that listens on PROTOCOL/HOST:PORT; repeatable "
         f"(default: {DEFAULT_LISTEN})",
     )
     where.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help="join the Zenoh network at this endpoint as a client, and do not listen; repeatable",
+        help="join the Zenoh network here as a client, and do not listen; repeatable",
     )
     flags.add_argument(
         "--replica-of",
         action="append",
         metavar="ENDPOINT",
-        help="answer reads from a copy of the tree whose server is at this endpoint, which gets "
-        "all writes (docs/replicas.md); repeatable for further ways to it",
+        help="answer reads from a copy of the tree whose server is here; repeatable for further "
+        "ways to it (docs/replicas.md)",
     )
-    _add_tree_flags(flags)
     flags.add_argument(
         "--workers",
         type=int,
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
-        help="threads that serve queries, per query family (default: %(default)s)",
+        help="threads for each family of queries (default: %(default)s)",
     )
-    security.add_flags(flags)
-    logs.add_flags(flags)
-    operations.add_flags(flags)
-    future_stamps.add_flags(flags)
-    state.add_flags(flags)
-    sharing.add_flags(flags)
-    ros2.add_flags(flags)
-    federation.add_flags(flags)
-    limits.add_flags(flags)
-    return flags
 
 
-def _add_tree_flags(flags: argparse.ArgumentParser) -> None:
-    flags.add_argument("--tree", default="main", help="name of the tree (default: %(default)s)")
+def _add_tree_flags(flags: argparse._ArgumentGroup) -> None:
+    flags.add_argument(
+        "--tree", default="main", metavar="NAME", help="name of the tree (default: %(default)s)"
+    )
     flags.add_argument(
         "--cache-time",
         type=float,
         default=10.0,
         metavar="SECONDS",
-        help="how long transforms are kept, counted back from the newest of their frame "
-        "(default: %(default)s)",
+        help="history of each frame, back from its newest transform (default: %(default)g)",
     )
     flags.add_argument(
         "--concurrency",
         choices=("optimistic", "2pl", "giant"),
         default="optimistic",
-        help="concurrency control of the tree (default: %(default)s)",
+        metavar="HOW",
+        help="optimistic, 2pl or giant (default: %(default)s)",
     )
     flags.add_argument(
         "--one-authority-per-frame",
         action="store_true",
-        help="refuse transforms of a frame from a second authority, instead of counting conflicts",
+        help="refuse a second authority's transforms of a frame, not only count them",
     )
     flags.add_argument(
         "--time-jump",
         choices=("reject", "clear"),
         default="reject",
-        help="what to do with a transform that is older than its frame's newest by more than the "
-        "cache time. reject: drop it, because it is late. clear: if a second one follows that is a "
-        "little newer, simulated time was set back, so clear this frame's history, and store it "
-        "(default: %(default)s)",
+        metavar="WHAT",
+        help="with a transform older than the cache time: reject it as late, or, at the second "
+        "one, clear the frame's history and store it (default: %(default)s)",
     )
 
 
@@ -178,6 +187,7 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
 
 def settings(options: argparse.Namespace) -> Settings:
     """The settings of a server with these flags."""
+    limits = limit_flags.from_flags(options)
     return Settings(
         tree=options.tree,
         listen=options.listen,
@@ -187,10 +197,10 @@ def settings(options: argparse.Namespace) -> Settings:
         one_authority_per_frame=options.one_authority_per_frame,
         time_jump=options.time_jump,
         workers=options.workers,
-        limits=limits.from_flags(options),
+        limits=limits,
         future=future_stamps.from_flags(options),
         security=options.security,
-        operations=operations.from_flags(options),
+        operations=operations.from_flags(options, limits),
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
         ros2=ros2.from_flags(options),

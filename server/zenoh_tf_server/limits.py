@@ -1,13 +1,11 @@
-"""Every limit of the server in one table. Flags, defaults and docs/limits.md are made from it.
+"""Every limit of the server in one table. `limit_flags` and docs/limits.md are made from it.
 
 ``python -m zenoh_tf_server.limits > docs/limits.md`` writes the page.
 """
 
 from __future__ import annotations
 
-import argparse
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
 from typing import Final
 
@@ -26,7 +24,7 @@ def _limit(default: int, meaning: str, when_hit: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits of one server; each field is a flag ``--max-...`` of zenoh-tf-server."""
+    """The limits of one server; ``--limit`` and the configuration file set them by name."""
 
     frames: int = _limit(
         1 << 20,
@@ -50,7 +48,7 @@ class Limits:
     )
     memory: int = _limit(
         4 << 30,
-        "bytes of all samples together; the flag also takes 512MB or 4G (of 1024³ bytes)",
+        "bytes of all samples together (`--max-memory`)",
         "a write that needs more is refused",
     )
     rows: int = _limit(
@@ -269,7 +267,7 @@ class Limits:
         """What is wrong with a `value` above the limit `name`, and the flag."""
         limit: int = getattr(self, name)
         meaning = next(entry.metadata["meaning"] for entry in fields(self) if entry.name == name)
-        return f"{value} {meaning.partition(';')[0]}: the limit is {limit} ({_flag(name)})"
+        return f"{value} {meaning.partition(';')[0]}: the limit is {limit} (--limit {name}=N)"
 
     def budget(self) -> Budget:
         """What one message may cost."""
@@ -289,71 +287,36 @@ class Limits:
         return asdict(self)
 
 
-#: Limits of the flags' values. No client accepts a larger reply.
-_HIGHEST: Final = {"reply_bytes": wire.MAX_REPLY_BYTES}
-
-
-def _flag(name: str) -> str:
-    return "--max-" + name.replace("_", "-")
-
-
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Add a flag for each limit."""
-    group = parser.add_argument_group("limits")
-    for entry in fields(Limits):
-        has_unit = entry.name == "memory"
-        group.add_argument(
-            _flag(entry.name),
-            type=_bytes if has_unit else _positive_up_to(_HIGHEST.get(entry.name)),
-            default=entry.default,
-            metavar="BYTES" if has_unit else "N",
-            help=f"{entry.metadata['meaning']} (default: %(default)s)",
-        )
-
-
-def from_flags(options: argparse.Namespace) -> Limits:
-    """The limits that the flags of `add_flags` say."""
-    return Limits(**{entry.name: getattr(options, f"max_{entry.name}") for entry in fields(Limits)})
-
-
-def _positive_up_to(highest: int | None) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isascii() or not text.isdigit() or int(text) < 1:
-            raise argparse.ArgumentTypeError(f"{text!r} is not an integer of at least 1")
-        if highest is not None and int(text) > highest:
-            raise argparse.ArgumentTypeError(f"{text} is more than {highest}")
-        return int(text)
-
-    return parse
-
-
-def _bytes(text: str) -> int:
-    """A number of bytes of at least 1 MiB, as in "512MB" or "4G"."""
-    match = re.fullmatch(r"([0-9]+)([KMG]?)B?", text.upper(), re.ASCII)
-    value = int(match[1]) << {"": 0, "K": 10, "M": 20, "G": 30}[match[2]] if match else 0
-    if value < 1 << 20 or value >= 1 << 62:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of bytes of at least 1 MB")
-    return value
-
-
 def page() -> Iterator[str]:
     """The lines of docs/limits.md."""
     yield "# Limits"
     yield ""
-    yield "Everything that a client can make grow has a limit, and each limit is a flag of"
-    yield "`zenoh-tf-server`. A request that is refused for a limit gets `LimitExceeded`: `field`"
-    yield "is the limit's name (with `max_` in front if the tree itself refuses), `limit` its"
-    yield "value and `value` what exceeded it. What clients share, such as waiting lookups, is"
-    yield "refused with `ServerBusy`, the same facts and `retry_after_s`: one client may hold as"
-    yield "much as is left free. So a greedy one gets half, two get a third each, and the next one"
-    yield "always finds something. Clients learn the limits when they connect, and check the size"
-    yield "of a message before they send it."
+    yield "Everything that a client can make grow has a limit. `zenoh-tf-server --limit"
+    yield "NAME=VALUE` sets one, and is repeatable; in the file of `--config` the same names"
+    yield "stand in `[limits]`. `--limit help` lists them. Only `memory` has a flag of its own,"
+    yield "`--max-memory`, which also takes 512MB or 4G (of 1024³ bytes)."
     yield ""
-    yield "| limit | flag | default | of what | when hit |"
-    yield "|---|---|---|---|---|"
+    yield "```toml"
+    yield 'max-memory = "1G"'
+    yield ""
+    yield "[limits]"
+    yield "frames = 5000"
+    yield "samples_per_frame = 1000"
+    yield "```"
+    yield ""
+    yield "A request that is refused for a limit gets `LimitExceeded`: `field` is the limit's"
+    yield "name (with `max_` in front if the tree itself refuses), `limit` its value and `value`"
+    yield "what exceeded it. What clients share, such as waiting lookups, is refused with"
+    yield "`ServerBusy`, the same facts and `retry_after_s`: one client may hold as much as is"
+    yield "left free. So a greedy one gets half, two get a third each, and the next one always"
+    yield "finds something. Clients learn the limits when they connect, and check the size of a"
+    yield "message before they send it."
+    yield ""
+    yield "| limit | default | of what | when hit |"
+    yield "|---|---|---|---|"
     for entry in fields(Limits):
         yield (
-            f"| {entry.name} | `{_flag(entry.name)}` | {entry.default:,} "
+            f"| {entry.name} | {entry.default:,} "
             f"| {entry.metadata['meaning']} | {entry.metadata['when_hit']} |"
         )
     yield ""

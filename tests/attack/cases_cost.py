@@ -177,7 +177,7 @@ def names_that_come_and_go(arena: Arena) -> list[Finding]:
     """11c: 500 frames are made and removed where 100 are allowed"""
     refused = 0
     with (
-        arena.server("--max-frames", "100") as server,
+        arena.server("--limit", "frames=100") as server,
         messages.session(server.endpoint) as opened,
     ):
         for index in range(500):

@@ -81,7 +81,7 @@ def memory_taken_by_a_reader(arena: Arena) -> list[Finding]:
     with (
         tempfile.TemporaryDirectory() as folder,
         arena.server(
-            "--share-dir", folder, "--max-frames", "10000", "--max-memory", "512M"
+            "--share-dir", folder, "--limit", "frames=10000", "--max-memory", "512M"
         ) as server,
         attacker(server.endpoint, "region") as reader,
     ):
@@ -108,7 +108,7 @@ def greedy_robot(arena: Arena) -> list[Finding]:
         links = ["--mirror-of", f"greedy={greedy.endpoint}"]
         links += ["--mirror-of", f"modest={modest.endpoint}"]
         with (
-            arena.server("--max-frames", "2000", *links) as site,
+            arena.server("--limit", "frames=2000", *links) as site,
             messages.session(site.endpoint) as opened,
         ):
             _wait_for(opened, "robot_refused/greedy", 1, 20.0)
@@ -152,7 +152,7 @@ def files_of_the_server(arena: Arena) -> list[Finding]:
     with tempfile.TemporaryDirectory() as folder:
         state, sockets, config = Path(folder, "state"), Path(folder, "run"), Path(folder, "c.toml")
         sockets.mkdir(mode=0o700)
-        config.write_text('[limits]\nmemory = "1G"\n')
+        config.write_text('max-memory = "1G"\n[limits]\nframes = 5000\n')
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(sockets / "another.sock"))
         flags = ("--state-dir", str(state), "--share-dir", str(sockets))

@@ -48,7 +48,7 @@ def test_damaged_input_breaks_nothing(name: str) -> None:
 
 def test_damaged_messages_through_zenoh_break_nothing() -> None:
     print(f"\nSEED={SEED}")
-    flags = ("--max-waiters", "200", "--max-frames", "5000", "--max-outcomes", "5000")
+    flags = ("--limit", "waiters=200", "--limit", "frames=5000", "--limit", "outcomes=5000")
     with Server(sys.executable, *flags) as server:
         report = play(server, MESSAGES, SEED)
         print(report)

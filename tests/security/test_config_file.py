@@ -39,7 +39,7 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
         users = "people"
         [limits]
         rows = 1000
-        max-frames = 5
+        samples_per_frame = 5
         [tls]
         certificate = "server.pem"
         ca = "/etc/ca.pem"
@@ -52,7 +52,7 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
     assert (options.cache_time, type(options.cache_time)) == (30.0, float)
     assert options.one_authority_per_frame is True
     assert options.log_level == "debug"
-    assert (options.max_rows, options.max_frames) == (1000, 5)
+    assert options.limit == {"rows": 1000, "samples_per_frame": 5}
     assert options.tls_certificate == str(tmp_path / "server.pem")  # beside the file
     assert options.tls_ca == "/etc/ca.pem"
     assert options.users == str(tmp_path / "people")
@@ -78,10 +78,10 @@ def test_every_flag_can_stand_in_the_file(tmp_path: Path) -> None:
 
 
 def test_the_command_line_wins(tmp_path: Path) -> None:
-    text = 'listen = ["tcp/127.0.0.1:1"]\nmax-rows = 7\nmax-frames = 8\ntree = "a"\n'
-    options = parse(tmp_path, text, "--max-rows", "100000", "--tree", "main")
+    text = 'listen = ["tcp/127.0.0.1:1"]\ntree = "a"\n[limits]\nrows = 7\nframes = 8\n'
+    options = parse(tmp_path, text, "--limit", "rows=100000", "--tree", "main")
     # Both values are the defaults, but they were given.
-    assert (options.max_rows, options.max_frames, options.tree) == (100_000, 8, "main")
+    assert (options.limit, options.tree) == ({"rows": 100_000, "frames": 8}, "main")
     assert parse(tmp_path, text, "--listen", "tcp/[::1]:9").listen == ["tcp/[::1]:9"]
     options = parse(tmp_path, text, "--connect", "tcp/[::1]:9")
     assert (options.listen, options.connect) == (None, ["tcp/[::1]:9"])
@@ -89,27 +89,34 @@ def test_the_command_line_wins(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", ['"1G"', '"1024M"', "1073741824", '"1073741824"'])
 def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str) -> None:
-    assert parse(tmp_path, f"[limits]\nmemory = {value}").max_memory == 1 << 30
+    assert parse(tmp_path, f"max-memory = {value}").max_memory == 1 << 30
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("[limits]\nmemory = '1X'", "max-memory: '1X' is no number of bytes"),
-        ("max-row = 1", "unknown key 'max-row': did you mean 'max-rows'?"),
-        ("[limits]\nrow = 1", "unknown key 'limits.row': did you mean 'max-rows'?"),
+        ("max-memory = '1X'", "max-memory: '1X' is no number of bytes"),
+        ("[limits]\nmemory = '1G'", "memory has a flag of its own, --max-memory"),
+        ("[limits]\nrow = 1", "there is no limit 'row': did you mean rows?"),
+        ("[limits]\ntree = 'a'", "there is no limit 'tree'"),
+        ("[limit]\nrows = 1", "unknown key 'limit.rows'"),
+        ("limit = ['rows=1']", "unknown key 'limit': did you mean 'limits'?"),
+        ("limits = 5", "write limits in a table [limits]"),
+        ("cach-time = 1", "unknown key 'cach-time': did you mean 'cache-time'?"),
         ('[tls]\ncertificat = "a"', "did you mean 'tls-certificate'?"),
         ("[[acces]]\nmay = []", "unknown key 'acces': did you mean 'access'?"),
         ("qqqq = 1", "unknown key 'qqqq'; zenoh-tf-server --help lists all"),
         ('config = "x"', "unknown key 'config'"),
-        ("max-rows = '5'", "max-rows must be a whole number, not '5'"),
-        ("max-rows = true", "max-rows must be a whole number, not True"),
+        ("[limits]\nrows = '5'", "the limit rows is '5': it must be a whole number from 1 to"),
+        ("[limits]\nrows = true", "the limit rows is True: it must be a whole number from 1 to"),
+        ("workers = '5'", "workers must be a whole number, not '5'"),
+        ("workers = true", "workers must be a whole number, not True"),
         ("cache-time = 'x'", "cache-time must be a number"),
         ("tree = 5", "tree must be a text"),
         ("no-admin = 1", "no-admin must be true or false"),
         ("listen = [1]", "listen must be a text"),
         ("log-level = 'loud'", "log-level is 'loud': use one of debug"),
-        ("max-rows = 1\n[limits]\nrows = 2", "'max-rows' is set twice"),
+        ("tls-ca = 'a'\n[tls]\nca = 'b'", "'tls-ca' is set twice"),
         ("listen = ['a']\nconnect = ['b']", "exclude each other"),
         ("a = = 1", "is not TOML"),
         ("[access]\nmay = ['read']", "write access rules as tables [[access]]"),
@@ -143,4 +150,4 @@ def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None
         timeout=50,
     )
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith("did you mean 'max-rows'?")
+    assert done.stderr.splitlines()[-1].endswith("did you mean rows?")

@@ -206,7 +206,7 @@ def _refused(answer: bytes, where: str, credentials: Credentials) -> Failure:
     """The error if the port is fine and Zenoh itself does not open a session. `answer` is its
     message to a client that shows no user."""
     if answer == bytes([_CLOSE, _MAX_SESSIONS]):
-        return ServerUnavailable(f"{where} has no room for another client (--max-connections)")
+        return ServerUnavailable(f"{where} has no room for another client (--limit connections=N)")
     if credentials.user is None:
         if answer[0] & 0x1F == _CLOSE:
             return AccessDenied(
@@ -216,7 +216,7 @@ def _refused(answer: bytes, where: str, credentials: Credentials) -> Failure:
             )
         return ServerUnavailable(
             f"{where} opens no session, although a Zenoh router is there: it has probably no room "
-            "for another client (--max-connections)"
+            "for another client (--limit connections=N)"
         )
     return AccessDenied(
         f"{where} refuses user {credentials.user!r}: no such user, or the wrong password",

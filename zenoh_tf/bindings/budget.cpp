@@ -12,16 +12,13 @@ Budget::Budget(std::uint64_t links, std::uint64_t read_set, std::uint64_t listed
       error_bytes(error_bytes) {}
 
 void Budget::Share::exceeded(std::uint64_t value) const {
-  std::string flag = std::string("--max-") + field_;
-  for (char& c : flag)
-    if (c == '_') c = '-';
   nb::dict facts;
   facts["field"] = field_;
   facts["limit"] = limit_;
   facts["value"] = value;
   raise(make_error(Code::limit,
                    "at least " + std::to_string(value) + " " + meaning_ + ": the limit is " +
-                       std::to_string(limit_) + " (" + flag + ")",
+                       std::to_string(limit_) + " (--limit " + field_ + "=N)",
                    facts));
 }
 

@@ -26,9 +26,9 @@ VERSION: Final = 1
 MAX_MAP_KEYS: Final = 256
 #: Longest list (names, errors, operations). A forged header cannot claim more memory.
 MAX_LIST: Final = 1 << 20
-#: Largest message by default; `--max-message-bytes` of the server changes it.
+#: Largest message by default; `--limit message_bytes` of the server changes it.
 MAX_MESSAGE_BYTES: Final = 16 << 20
-#: Largest reply. The server's replies are far smaller (`--max-reply-bytes`).
+#: Largest reply. The server's replies are far smaller (`--limit reply_bytes`).
 MAX_REPLY_BYTES: Final = 256 << 20
 
 U8: Final = np.dtype("u1")
@@ -111,7 +111,7 @@ def unpack(
     if len(payload) > max_bytes:
         raise LimitExceeded(
             f"the message has {len(payload)} bytes: the limit is {max_bytes} "
-            "(--max-message-bytes); send fewer rows at once",
+            "(--limit message_bytes=N); send fewer rows at once",
             field="message_bytes",
             limit=max_bytes,
             value=len(payload),
@@ -156,7 +156,7 @@ def _refusal(size: int, max_bytes: int | None) -> ProtocolError | LimitExceeded:
         return ProtocolError(f"the message is not a msgpack map: it is {reason}", field="message")
     return LimitExceeded(
         f"the message takes {size} bytes when it is decoded: the limit is {max_bytes} "
-        "(--max-decoded-bytes); send fewer rows at once",
+        "(--limit decoded_bytes=N); send fewer rows at once",
         field="decoded_bytes",
         limit=max_bytes,
         value=size,
@@ -261,7 +261,7 @@ def name(message: Message, field: str, max_bytes: int) -> str:
     if len(value) * 4 > max_bytes and (size := len(value.encode())) > max_bytes:
         raise LimitExceeded(
             f"{field} is {quoted(value)} of {size} bytes: the limit is {max_bytes} "
-            "(--max-name-bytes)",
+            "(--limit name_bytes=N)",
             field="name_bytes",
             limit=max_bytes,
             value=size,

@@ -392,7 +392,7 @@ class Exchange:
         if server is not None and len(payload) > server.message_bytes:
             raise LimitExceeded(
                 f"a message of {len(payload):,} bytes exceeds the server's limit of "
-                f"{server.message_bytes:,} bytes (--max-message-bytes)",
+                f"{server.message_bytes:,} bytes (--limit message_bytes=N)",
                 field="message_bytes",
                 limit=server.message_bytes,
                 value=len(payload),

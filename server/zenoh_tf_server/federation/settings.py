@@ -39,29 +39,22 @@ class Settings:
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this module."""
-    group = parser.add_argument_group(
-        "trees of robots (docs/federation.md)",
-        "Example: zenoh-tf-server --listen tcp/0.0.0.0:7447 --mirror-shared map "
-        "--mirror-of robot1=tcp/10.0.0.1:7447 --mirror-of robot2=tcp/10.0.0.2:7447/main",
-    )
+    group = parser.add_argument_group("trees of robots (docs/federation.md)")
     group.add_argument(
         "--mirror-of",
         action="append",
         type=_link,
         default=[],
         metavar="LINK",
-        help="take what is committed to a robot's tree into this one: NAME=ENDPOINT/TREE, or "
-        "NAME=ENDPOINT for the tree main; its frames are called NAME/frame here; repeatable. "
-        "LINK,max-frames=N lets it have N frames here (default: an equal share of --max-frames for "
-        "each robot and for the site itself)",
+        help="take what is committed to a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE or "
+        "NAME=ENDPOINT, with ,max-frames=N for its share of the frames; repeatable",
     )
     group.add_argument(
         "--mirror-shared",
         type=_names,
         default=(),
         metavar="FRAMES",
-        help="frames that the robots share and that get no prefix, such as map,world; robots' "
-        "frames hang on them, but where they are themselves only this server is told",
+        help="frames that get no prefix, as in map,world",
     )
 
 

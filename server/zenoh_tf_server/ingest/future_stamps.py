@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
@@ -77,22 +77,23 @@ def frame_of(commit: wire.Commit, row: int) -> str:
     return commit.rows.names[int(commit.rows.child[row])]
 
 
-def add_flags(parser: Any) -> None:
-    """Add the flags of this module to a parser or a group of one."""
-    parser.add_argument(
+def add_flags(flags: argparse._ArgumentGroup) -> None:
+    """Add the flags of this module."""
+    flags.add_argument(
         "--max-future-s",
         type=_seconds,
         default=DEFAULT_MAX_FUTURE_S,
         metavar="SECONDS",
-        help="how far ahead of this machine's clock the stamp of a dynamic transform may be; "
-        "0 means no limit (default: %(default)g)",
+        help="how far dynamic stamps may be ahead of this machine's clock; 0: no limit "
+        "(default: %(default)g)",
     )
-    parser.add_argument(
+    flags.add_argument(
         "--future",
         choices=("refuse", "flag"),
         default="refuse",
-        help="what to do with a stamp beyond --max-future-s: refuse the transform, or store it, "
-        "count it and report it (default: %(default)s)",
+        metavar="WHAT",
+        help="with a stamp beyond --max-future-s: refuse it, or store and flag it (default: "
+        "%(default)s)",
     )
 
 

@@ -43,19 +43,21 @@ _STANDARD: Final = frozenset(
 log = logging.getLogger("zenoh_tf.server")
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
+def add_flags(flags: argparse._ArgumentGroup) -> None:
     """Add the flags of `setup`."""
-    parser.add_argument(
+    flags.add_argument(
         "--log-level",
         choices=("debug", "info", "warning", "error"),
         default="info",
-        help="lowest level of the messages logged to standard error (default: %(default)s)",
+        metavar="LEVEL",
+        help="debug, info, warning or error (default: %(default)s)",
     )
-    parser.add_argument(
+    flags.add_argument(
         "--log-format",
         choices=("text", "json"),
         default="text",
-        help="text: a line for people; json: one JSON object a line (default: %(default)s)",
+        metavar="FORMAT",
+        help="text, or json: an object a line (default: %(default)s)",
     )
 
 

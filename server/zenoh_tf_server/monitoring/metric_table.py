@@ -284,7 +284,7 @@ def page() -> Iterator[str]:
     yield "`process_virtual_memory_bytes`, `process_cpu_seconds_total`, `process_open_fds`,"
     yield "`process_max_fds` and `process_start_time_seconds`."
     yield ""
-    yield "- The label `authority` is bounded: the first `--max-metrics-authorities` authorities"
+    yield "- The label `authority` is bounded: the first `--limit metrics_authorities` authorities"
     yield '  that are seen have series of their own, all others share `authority="(other)"`. Names'
     yield "  are escaped and cut to 100 characters."
     yield "- The tree is read at most once a second, however often the port is asked."

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from zenoh_tf.text import quoted
 
+from ..limits import Limits
 from . import service_manager
 from .health import PERIOD_S, Health
 from .metrics import Metrics
@@ -29,20 +30,20 @@ class Settings:
     max_authorities: int = 100
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
+def add_flags(flags: argparse._ArgumentGroup) -> None:
     """Add the flags of `from_flags`."""
-    parser.add_argument(
+    flags.add_argument(
         "--metrics",
         type=_address,
         metavar="HOST:PORT",
-        help="serve /metrics for Prometheus, /healthz and /readyz on this address, such as "
-        "127.0.0.1:9464; needs zenoh-tf[metrics] (default: off)",
+        help="serve /metrics, /healthz and /readyz here, as in 127.0.0.1:9464; needs "
+        "zenoh-tf[metrics] (default: off)",
     )
 
 
-def from_flags(options: argparse.Namespace) -> Settings:
+def from_flags(options: argparse.Namespace, limits: Limits) -> Settings:
     """The settings that the flags say."""
-    return Settings(options.metrics, options.max_metrics_authorities)
+    return Settings(options.metrics, limits.metrics_authorities)
 
 
 def _address(text: str) -> str:

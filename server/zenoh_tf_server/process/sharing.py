@@ -78,18 +78,17 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--share-dir",
         type=Path,
         metavar="DIR",
-        help="put the socket that hands the tree over into this folder, and do not start if that "
-        "is impossible (default: zenoh-tf below $XDG_RUNTIME_DIR, else /run/zenoh-tf)",
+        help="folder of their socket (default: zenoh-tf in $XDG_RUNTIME_DIR, else /run/zenoh-tf)",
     )
     group.add_argument(
         "--share-group",
         metavar="GROUP",
-        help="let this group read the tree as well (default: only the server's user)",
+        help="who may read, too (default: only the server's user)",
     )
     group.add_argument(
         "--no-share",
         action="store_true",
-        help="let no client read the tree's memory; all reads are queries",
+        help="nobody reads the memory; all reads are queries",
     )
 
 

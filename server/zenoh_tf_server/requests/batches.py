@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 NO_ROOM: Final = wire.pack(
     {
         "error": wire.encode_error(
-            LimitExceeded("the reply is full (--max-reply-bytes)", field="reply_bytes")
+            LimitExceeded("the reply is full (--limit reply_bytes=N)", field="reply_bytes")
         )
     }
 )
 #: An error of an operation is shortened beyond the limit on bytes of errors.
-_SHORT: Final = "no room for details (--max-error-bytes)"
+_SHORT: Final = "no room for details (--limit error_bytes=N)"
 #: Rows after which other threads get their turn.
 _SLICE_ROWS: Final = 1000
 #: Long enough for a thread that waits for the interpreter to get it, which a yield alone is not.

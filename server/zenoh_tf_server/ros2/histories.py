@@ -154,7 +154,7 @@ class Histories:
             if len(self._keepers) >= self._max:
                 self._log.warn(
                     "static transforms",
-                    f"more than {self._max} publishers keep some (--max-ros2-publishers): the "
+                    f"more than {self._max} publishers keep some (--limit ros2_publishers=N): the "
                     "others are not asked for what they sent before",
                 )
                 return

@@ -138,7 +138,7 @@ class Publishers:
             if len(self._by_token) >= self._max:
                 self._log.warn(
                     "tokens",
-                    f"more than {self._max} publishers of ROS 2 (--max-ros2-publishers): the "
+                    f"more than {self._max} publishers of ROS 2 (--limit ros2_publishers=N): the "
                     "messages of the others are named by their topics",
                 )
                 return

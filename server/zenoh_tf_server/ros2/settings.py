@@ -37,15 +37,12 @@ class Settings:
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of ROS 2."""
     group = parser.add_argument_group(
-        "ROS 2",
-        "Robots with rmw_zenoh or zenoh-bridge-ros2dds. Example: zenoh-tf-server --ros2 "
-        "--listen tcp/0.0.0.0:7447 --ros2-prefix namespace --ros2-shared map",
+        "ROS 2: robots with rmw_zenoh or zenoh-bridge-ros2dds (docs/ros2.md)"
     )
     group.add_argument(
         "--ros2",
         action="store_true",
-        help="take the transforms of /tf and /tf_static, in any domain and namespace, from the "
-        "ROS 2 nodes and bridges on the Zenoh network",
+        help="take the transforms of /tf and /tf_static",
     )
     group.add_argument(
         "--ros2-prefix",
@@ -53,24 +50,23 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=_rule,
         default=[],
         metavar="RULE",
-        help="prefix the frames of each robot, as in robot1/base_link, by its namespace, domain or "
-        "session; or of one robot, as in namespace:robot1=r1, domain:7=r7, session:ZID=r8; "
-        "repeatable; a frame that has the prefix already keeps its name (default: no prefix)",
+        help="prefix each robot's frames by its namespace, domain or session, or one's, as in "
+        "namespace:robot1=r1; repeatable",
     )
     group.add_argument(
         "--ros2-shared",
         type=_names,
         default=(),
         metavar="FRAMES",
-        help="frames that all robots share and that get no prefix, such as map,world,earth",
+        help="frames that get no prefix, as in map,world,earth",
     )
     group.add_argument(
         "--ros2-static-grace",
         type=_seconds,
         default=DEFAULT_GRACE_S,
         metavar="SECONDS",
-        help="forget the static transforms of a publisher that has been gone for so long; 0 means "
-        "never (default: %(default)g)",
+        help="forget static transforms so long after their publisher is gone; 0: never "
+        "(default: %(default)g)",
     )
     group.add_argument(
         "--ros2-publish",
@@ -79,23 +75,21 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         const="*",
         default=[],
         metavar="FRAMES",
-        help="publish on /tf and /tf_static what others than ROS 2 commit, for all frames or for "
-        "child frames like this pattern, such as 'camera*'; repeatable",
+        help="publish what others commit: all, or child frames as in 'camera*'; repeatable",
     )
     group.add_argument(
         "--ros2-publish-rate",
         type=_rate,
         default=DEFAULT_RATE_HZ,
         metavar="HZ",
-        help="publish the newest transform of each frame at most so often a second "
-        "(default: %(default)g)",
+        help="of each frame's newest transform, at most (default: %(default)g)",
     )
     group.add_argument(
         "--ros2-domain",
         type=_domain,
         default=0,
         metavar="N",
-        help="the ROS domain to publish in (default: %(default)s)",
+        help="domain to publish in (default: %(default)s)",
     )
 
 

@@ -83,35 +83,34 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--tls-certificate",
         metavar="FILE",
-        help="the server's certificate, PEM, for endpoints tls/... and quic/...",
+        help="certificate for endpoints tls/... and quic/..., PEM",
     )
-    group.add_argument("--tls-key", metavar="FILE", help="the certificate's private key, PEM")
+    group.add_argument("--tls-key", metavar="FILE", help="its private key, PEM")
     group.add_argument(
         "--tls-ca",
         metavar="FILE",
-        help="certificates of authorities, PEM: clients must show a certificate that one of them "
-        "has signed. With --connect, --replica-of and --mirror-of: the authorities that the "
-        "network's certificate may be signed by",
+        help="authorities that sign the certificates that clients must show, and those of servers "
+        "that this one connects to, PEM",
     )
     group.add_argument(
         "--users",
         metavar="FILE",
-        help="who may connect: one USER:PASSWORD in each line; no other user may read the file",
+        help="who may connect: a USER:PASSWORD a line, readable for its owner alone",
     )
     group.add_argument(
         "--user",
         metavar="NAME",
-        help="with --connect, --replica-of and --mirror-of: the user to connect as",
+        help="connect to other servers as this user",
     )
     group.add_argument(
         "--password-file",
         metavar="FILE",
-        help="with --connect, --replica-of and --mirror-of: the file with the user's password",
+        help="file with that user's password",
     )
     group.add_argument(
         "--no-admin",
         action="store_true",
-        help="refuse to clear or reset the tree and to remove frames, from everyone",
+        help="nobody may clear or reset the tree, or remove frames",
     )
 
 

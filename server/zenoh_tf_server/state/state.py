@@ -36,29 +36,27 @@ class StateSettings:
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of the state."""
-    group = parser.add_argument_group("state")
+    group = parser.add_argument_group("state (docs/state.md)")
     group.add_argument(
         "--state-dir",
         type=Path,
         metavar="DIR",
-        help="keep static links in this folder, so that they survive a restart and kill -9; one "
-        "folder per tree (default: nothing survives)",
+        help="keep static links in this folder, one per tree (default: none survives)",
     )
     group.add_argument(
         "--state-sync",
         choices=("full", "normal"),
         default="full",
-        help="when a write of static links is answered. full: once the disk has it, so that it "
-        "survives a power cut. normal: once the operating system has it, so that it survives the "
-        "server's end only (default: %(default)s)",
+        metavar="WHEN",
+        help="answer a static write when it survives a power cut (full), or the server's end alone "
+        "(normal) (default: %(default)s)",
     )
     group.add_argument(
         "--remember",
         action="append",
         default=[],
         metavar="FRAME",
-        help="keep also the last pose of this dynamic frame, stored about once a second, and "
-        "restore it with its old stamp; repeatable; needs --state-dir",
+        help="keep the last pose of this dynamic frame, too; repeatable",
     )
 
 

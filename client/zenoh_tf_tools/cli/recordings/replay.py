@@ -109,7 +109,7 @@ def _replay(args: argparse.Namespace) -> int:
         if no_longer_kept:
             print(
                 f"{no_longer_kept:,} of them no longer kept: newer ones of the same frames have "
-                "pushed them out of the server's cache (--cache-time, --max-samples-per-frame)"
+                "pushed them out of the server's cache (--cache-time, --limit samples_per_frame)"
             )
     return 0
 
