@@ -67,7 +67,7 @@ class _Maker:
         self._applied = applied
 
     def made(self, text: str) -> str:
-        for before, after in sync_texts.OWN_SENTENCES.get(self._source, {}).items():
+        for before, after in sync_texts.OWN_SENTENCES.get(Path(self._source).stem, {}).items():
             if text.count(before) != 1:
                 raise Unmade(f"{self._source} must have this text once: {before!r}")
             text = text.replace(before, after)

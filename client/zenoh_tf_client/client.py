@@ -141,7 +141,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         self._connection.close()
         self._reads.close()
         for broadcaster in list(self._broadcasters):
-            broadcaster.close()
+            broadcaster._end()
 
     @property
     def endpoint(self) -> str:

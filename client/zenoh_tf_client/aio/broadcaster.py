@@ -1,4 +1,4 @@
-"""`AsyncBroadcaster`: publishes transforms without waiting for a reply, and without blocking."""
+"""`AsyncBroadcaster`: publishes transforms without waiting for a reply, as sensors need it."""
 
 from __future__ import annotations
 
@@ -8,32 +8,40 @@ from typing import Self
 
 from zenoh_tf import StampedTransform
 
-from ..publish.broadcaster import Broadcaster
+from ..publish.publishing import Publishing
 from .session.connection import Connection
 
 
-class AsyncBroadcaster:
+class AsyncBroadcaster(Publishing):
     """Publishes transforms as one authority; made by `AsyncTransformClient.broadcaster`.
 
-    It has the methods of `Broadcaster` as coroutines. Messages are sent in the order of the calls,
-    by a thread: a sensor that outruns the network waits, and the event loop goes on. An
-    asynchronous context manager, which closes itself at the end.
+    One call sends one message, which the server commits atomically. The server sends no reply: it
+    logs and counts what it rejects. The broadcaster keeps its static transforms and announces
+    them to every new server, which leaves out those that a call or another authority has changed
+    or removed since. Messages are sent in the order of the calls, by a thread: a sensor that
+    outruns the network waits, and the event loop goes on. An asynchronous context manager, which
+    closes itself at the end.
 
     Concurrency: all methods, from any task of the client's event loop.
     """
 
-    def __init__(self, connection: Connection, broadcaster: Broadcaster) -> None:
+    def __init__(
+        self, connection: Connection, authority: str, open_broadcasters: set[AsyncBroadcaster]
+    ) -> None:
         """Use `AsyncTransformClient.broadcaster` instead.
 
         Args:
-            connection: The connection that `broadcaster` publishes on.
-            broadcaster: What publishes.
-        """
-        self._connection = connection
-        self._broadcaster = broadcaster
+            connection: The connection to publish on.
+            authority: The name to publish as, at most 255 bytes of UTF-8.
+            open_broadcasters: The set to be in until `close`.
 
-    def __repr__(self) -> str:
-        return repr(self._broadcaster).replace("<Broadcaster", "<AsyncBroadcaster", 1)
+        Raises:
+            InvalidArgumentException: `authority` is too long or not valid UTF-8.
+            ServerUnavailable: The connection is closed.
+            AccessDenied: The server's access rules do not allow to publish as `authority`.
+        """
+        super().__init__(connection.opened, authority, open_broadcasters)
+        self._connection = connection
 
     async def __aenter__(self) -> Self:
         return self
@@ -45,11 +53,6 @@ class AsyncBroadcaster:
         traceback: TracebackType | None,
     ) -> None:
         await self.close()
-
-    @property
-    def authority(self) -> str:
-        """Returns the name that this broadcaster publishes as."""
-        return self._broadcaster.authority
 
     async def send(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms at their stamps, without waiting for the server.
@@ -68,7 +71,7 @@ class AsyncBroadcaster:
         Example:
             ``await wheels.send(StampedTransform("odom", "base", time.time_ns(), X_odom_base))``
         """
-        await self._connection.run(lambda: self._broadcaster.send(stampeds))
+        await self._connection.run(lambda: self._put(stampeds))
 
     async def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms that hold at all times, now and to every new server later.
@@ -87,9 +90,12 @@ class AsyncBroadcaster:
         Example:
             ``await wheels.send_static(StampedTransform("base", "camera", 0, X_base_camera))``
         """
-        await self._connection.run(lambda: self._broadcaster.send_static(stampeds))
+        await self._connection.run(lambda: self._put_static(stampeds))
 
     async def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
-        if not self._connection.closed:  # the client closes its broadcasters
-            await self._connection.run(self._broadcaster.close)
+        if True:  # asynchronous
+            if not self._connection.closed:  # the client closes its broadcasters
+                await self._connection.run(self._end)
+        else:
+            self._end()

@@ -12,7 +12,6 @@ from zenoh_tf._net.zenoh_config import address
 
 from ..mirror.interest import interest_of
 from ..mirror.watching import Terms
-from ..publish.broadcaster import Broadcaster
 from ..requests.receipt import Receipt
 from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from ..session.shared_reads import Mode, check
@@ -68,7 +67,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         self._connection = connection
         self._reads = SharedReads(connection)
         connection.mapped.attach(self)
-        self._broadcasters: set[Broadcaster] = set()  # those that are open
+        self._broadcasters: set[AsyncBroadcaster] = set()  # those that are open
 
     @classmethod
     async def connect(
@@ -138,7 +137,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
 
     def _close_broadcasters(self) -> None:
         for broadcaster in list(self._broadcasters):
-            broadcaster.close()
+            broadcaster._end()
 
     @property
     def endpoint(self) -> str:
@@ -374,8 +373,6 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         Example:
             ``wheels = await tf.broadcaster("wheels")``
         """
-        connection = self._connection
-        made = await connection.run(
-            lambda: Broadcaster(connection.opened, authority, self._broadcasters)
+        return await self._connection.run(
+            lambda: AsyncBroadcaster(self._connection, authority, self._broadcasters)
         )
-        return AsyncBroadcaster(connection, made)

@@ -1,24 +1,20 @@
 """`Broadcaster`: publishes transforms without waiting for a reply, as sensors need it."""
 
+# Made from aio/broadcaster.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
-import threading
-import weakref
 from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
 from zenoh_tf import StampedTransform
-from zenoh_tf._net import keys
-from zenoh_tf.errors import ServerUnavailable
 
-from ..session.calls import is_forked, raise_if_forked
 from ..session.connection import Connection
-from .announcer import Announcer
-from .publisher import Publisher, message
+from .publishing import Publishing
 
 
-class Broadcaster:
+class Broadcaster(Publishing):
     """Publishes transforms as one authority; made by `TransformClient.broadcaster`.
 
     One call sends one message, which the server commits atomically. The server sends no reply: it
@@ -30,44 +26,22 @@ class Broadcaster:
     """
 
     def __init__(
-        self,
-        connection: Connection,
-        authority: str,
-        open_broadcasters: set[Broadcaster] | None = None,
+        self, connection: Connection, authority: str, open_broadcasters: set[Broadcaster]
     ) -> None:
         """Use `TransformClient.broadcaster` instead.
 
         Args:
             connection: The connection to publish on.
             authority: The name to publish as, at most 255 bytes of UTF-8.
-            open_broadcasters: The set to be in until `close`, if any.
+            open_broadcasters: The set to be in until `close`.
 
         Raises:
             InvalidArgumentException: `authority` is too long or not valid UTF-8.
             ServerUnavailable: The connection is closed.
             AccessDenied: The server's access rules do not allow to publish as `authority`.
         """
-        connection.check_publish(authority)
-        self._authority = authority
+        super().__init__(connection, authority, open_broadcasters)
         self._connection = connection
-        self._lock = threading.Lock()
-        self._announcer: Announcer | None = None  # once there are static transforms
-        self._closed = False
-        self._dynamic_publisher = self._publisher(static=False)
-        self._static_publisher = self._publisher(static=True)
-        # A weak reference: otherwise the two would be collected later than the client.
-        self._open_broadcasters = None
-        if open_broadcasters is not None:
-            self._open_broadcasters = weakref.ref(open_broadcasters)
-            open_broadcasters.add(self)
-
-    def __repr__(self) -> str:
-        state = "closed" if self._closed or self._connection.closed else "open"
-        statics = 0 if self._announcer is None else len(self._announcer)
-        return (
-            f"<Broadcaster {self._authority!r} at {self._connection.endpoint}, "
-            f"tree {self._connection.tree!r}, {statics} static, {state}>"
-        )
 
     def __enter__(self) -> Self:
         return self
@@ -79,11 +53,6 @@ class Broadcaster:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
-
-    @property
-    def authority(self) -> str:
-        """Returns the name that this broadcaster publishes as."""
-        return self._authority
 
     def send(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms at their stamps, without waiting for the server.
@@ -102,13 +71,13 @@ class Broadcaster:
         Example:
             ``wheels.send(StampedTransform("odom", "base", time.time_ns(), X_odom_base))``
         """
-        self._dynamic_publisher.put(message(_rows(stampeds)))
+        self._put(stampeds)
 
     def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms that hold at all times, now and to every new server later.
 
-        Like every put they may be lost with the connection; `TransformClient.set_transform` tells
-        whether a transform has arrived.
+        Like every put they may be lost with the connection; `TransformClient.set_transform`
+        tells whether a transform has arrived.
 
         Args:
             stampeds: One transform or several, each ``X_parent_child`` as in `send`. Their
@@ -121,38 +90,8 @@ class Broadcaster:
         Example:
             ``wheels.send_static(StampedTransform("base", "camera", 0, X_base_camera))``
         """
-        raise_if_forked()
-        rows = _rows(stampeds)
-        with self._lock:
-            if self._closed:
-                raise ServerUnavailable("the broadcaster is closed")
-            if self._announcer is None:
-                self._announcer = Announcer(self._connection, self._static_publisher)
-            announcer = self._announcer
-        announcer.send(rows)
+        self._put_static(stampeds)
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
-        if is_forked():
-            return
-        with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-            announcer = self._announcer
-        if announcer is not None:
-            announcer.close()
-        self._dynamic_publisher.undeclare()
-        self._static_publisher.undeclare()
-        if self._open_broadcasters is not None:
-            open_broadcasters = self._open_broadcasters()
-            if open_broadcasters is not None:
-                open_broadcasters.discard(self)
-
-    def _publisher(self, *, static: bool) -> Publisher:
-        key = keys.put(self._connection.tree, self._authority, static=static)
-        return Publisher(self._connection, key)
-
-
-def _rows(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
-    return [stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds)
+        self._end()
