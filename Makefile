@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 test test-ci test-slow test-packages test-all histories anomalies anomalies-service chaos fuzz soak attack \
+.PHONY: help native demo demo-ros2 setup test test-ci test-slow test-packages test-all histories anomalies anomalies-service chaos fuzz soak attack \
 	coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
@@ -46,19 +46,24 @@ demo: .venv/native.stamp ## a server, sensors and clients, in under 20 s (after 
 demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in under 20 s
 	@$(BIN)/python examples/demo_ros2.py
 
-# Side by side by file, and then alone what looks at a clock. Status 5 is that of no test at all.
-WORKERS ?= 3
+# More than cores, as tests also wait.
+WORKERS ?= 4
 # Where a system asks Python to keep no bytecode, each process of a test would compile the project.
 CACHED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache
 PYTEST := $(CACHED) $(BIN)/python -m pytest
+# Status 5 is that of no test at all.
 define run_tests
-	@$(PYTEST) -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "$(strip $(1)) not serial" $(ARGS) || [ $$? = 5 ]
-	@$(PYTEST) -m "$(strip $(1)) serial" $(ARGS) || [ $$? = 5 ]
+	@$(PYTEST) -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(if $(1),-m "$(1)") $(ARGS) || [ $$? = 5 ]
 endef
 
-test: native ## what every change must pass, under 5 minutes; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
+# The C++ tests, and the benchmark's program as its quick runs build it.
+setup: native ## what `make test` needs, built once: native, and the C++ programs of the tests
+	@$(LOCK) sh scripts/core_test.sh --build plain
+	@$(BIN)/python -c "from bench import native; native.build(quick=True)"
+
+test: setup ## what every change must pass, under 5 minutes after set-up; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
 	@$(LOCK) sh scripts/core_test.sh plain
-	$(call run_tests, not slow and)
+	$(call run_tests,not slow)
 
 # With `make lint docs test` it fits into 25 minutes.
 test-ci: export ANOMALIES ?= 48000
@@ -66,13 +71,13 @@ test-ci: export CHAOS ?= 2000
 test-ci: export FUZZ ?= 5000
 test-ci: test-slow ## `make test-slow` with less of what is statistical, for continuous integration
 
-test-slow: native test-packages ## what is long or statistical: all histories, chaos, fuzz, exits, replicas, browser, other packages
-	$(call run_tests, slow and)
+test-slow: setup test-packages ## what is long or statistical: all histories, chaos, fuzz, exits, replicas, browser, other packages
+	$(call run_tests,slow)
 
 test-slow test-all: export ANOMALIES ?= 96000
 test-slow test-all: export CHAOS ?= 10000
 test-slow test-all: export FUZZ ?= 20000
-test-all: core-test test-packages ## all tests, and those of the core under the sanitizers
+test-all: core-test setup test-packages ## all tests, and those of the core under the sanitizers
 	$(call run_tests)
 
 # Outside of .venv, which has a newer one.

@@ -309,8 +309,8 @@ class Transaction:
         if self._sets or not self._reads_agree():
             self._send(self._sets)
 
-    def check_reads(self) -> None:
-        """Compare what was read with the server's state, if that can differ, and write nothing.
+    def check_reads(self, error: Exception) -> None:
+        """Compare what was read before `error` with the server's state, and write nothing.
 
         Raises:
             TransactionConflict: A frame changed since this transaction read it.
@@ -381,8 +381,8 @@ def repeat(
             with begin() as transaction:
                 try:
                     result = function(transaction)
-                except Exception:  # an error is decided on consistent data: else it is a conflict
-                    transaction.check_reads()
+                except Exception as error:  # it is decided on consistent data
+                    transaction.check_reads(error)
                     raise
             return result
         except TransactionConflict as conflict:

@@ -33,6 +33,7 @@ def test_a_fault_still_fits_the_core(fault: Fault) -> None:
     assert faulty_text(fault)
 
 
+@pytest.mark.slow
 def test_the_core_compiles_as_one_file(tmp_path: Path) -> None:
     """Else no fault is built: names in anonymous namespaces must not be those of other files."""
     assert compile_as_one_file(tmp_path) == ""

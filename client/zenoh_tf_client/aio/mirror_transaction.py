@@ -7,6 +7,7 @@ from typing import Self, TypeVar
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
+from ..mirror.interest import OutsideInterest
 from ..mirror.mirror import Mirror
 from ..mirror.transaction import CATCH_UP_S, look_up, reads_by_query
 from ..requests.request import Read, Rows, VersionedRead
@@ -56,6 +57,10 @@ class AsyncMirrorTransaction(AsyncTransaction):
         if self._sets:
             frames = [stamped.child_frame for stamped in self._sets]
             self._mirror._own_writes.add(frames, self._connection.last_receipt)
+
+    async def check_reads(self, error: Exception) -> None:
+        if not isinstance(error, OutsideInterest):  # which is no error of the server's tree
+            await super().check_reads(error)
 
     def _reads_agree(self) -> bool:
         return super()._reads_agree() if self._tree is None else not self._reads

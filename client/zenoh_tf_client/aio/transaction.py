@@ -307,8 +307,8 @@ class AsyncTransaction:
         if self._sets or not self._reads_agree():
             await self._send(self._sets)
 
-    async def check_reads(self) -> None:
-        """Compare what was read with the server's state, if that can differ, and write nothing.
+    async def check_reads(self, error: Exception) -> None:
+        """Compare what was read before `error` with the server's state, and write nothing.
 
         Raises:
             TransactionConflict: A frame changed since this transaction read it.
@@ -379,8 +379,8 @@ async def repeat(
             async with begin() as transaction:
                 try:
                     result = await function(transaction)
-                except Exception:  # an error is decided on consistent data: else it is a conflict
-                    await transaction.check_reads()
+                except Exception as error:  # it is decided on consistent data
+                    await transaction.check_reads(error)
                     raise
             return result
         except TransactionConflict as conflict:
