@@ -308,7 +308,10 @@ class AsyncTransaction:
             await self._send(self._sets)
 
     async def check_reads(self, error: Exception) -> None:
-        """Compare what was read before `error` with the server's state, and write nothing.
+        """Compare what was read with the server's state, and write nothing.
+
+        Args:
+            error: What was raised after the reads.
 
         Raises:
             TransactionConflict: A frame changed since this transaction read it.
