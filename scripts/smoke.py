@@ -61,7 +61,7 @@ def check_network() -> None:
     try:
         assert server.stdout is not None
         check(bool(server.stdout.readline()), "the server did not start")
-        run = [str(COMMANDS / "zenoh-tf"), "--connect", endpoint, "--timeout", "20", "--json"]
+        run = [str(COMMANDS / "zenoh-tf"), "--connect", endpoint, "--timeout", "20s", "--json"]
         for arguments in ("set map base 1 2 3", "lookup map base"):
             answer = subprocess.run(
                 [*run, *arguments.split()],

@@ -12,6 +12,7 @@ import argparse
 import sys
 
 from zenoh_tf.errors import ServerBusy, TransformException
+from zenoh_tf.flag_values import duration
 from zenoh_tf.text import printable
 from zenoh_tf_client.session import environment
 from zenoh_tf_tools.cli.connection import add_credentials, connect
@@ -28,7 +29,7 @@ def main() -> int:
     )
     parser.add_argument("--connect", default=environment.endpoint())
     parser.add_argument("--tree", default=environment.tree())
-    parser.add_argument("--timeout", type=float, default=2.0, metavar="SECONDS")
+    parser.add_argument("--timeout", type=duration(above=True), default=2.0, metavar="DURATION")
     add_credentials(parser)
     args = parser.parse_args()
     try:

@@ -75,9 +75,9 @@ def test_the_environment_names_server_and_tree(
     monkeypatch.setenv("ZENOH_TF_TREE", "robot 1")
     succeeds(zenoh_tf("set", "map", "base", "0", "0", "0"))
     assert document(zenoh_tf("frames", "--json"))["tree"] == "robot 1"
-    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames"))
+    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5s", "frames"))
     assert "tcp/127.0.0.1:9" in line
     line = refusal(zenoh_tf("frames", "--tree", "elsewhere"))
     assert "trees served there: 'robot 1'" in line
     monkeypatch.setenv("ZENOH_TF_CONNECT", "tcp/127.0.0.1:9")
-    assert "tcp/127.0.0.1:9" in refusal(zenoh_tf("--timeout", "0.5", "frames"))
+    assert "tcp/127.0.0.1:9" in refusal(zenoh_tf("--timeout", "0.5s", "frames"))

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.own_server
 
 @pytest.mark.usefixtures("chain")
 def test_lookup_interpolates_at_a_time(run: Run) -> None:
-    answer = document(run("lookup", "map", "camera", "--at", "1.5", "--json"))
+    answer = document(run("lookup", "map", "camera", "--at", "1.5s", "--json"))
     assert (answer["target"], answer["source"]) == ("map", "camera")
     assert answer["stamp_ns"] == 1_500_000_000
     assert answer["translation"] == pytest.approx([1.0, 1.0, 0.0])
@@ -83,7 +83,7 @@ def test_set_refuses_what_is_no_rotation(run: Run) -> None:
 @pytest.mark.usefixtures("chain")
 def test_velocity(run: Run) -> None:
     """Half a turn to the left and two metres ahead in a second."""
-    asked = ("velocity", "base", "map", "--at", "1.5", "--interval", "0.5")
+    asked = ("velocity", "base", "map", "--at", "1.5s", "--interval", "0.5s")
     answer = document(run(*asked, "--json"))
     assert (answer["tracking"], answer["observation"]) == ("base", "map")
     assert answer["reference"] == "map"
@@ -108,7 +108,7 @@ def test_velocity_over_no_time(run: Run) -> None:
 
 @pytest.mark.usefixtures("chain")
 def test_frames_draws_the_tree(run: Run) -> None:
-    succeeds(run("set", "base", "arm", "0", "0", "0", "--stamp", "2.5", "--authority", "motors"))
+    succeeds(run("set", "base", "arm", "0", "0", "0", "--stamp", "2.5s", "--authority", "motors"))
     _, *lines = succeeds(run("frames")).splitlines()
     assert [line.split() for line in lines] == [
         ["map"],
@@ -291,7 +291,7 @@ def test_a_time_that_no_link_has(run: Run) -> None:
     line = refusal(run("lookup", "map", "base", "--at", "99s"))
     assert "ForwardExtrapolationException" in line
     assert line.endswith("(97.0 s too late)")
-    line = refusal(run("lookup", "map", "base", "--at", "0.25"))
+    line = refusal(run("lookup", "map", "base", "--at", "0.25s"))
     assert "BackwardExtrapolationException" in line
     assert line.endswith("(750 ms too early)")
 

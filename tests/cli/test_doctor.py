@@ -20,7 +20,7 @@ def test_a_healthy_tree(run_here: Run) -> None:
     """Its stamps are of another clock, so nothing gets old while the command starts."""
     assert succeeds(run_here("doctor", "--for", "0")) == "no faults in 3 frames\n"
     # Two looks see no gap either, as the link has no rate to speak of.
-    found = document(run_here("doctor", "--for", "0.2", "--json"))
+    found = document(run_here("doctor", "--for", "0.2s", "--json"))
     assert (found["findings"], found["frames"]) == ([], 3)
     assert found["observed_s"] >= 0.2
 
@@ -58,7 +58,7 @@ def test_what_a_server_refused(run_here: Run, client: TransformClient) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--for", "-1"), ("--for", "soon"), ("--ignore", "TF999"), ("a.mcap", "surplus")]
+    "arguments", [("--for", "-1s"), ("--for", "soon"), ("--ignore", "TF999"), ("a.mcap", "surplus")]
 )
 def test_wrong_usage(command: Run, arguments: tuple[str, ...]) -> None:
     done = command("doctor", *arguments)

@@ -66,7 +66,7 @@ def test_errors_as_json(run: Run) -> None:
 
 
 def test_no_server_as_json(zenoh_tf: Run) -> None:
-    command = ("--json", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames")
+    command = ("--json", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.5s", "frames")
     assert json_error(zenoh_tf(*command))["type"] == "ServerUnavailable"
 
 
@@ -89,13 +89,13 @@ def test_output_in_ascii(
 
 
 def test_no_server(zenoh_tf: Run) -> None:
-    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5", "frames"))
+    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5s", "frames"))
     assert "ServerUnavailable" in line
     assert "tcp/127.0.0.1:9" in line
 
 
 def test_no_such_tree(run: Run) -> None:
-    line = refusal(run("--tree", "elsewhere", "--timeout", "0.5", "frames"))
+    line = refusal(run("--tree", "elsewhere", "--timeout", "0.5s", "frames"))
     assert "ServerUnavailable" in line
     assert "elsewhere" in line
 
@@ -108,9 +108,11 @@ def test_no_such_tree(run: Run) -> None:
         ["lookup", "map"],
         ["lookup", "map", "base", "--at", "noon"],
         ["lookup", "map", "base", "--at", "now5"],
+        ["lookup", "map", "base", "--at", "5"],
+        ["wait", "map", "base", "--for", "5"],
         ["set", "map", "base", "1", "2"],
         ["set", "map", "base", "1", "2", "x"],
-        ["--timeout", "-1", "frames"],
+        ["--timeout", "-1s", "frames"],
         ["frames", "--dot", "--mermaid"],
         ["frames", "--dot", "--json"],
         ["--json", "frames", "--mermaid"],

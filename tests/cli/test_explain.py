@@ -15,7 +15,7 @@ def test_explain_a_lookup_that_succeeds(run_here: Run) -> None:
     assert text.splitlines()[0] == "camera in map at the latest common time"
     assert "map -> base" in text and "wheels" in text
     assert "The lookup succeeds at 2.000000000 s." in text
-    found = document(run_here("explain", "map", "camera", "--at", "1.5", "--json"))
+    found = document(run_here("explain", "map", "camera", "--at", "1.5s", "--json"))
     assert (found["possible"], found["at_ns"], found["limiting_frame"]) == (
         True,
         1_500_000_000,
@@ -26,10 +26,10 @@ def test_explain_a_lookup_that_succeeds(run_here: Run) -> None:
 
 @pytest.mark.usefixtures("chain")
 def test_explain_a_lookup_that_fails(run_here: Run) -> None:
-    done = run_here("explain", "map", "camera", "--at", "2.5")
+    done = run_here("explain", "map", "camera", "--at", "2.5s")
     assert (done.returncode, done.stderr) == (3, "")
     assert "2.500000000 s is 500 ms after the newest sample of 'map' -> 'base'." in done.stdout
-    done = run_here("explain", "map", "camera", "--at", "2.5", "--json")
+    done = run_here("explain", "map", "camera", "--at", "2.5s", "--json")
     assert done.returncode == 3
     found = json.loads(done.stdout)
     assert (found["error"], found["limiting_frame"]) == ("ForwardExtrapolationException", "base")
@@ -50,5 +50,5 @@ def test_names_that_do_not_exist(run_here: Run) -> None:
 
 
 def test_explain_without_a_server(command: Run) -> None:
-    done = command("explain", "a", "b", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.2")
+    done = command("explain", "a", "b", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.2s")
     assert "ServerUnavailable" in refusal(done)

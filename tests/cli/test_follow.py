@@ -71,14 +71,14 @@ def test_wait_for_a_frame(robot: TransformClient, command: Run) -> None:
     row = StampedTransform("map", "door", 0, Transform((1, 2, 3)))
     timer = threading.Timer(0.3, lambda: robot.set_transform(row, static=True))
     timer.start()
-    ended = command("wait", "map", "door", "--for", "30", "--json")
+    ended = command("wait", "map", "door", "--for", "30s", "--json")
     timer.join()
     assert (ended.returncode, ended.stderr) == (0, "")
     assert json.loads(ended.stdout)["translation"] == [1.0, 2.0, 3.0]
 
 
 def test_wait_in_vain(robot: TransformClient, command: Run) -> None:
-    ended = command("wait", "map", "nobody", "--for", "0.1")
+    ended = command("wait", "map", "nobody", "--for", "0.1s")
     assert (ended.returncode, ended.stdout) == (1, "")
     assert "LookupException" in ended.stderr
     assert ended.stderr.endswith("; zenoh-tf explain map nobody says more\n")
@@ -89,7 +89,7 @@ def test_wait_in_vain(robot: TransformClient, command: Run) -> None:
 def test_wait_for_a_server(start_server: StartServer) -> None:
     endpoint = free_endpoint()
     with forks.Popen(
-        [sys.executable, *MODULE, "wait", "a", "b", "--connect", endpoint, "--for", "50"],
+        [sys.executable, *MODULE, "wait", "a", "b", "--connect", endpoint, "--for", "50s"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:
@@ -102,7 +102,7 @@ def test_wait_for_a_server(start_server: StartServer) -> None:
 
 
 def test_wait_without_a_server(command: Run) -> None:
-    ended = command("wait", "a", "b", "--connect", free_endpoint(), "--for", "0.3")
+    ended = command("wait", "a", "b", "--connect", free_endpoint(), "--for", "0.3s")
     assert ended.returncode == 1
     assert "ServerUnavailable" in ended.stderr
 
@@ -114,7 +114,7 @@ def test_wait_without_a_server(command: Run) -> None:
         ("echo", "a", "b", "--rate", "0"),
         ("echo", "a", "b", "--count", "0"),
         ("echo", "a", "b", "--count", "some"),
-        ("wait", "a", "b", "--for", "-1"),
+        ("wait", "a", "b", "--for", "-1s"),
         ("wait", "a", "b", "--for", "nan"),
         ("monitor", "--every", "0"),
     ],

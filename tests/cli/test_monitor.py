@@ -15,7 +15,7 @@ from .conftest import Run
 
 
 def test_monitor_shows_links_and_authorities(robot: TransformClient, command: Run) -> None:
-    ended = command("monitor", "--every", "0.2", "--count", "2")
+    ended = command("monitor", "--every", "0.2s", "--count", "2")
     assert (ended.returncode, ended.stderr) == (0, "")
     first, second = re.split(r"^in .* s: ", ended.stdout, flags=re.M)[1:]
     for period in (first, second):
@@ -27,7 +27,7 @@ def test_monitor_shows_links_and_authorities(robot: TransformClient, command: Ru
 
 
 def test_monitor_prints_a_document_for_each_period(robot: TransformClient, command: Run) -> None:
-    ended = command("monitor", "--every", "0.2", "--count", "2", "--json")
+    ended = command("monitor", "--every", "0.2s", "--count", "2", "--json")
     periods = [json.loads(line) for line in ended.stdout.splitlines()]
     assert len(periods) == 2
     assert [link["frame"] for link in periods[0]["links"]] == ["base_link", "gripper", "odom"]

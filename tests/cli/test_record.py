@@ -306,7 +306,7 @@ def test_what_the_format_cannot_hold_is_counted(
 
 def test_it_ends_by_itself(server: ServerProcess, zenoh_tf: Run, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    done = zenoh_tf("--connect", server.endpoint, "record", str(path), "--duration", "0.5")
+    done = zenoh_tf("--connect", server.endpoint, "record", str(path), "--for", "0.5s")
     assert done.returncode == 0
     assert done.stderr == f"recording to {path} until Ctrl-C\n"
     assert done.stdout.startswith("0 transforms and 0 static ones in ")
@@ -327,7 +327,7 @@ def test_it_overwrites_nothing(server: ServerProcess, zenoh_tf: Run, tmp_path: P
 
 def test_without_a_server_there_is_no_file(zenoh_tf: Run, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    connect = ("--connect", "tcp/127.0.0.1:1", "--timeout", "1")
+    connect = ("--connect", "tcp/127.0.0.1:1", "--timeout", "1s")
     assert "ServerUnavailable" in refusal(zenoh_tf(*connect, "record", str(path)))
     assert not path.exists()
 

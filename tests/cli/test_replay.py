@@ -51,7 +51,7 @@ def test_everything_is_there_when_it_ends(run: Run, tmp_path: Path, kind: str) -
     assert summary["topics"] == ["/robot2/tf", "/tf", "/tf_static"]
 
     ask = ("--json", "lookup", "odom", "camera")
-    answer = json.loads(run(*ask, "--at", "7.51").stdout)
+    answer = json.loads(run(*ask, "--at", "7.51s").stdout)
     assert answer["translation"] == pytest.approx([26.5, 0.0, 0.0])
     answer = json.loads(run(*ask).stdout)
     assert answer["stamp_ns"] == 8_000_000_000
@@ -71,7 +71,7 @@ def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
 def test_a_part_of_it(run: Run, tmp_path: Path) -> None:
     """Static links from before the part are there."""
     path = str(write(tmp_path / "log"))
-    done = run("--json", "replay", path, "--start", "0.5", "--end", "0.7s")
+    done = run("--json", "replay", path, "--start", "+0.5s", "--end", "-0.3s")
     assert (done.returncode, done.stderr) == (0, "")
     summary = json.loads(done.stdout)
     assert summary["transforms"] == 12
@@ -82,6 +82,32 @@ def test_a_part_of_it(run: Run, tmp_path: Path) -> None:
         7_700_000_000,
     )
     assert run("lookup", "odom", "camera").returncode == 0
+
+
+def test_the_part_is_chosen_by_stamps(run: Run, tmp_path: Path) -> None:
+    """The log's clock is another one, a message is late, and a static link comes after the part."""
+    log: Log = [
+        *[(100.0 + i, "/tf", [("a", "b", 50.0 + i, float(i))]) for i in range(3)],
+        (103.0, "/tf", [("a", "b", 53.0, 3.0), ("a", "c", 51.5, 9.0)]),
+        (200.0, "/tf_static", [("b", "camera", 0.0, 1.0)]),
+    ]
+    path = str(write(tmp_path / "log", log))
+    # At twice real speed it would take 50 s if it waited for the static link.
+    done = run("--json", "replay", path, "--start", "+1s", "--end", "52s", "--rate", "2")
+    assert json.loads(done.stdout)["transforms"] == 4
+    answer = json.loads(run("--json", "frame", "b").stdout)
+    assert (answer["oldest_stamp_ns"], answer["newest_stamp_ns"]) == (51 * 10**9, 52 * 10**9)
+    assert json.loads(run("--json", "frame", "c").stdout)["newest_stamp_ns"] == 51_500_000_000
+    assert run("lookup", "a", "camera").returncode == 0
+
+
+def test_parts_that_cannot_be_meant(zenoh_tf: Run, tmp_path: Path) -> None:
+    """Those are found without a server."""
+    path = str(write(tmp_path / "log"))
+    line = refusal(zenoh_tf("replay", path, "--start", "0.5s"))
+    assert "--start 0.5s is the stamp 0.500000000 s, but the recording is from 7.0" in line
+    line = refusal(zenoh_tf("replay", path, "--start", "+0.5s", "--end", "+0.4s"))
+    assert "--end (7.400000000 s) is before 7.500000000 s" in line
 
 
 def test_as_if_it_happened_now(run: Run, tmp_path: Path) -> None:
@@ -121,8 +147,8 @@ def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -
     [
         (("--loop", "--rate", "0"), "need a --rate above 0"),
         (("--clock", "now", "--rate", "0"), "need a --rate above 0"),
-        (("--start", "3", "--end", "2"), "--end is before --start"),
-        (("--start", "-1"), "is not a number of at least 0"),
+        (("--start", "3"), "'3' is ambiguous: 3 s after the recording's first stamp, or the stamp"),
+        (("--rate", "-1"), "'-1' is not a number of at least 0"),
         (("--clock", "later"), "invalid choice"),
     ],
 )
@@ -351,7 +377,7 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
     log = [(float(i), "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(120)]
     path = write(tmp_path / "log", log)
     server = start_server()
-    command = ("-m", "zenoh_tf_tools", "--connect", server.endpoint, "--timeout", "2")
+    command = ("-m", "zenoh_tf_tools", "--connect", server.endpoint, "--timeout", "2s")
     with forks.Popen(
         [sys.executable, *command, "replay", str(path), "--rate", "30"],
         stdout=subprocess.PIPE,

@@ -63,14 +63,14 @@ def test_names_are_no_markup() -> None:
 
 
 def test_the_board_without_a_terminal(robot: TransformClient, command: Run) -> None:
-    ended = command("top", "--every", "0.2", "--count", "1")
+    ended = command("top", "--every", "0.2s", "--count", "1")
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "map -> odom" in ended.stdout
     assert "wheels" in ended.stdout
 
 
 def test_the_board_in_a_terminal(robot: TransformClient, in_terminal: Callable[..., str]) -> None:
-    screen = in_terminal("top", "--every", "0.2", "--count", "2")
+    screen = in_terminal("top", "--every", "0.2s", "--count", "2")
     assert "map -> odom" in screen
     assert "\x1b[?1049h" in screen and "\x1b[?1049l" in screen  # the terminal is as it was
 

@@ -240,7 +240,7 @@ def test_the_command_line(by_user: ServerProcess, files: Files, tmp_path: Path) 
     password = tmp_path / "password"
     password.write_text(PASSWORDS["reader"] + "\n")
     password.chmod(0o600)
-    endpoint = ("--connect", by_user.endpoint, "--timeout", "2")
+    endpoint = ("--connect", by_user.endpoint, "--timeout", "2s")
     user = ("--user", "reader", "--password-file", str(password))
     done = run(*endpoint, "--tls-ca", files.ca, *user, "frames")
     assert (done.returncode, done.stderr) == (0, "")

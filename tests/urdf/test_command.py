@@ -115,6 +115,6 @@ def test_errors_are_one_line(tmp_path: Path) -> None:
 
 
 def test_no_server() -> None:
-    done = run(ARM, "--connect", free_endpoint(), "--timeout", "0.2")
+    done = run(ARM, "--connect", free_endpoint(), "--timeout", "0.2s")
     assert done.returncode == 1
     assert "ServerUnavailable" in done.stderr

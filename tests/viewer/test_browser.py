@@ -33,7 +33,7 @@ LOG = [
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     path = write(tmp_path_factory.mktemp("recording") / "run", LOG)
     port = free_port()
-    with started("view", str(path), "--at", "4.5", "--port", str(port)) as _:
+    with started("view", str(path), "--at", "+4.5s", "--port", str(port)) as _:
         yield f"http://127.0.0.1:{port}"
 
 

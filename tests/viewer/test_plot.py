@@ -159,7 +159,7 @@ def test_what_it_prints(recording: Path, tmp_path: Path, capsys: Any) -> None:
     ("args", "code", "message"),
     [
         (("--out", "x.gif"), 2, "'x.gif' does not end with one of .png, .svg, .pdf"),
-        (("--seconds", "3601"), 2, "'3601' is more than 3600 seconds"),
+        (("--for", "3601s"), 2, "'3601s' is not a duration of at least 0 s and at most 3,600 s"),
         (("--out", "/nowhere/x.png"), 1, "/nowhere/x.png: there is no folder /nowhere"),
         (("--out", "/proc/x.png"), 1, "/proc/x.png: "),
         (("nowhere.mcap",), 1, "nowhere.mcap: no such file"),
@@ -208,7 +208,7 @@ def test_documented_lines(
     else:
         request.getfixturevalue("published")
         args += ["--connect", request.getfixturevalue("server").endpoint]
-        args += ["--seconds", "0.1"]  # the last one counts
+        args += ["--for", "0.1s"]  # the last one counts
     monkeypatch.chdir(tmp_path)
     code, text, errors = call(*args, capsys=capsys)
     assert (code, errors) == (0, "")

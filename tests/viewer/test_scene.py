@@ -80,7 +80,7 @@ def options(max_frames: int = 100, fixed: str | None = None) -> Options:
         port=0,
         stale_s=1.0,
         max_frames=max_frames,
-        at_s=0.0,
+        at_ns=0,
         fixed=fixed,
         axes_m=0.2,
         trail_s=5.0,
@@ -243,7 +243,9 @@ def test_trails_and_trouble(viewer: Viewer, tree: Tree) -> None:
 
 
 def test_a_recording_plays_to_its_end(server: Any) -> None:
-    panel = Panel(server, range_ns=(5 * S, 7 * S), at_s=0.5, axes_m=0.2, trail_s=math.inf)
+    panel = Panel(
+        server, range_ns=(5 * S, 7 * S), at_ns=5 * S + S // 2, axes_m=0.2, trail_s=math.inf
+    )
     assert panel.time_ns(1.0) == 5 * S + S // 2  # it does not play
     assert panel.trail_s == 60.0
     panel._play.value = True

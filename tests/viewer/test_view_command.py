@@ -103,12 +103,13 @@ def test_a_port_that_is_taken(recording: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (("view", "--port", "0"), 2, "'0' is not a number from 1 to 65,535"),
-        (("view", "--stale", "x"), 2, "'x' is not a number of seconds"),
-        (("view", "--max-frames", "99999"), 2, "is not a number from 1 to 10,000"),
-        (("view", "run", "--at", "-1"), 2, "'-1' is not a number of seconds"),
+        (("view", "--port", "0"), 2, "'0' is not a whole number from 1 to 65,535"),
+        (("view", "--stale", "x"), 2, "'x' is not a duration; give 20ms, 2s or 5min"),
+        (("view", "--stale", "2"), 2, "--stale: '2' is ambiguous: 2 seconds or 2 milliseconds"),
+        (("view", "--max-frames", "99999"), 2, "is not a whole number from 1 to 10,000"),
+        (("view", "run", "--at", "-1"), 2, "--at: '-1' is ambiguous"),
         (("view", "nowhere.mcap"), 1, "nowhere.mcap: no such file"),
-        (("view", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.2"), 1, "ServerUnavailable"),
+        (("view", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.2s"), 1, "ServerUnavailable"),
     ],
 )
 def test_wrong_arguments(
@@ -122,6 +123,13 @@ def test_wrong_arguments(
     output, errors = capsys.readouterr()
     assert message in errors
     assert output == ""
+
+
+def test_a_time_that_is_not_in_the_recording(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(recording), "--at", "1s"]) == 1
+    assert "--at 1s is the stamp 1.000000000 s, but" in capsys.readouterr().err
 
 
 def test_an_address_that_is_not_of_this_machine(

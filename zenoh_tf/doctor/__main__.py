@@ -14,7 +14,7 @@ def page() -> Iterator[str]:
     yield "`zenoh-tf doctor` looks at a served tree for some seconds, or reads a recording"
     yield "(`zenoh-tf doctor drive.mcap`), and reports the faults of this catalogue that it finds,"
     yield "each with its evidence. Exit code 0: none; 3: some; 1: it could not look. `--ignore"
-    yield "TF301` leaves one out, `--for 10` looks for ten seconds, and `--json` prints one"
+    yield "TF301` leaves one out, `--for 10s` looks for ten seconds, and `--json` prints one"
     yield "document. `zenoh-tf explain` says what a single lookup suffers from: see"
     yield "[troubleshooting](troubleshooting.md)."
     yield ""

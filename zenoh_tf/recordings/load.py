@@ -53,6 +53,10 @@ def valid_commits(recording: Recording, tree: TransformTree, block: Block) -> It
         valid = 0
         for rows in _commit_valid(tree, commit.rows, commit.static):
             valid += len(rows.stamp)
+            if not commit.static:
+                first_ns, last_ns = int(rows.stamp.min()), int(rows.stamp.max())
+                known = recording.range_ns or (first_ns, last_ns)
+                recording.range_ns = min(known[0], first_ns), max(known[1], last_ns)
             yield rows
         recording.skipped += len(commit.rows.stamp) - valid
 

@@ -56,6 +56,9 @@ class Recording:
         #: Transforms that no tree accepts so far, such as NaN or a frame in itself. The reader of
         #: the messages counts them.
         self.skipped = 0
+        #: The first and last stamp of the dynamic transforms so far that a tree accepts; None
+        #: without one. The reader of the messages sets it.
+        self.range_ns: tuple[int, int] | None = None
 
     @property
     def message_count(self) -> int | None:
@@ -138,6 +141,7 @@ class Recording:
         self.topics.clear()
         self.malformed = self.skipped = 0
         self.first_fault = ""
+        self.range_ns = None
         others: set[str] = set()
         for raw in self._raw():
             topic = raw.channel.topic

@@ -22,13 +22,13 @@ from zenoh_tf import (
     ForwardExtrapolationException,
     TransformException,
 )
+from zenoh_tf.flag_values import duration
 from zenoh_tf.text import printable
+from zenoh_tf.times import age
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
-from zenoh_tf_tools import stamps
 from zenoh_tf_tools.cli import completion, output
 from zenoh_tf_tools.cli.connection import add_credentials
-from zenoh_tf_tools.cli.numbers import positive_seconds
 from zenoh_tf_tools.cli.recordings import query, record, replay
 from zenoh_tf_tools.cli.setup import calibration, certificates, urdf
 from zenoh_tf_tools.cli.show import foxglove, monitor, plot, top
@@ -39,10 +39,12 @@ from zenoh_tf_tools.errors import CommandError
 # argparse takes "-1e-3" and "-5." for options, but "-0.001" for a number.
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 # argparse takes a time such as "-1s" for an option, too.
-_NEGATIVE_TIME = re.compile(r"-(\d+\.?\d*|\.\d+)(s|ns)")
-_TIME_OPTIONS = ("--at", "--stamp", "--start", "--end")
+_NEGATIVE_TIME = re.compile(r"-\.?\d[\w.]*")
 
 _EPILOG = """\
+values:     DURATION 20ms, 2s or 5min; TIME 2026-01-31T12:00:00Z, 1700000000.5s or now-2s,
+            in a recording +10s (after its first stamp) or -2s (before its last one);
+            docs/commands.md has the grammar
 exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 the command has found what is wrong
             (doctor: a fault; explain: why the lookup fails)
 errors:     one line on stderr; with --json a JSON object there, with the keys
@@ -98,9 +100,9 @@ def _distance(error: TransformException) -> str:
     if error.stamp_ns is None:
         return ""
     if isinstance(error, ForwardExtrapolationException) and error.newest_stamp_ns is not None:
-        return f" ({stamps.age(error.stamp_ns - error.newest_stamp_ns)} too late)"
+        return f" ({age(error.stamp_ns - error.newest_stamp_ns)} too late)"
     if isinstance(error, BackwardExtrapolationException) and error.oldest_stamp_ns is not None:
-        return f" ({stamps.age(error.oldest_stamp_ns - error.stamp_ns)} too early)"
+        return f" ({age(error.oldest_stamp_ns - error.stamp_ns)} too early)"
     return ""
 
 
@@ -115,7 +117,7 @@ def _for_argparse(given: Sequence[str]) -> list[str]:
     for argument in given:
         if _NEGATIVE_NUMBER.fullmatch(argument):
             arguments.append(format(Decimal(argument), "f"))
-        elif _NEGATIVE_TIME.fullmatch(argument) and arguments and arguments[-1] in _TIME_OPTIONS:
+        elif _NEGATIVE_TIME.fullmatch(argument) and arguments and arguments[-1].startswith("--"):
             arguments[-1] += f"={argument}"
         else:
             arguments.append(argument)
@@ -175,11 +177,11 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
     )
     group.add_argument(
         "--timeout",
-        metavar="S",
-        type=positive_seconds,
+        metavar="DURATION",
+        type=duration(above=True),
         default=default(DEFAULT_TIMEOUT_S),
-        help="seconds to wait for the connection and for each reply "
-        f"(default {DEFAULT_TIMEOUT_S:g})",
+        help="how long to wait for the connection and for each reply "
+        f"(default {DEFAULT_TIMEOUT_S:g}s)",
     )
     group.add_argument(
         "--json",

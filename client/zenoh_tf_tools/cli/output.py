@@ -13,7 +13,7 @@ from typing import TextIO
 
 from zenoh_tf import LatestTransform, StampedTransform, TransformException, Velocity
 from zenoh_tf.text import printable
-from zenoh_tf_tools import stamps
+from zenoh_tf.times import CLOCK_RANGE_S, age, seconds
 
 #: Terminal colours: bold, faint, green, yellow, cyan; parts that are not listed have none.
 _COLOURS = {
@@ -81,11 +81,16 @@ def row(label: str, value: str) -> str:
 
 def when(stamp_ns: int) -> str:
     """Return a stamp in seconds, and its distance from now if it is of this machine's clock."""
-    text = f"{stamps.seconds(stamp_ns)} s"
-    if stamps.is_clock_time(stamp_ns):
-        age_ns = time.time_ns() - stamp_ns
-        text += f"  (in {stamps.age(-age_ns)})" if age_ns < 0 else f"  ({stamps.age(age_ns)} ago)"
+    text = f"{seconds(stamp_ns)} s"
+    age_ns = time.time_ns() - stamp_ns
+    if abs(age_ns) <= CLOCK_RANGE_S * 10**9:
+        text += f"  (in {age(-age_ns)})" if age_ns < 0 else f"  ({age(age_ns)} ago)"
     return text
+
+
+def url(scheme: str, host: str, port: int) -> str:
+    """Return an address to open."""
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def numbers(labels: Sequence[str], values: Sequence[float], digits: int = 6) -> str:
@@ -159,7 +164,7 @@ def velocity_text(velocity: Velocity) -> str:
         [
             f"{tracking} as seen from {observation}, in the axes of {reference}",
             row("time", when(velocity.stamp_ns)),
-            row("averaged", f"over {stamps.age(velocity.end_ns - velocity.start_ns)}"),
+            row("averaged", f"over {age(velocity.end_ns - velocity.start_ns)}"),
             row("linear", numbers("xyz", velocity.linear.tolist()) + "  m/s"),
             row("angular", numbers("xyz", angular) + "  rad/s"),
             row("", numbers("xyz", degrees, digits=2) + "  deg/s"),

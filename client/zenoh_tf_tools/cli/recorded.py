@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from zenoh_tf.flag_values import RecordedTime
 from zenoh_tf.recordings import Recording, RecordingError, open_recording
 from zenoh_tf.text import printable
+from zenoh_tf.times import seconds
 from zenoh_tf_tools.errors import CommandError
 
 
@@ -36,6 +38,43 @@ def opened(args: argparse.Namespace) -> Iterator[Recording]:
             yield recording
     except RecordingError as error:
         raise CommandError(str(error)) from error
+
+
+def stamp_ns(
+    option: str,
+    time: RecordedTime | None,
+    range_ns: tuple[int, int],
+    default: int,
+    *,
+    inside: bool = False,
+) -> int:
+    """The time of an option in nanoseconds.
+
+    Args:
+        option: Its name, for errors.
+        time: What it says; None if it is not given.
+        range_ns: The recording's first and last stamp.
+        default: The time if it is not given.
+        inside: Whether a stamp must be one of the recording: else it was meant relative to it.
+
+    Raises:
+        CommandError: The time does not fit in a stamp, or must be inside and is not.
+    """
+    if time is None:
+        return default
+    first_ns, last_ns = range_ns
+    stamp = time.stamp_ns(first_ns, last_ns)
+    if abs(stamp) >= 1 << 63:
+        raise CommandError(
+            f"{option} {time.text}: {seconds(stamp)} s does not fit in 64 bits of nanoseconds; "
+            "give a time nearer to the recording"
+        )
+    if inside and time.origin == "zero" and not first_ns <= stamp <= last_ns:
+        raise CommandError(
+            f"{option} {time.text} is the stamp {seconds(stamp)} s, but the recording is from "
+            f"{seconds(first_ns)} s to {seconds(last_ns)} s; +10s and -2s count from there"
+        )
+    return stamp
 
 
 def warn(recording: Recording) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from zenoh_tf.text import cut, printable
-from zenoh_tf_tools import stamps
+from zenoh_tf.times import age, seconds
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.scene import MAIN, NAMES
 from zenoh_tf_tools.viewer.source import Link
@@ -34,7 +34,7 @@ class Panel:
         server: viser.ViserServer,
         *,
         range_ns: tuple[int, int] | None,
-        at_s: float,
+        at_ns: int,
         axes_m: float,
         trail_s: float,
     ) -> None:
@@ -43,7 +43,7 @@ class Panel:
         Args:
             server: Where to.
             range_ns: The times that can be chosen, in nanoseconds; None for a live tree.
-            at_s: Seconds after the first of them to begin with.
+            at_ns: The one of them to begin with.
             axes_m: Length of the frames' axes to begin with, in metres.
             trail_s: Length of the trails to begin with, in seconds.
         """
@@ -53,6 +53,7 @@ class Panel:
         self._shown: dict[str, str] = {}
         if range_ns is not None:
             length_s = max(0.01, (range_ns[1] - range_ns[0]) / 1e9)
+            at_s = (at_ns - range_ns[0]) / 1e9
             self._time: Any = gui.add_slider(
                 "time [s]", 0.0, length_s, 0.01, min(max(0.0, at_s), length_s)
             )
@@ -143,9 +144,9 @@ def figures_html(link: Link | None, placement: Placement, fixed: str) -> str:
         if link.static:
             facts["age"] = "static: holds at all times"
         elif link.age_s is not None and link.age_s < 0:
-            facts["age"] = f"its first sample comes in {stamps.age(int(-link.age_s * 1e9))}"
+            facts["age"] = f"its first sample comes in {age(int(-link.age_s * 1e9))}"
         elif link.age_s is not None:
-            facts["age"] = stamps.age(int(link.age_s * 1e9))
+            facts["age"] = age(int(link.age_s * 1e9))
         if not link.static:
             facts["rate"] = "-" if link.rate_hz is None else f"{link.rate_hz:.1f} Hz"
     row = placement.rows.get(link.name)
@@ -174,7 +175,7 @@ def status_html(
     lines = []
     if trouble is not None:
         lines.append(f"<b style='color:#d22'>{html.escape(trouble)}</b>")
-    lines.append(f"at {stamps.seconds(time_ns)[:-6]} s")
+    lines.append(f"at {seconds(time_ns)[:-6]} s")
     moving = sum(link.age_s is not None for link in links.values())
     lines.append(f"{len(links):,} frames, {moving:,} moving")
     if hidden:

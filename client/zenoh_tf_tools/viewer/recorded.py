@@ -33,9 +33,7 @@ class RecordedSource:
         except (RecordingError, LimitExceeded) as error:
             raise CommandError(str(error)) from error
         self._names = self._tree.frames()
-        firsts = [int(times[0]) for times in self._stamps_ns.values()] or [0]
-        lasts = [int(times[-1]) for times in self._stamps_ns.values()] or [0]
-        self.range_ns = (min(firsts), max(lasts))
+        self.range_ns = recording.range_ns or (0, 0)
 
     @property
     def lookups(self) -> Lookups:

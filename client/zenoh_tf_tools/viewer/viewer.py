@@ -39,7 +39,7 @@ class Options:
         port: Port to listen on; another one if it is taken.
         stale_s: From this age on, in seconds, a link is marked as stale.
         max_frames: Most frames that are drawn.
-        at_s: Seconds after the first sample of a recording to begin at.
+        at_ns: The time of a recording to begin at, in nanoseconds.
         fixed: The fixed frame; None for the root of the tree with the most frames.
         axes_m: Length of the axes in metres.
         trail_s: Length of the trails in seconds.
@@ -49,7 +49,7 @@ class Options:
     port: int
     stale_s: float
     max_frames: int
-    at_s: float
+    at_ns: int
     fixed: str | None
     axes_m: float
     trail_s: float
@@ -104,7 +104,7 @@ class Viewer:
         self.panel = Panel(
             server,
             range_ns=source.range_ns,
-            at_s=options.at_s,
+            at_ns=options.at_ns,
             axes_m=options.axes_m,
             trail_s=options.trail_s,
         )

@@ -10,10 +10,14 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf.recordings import Message
+from zenoh_tf.recordings.blocks import take_rows
 from zenoh_tf_tools.errors import CommandError
 
 #: From the last stamp of a turn to the first of the next one.
 _BETWEEN_TURNS_NS: Final = 10_000_000
+#: The first and last stamp that there are.
+_FIRST_NS: Final = -(1 << 63)
+_LAST_NS: Final = (1 << 63) - 1
 #: The longest wait for a message, some 30 years: nobody means it, and `sleep` takes ten times that.
 _MAX_WAIT_S: Final = 1e9
 
@@ -26,8 +30,8 @@ class Playback:
     """
 
     rate: float = 0.0  # times real speed; 0: without waiting
-    start_s: float = 0.0  # after the first message: when to begin
-    end_s: float | None = None  # and when to end
+    start_ns: int = _FIRST_NS  # the first and last stamp to play
+    end_ns: int = _LAST_NS
     now: bool = False  # stamps as if it happened now; requires a rate
     _first_stamp_ns: int | None = None  # of this turn
     _base_ns: int = 0  # what that becomes
@@ -36,31 +40,44 @@ class Playback:
     def turn(self, messages: Iterable[Message]) -> Iterator[Message]:
         """Yield what is played, each message at its time and with its new stamps.
 
-        Static messages from before the start are played first: they hold at all times.
+        Static messages from before the start and after the end are played without waiting: they
+        hold at all times.
         """
         self._first_stamp_ns = None
-        first_log_ns = begin_s = None
+        begin_log_ns, begin_s = None, 0.0
+        is_begun, is_over = self.start_ns == _FIRST_NS, False
         for message in messages:
-            first_log_ns = message.log_ns if first_log_ns is None else first_log_ns
-            offset_s = (message.log_ns - first_log_ns) / 1e9
-            if self.end_s is not None and offset_s > self.end_s:
-                break
-            if offset_s < self.start_s:
-                if message.static:
-                    yield message
+            part: Message | None = message
+            if not message.static:
+                is_over = is_over or bool((message.rows.stamp > self.end_ns).any())
+                part = self._part(message)
+                is_begun = is_begun or part is not None
+            if part is None:
                 continue
-            if self.rate:
-                begin_s = time.monotonic() if begin_s is None else begin_s
-                due_s = begin_s + (offset_s - self.start_s) / self.rate
-                wait_s = max(0.0, due_s - time.monotonic())
-                if wait_s > _MAX_WAIT_S:
-                    raise CommandError(
-                        f"at --rate {self.rate:g} the next message, {offset_s:g} s after the "
-                        f"first, is due in {wait_s:.3g} s: give a higher --rate, or an --end "
-                        "before it"
-                    )
-                time.sleep(wait_s)
-            yield message if message.static else self._stamped(message)
+            if self.rate and is_begun and not (part.static and is_over):
+                if begin_log_ns is None:
+                    begin_log_ns, begin_s = part.log_ns, time.monotonic()
+                self._wait(begin_s, (part.log_ns - begin_log_ns) / 1e9)
+            yield part if part.static else self._stamped(part)
+
+    def _part(self, message: Message) -> Message | None:
+        """The rows of a dynamic message that are played; None if none are."""
+        stamp = message.rows.stamp
+        inside = (stamp >= self.start_ns) & (stamp <= self.end_ns)
+        if inside.all():
+            return message
+        rows = take_rows(message.rows, inside.nonzero()[0])
+        return message._replace(rows=rows) if inside.any() else None
+
+    def _wait(self, begin_s: float, offset_s: float) -> None:
+        """Wait until a message is due that is this long after the first one."""
+        wait_s = max(0.0, begin_s + offset_s / self.rate - time.monotonic())
+        if wait_s > _MAX_WAIT_S:
+            raise CommandError(
+                f"at --rate {self.rate:g} the next message, {offset_s:g} s after the first, is due "
+                f"in {wait_s:.3g} s: give a higher --rate, or an --end before it"
+            )
+        time.sleep(wait_s)
 
     def _stamped(self, message: Message) -> Message:
         """The message with the stamps that it is published with."""

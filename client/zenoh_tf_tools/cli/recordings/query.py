@@ -3,43 +3,32 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
-from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import (
-    FrameInfo,
     LimitExceeded,
     StampedTransform,
     TransformArray,
     TransformTree,
     export,
 )
+from zenoh_tf.flag_values import RECORDED_TIMES, duration, recorded_time, size
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, load
 from zenoh_tf.text import quoted
-from zenoh_tf_tools import stamps
+from zenoh_tf.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError, keep_input
 
-_TIMES: Final = (
-    "nanoseconds; seconds, as 1700000000.5 or 12s; or with a sign: +1.5s after the first sample, "
-    "-2s before the last"
-)
-_TIME: Final = re.compile(r"(?P<sign>[+-])?(?P<number>\d+\.?\d*|\.\d+)(?P<unit>s|ns)?")
-_STEP: Final = re.compile(r"(?P<number>\d+\.?\d*|\.\d+)(?P<unit>s|ms|us|ns)")
-_UNITS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-#: The last time that a stamp can say.
-_MAX_NS: Final = (1 << 63) - 1
 #: Rows of one answer; 100 bytes each.
 _MAX_ROWS: Final = 10_000_000
 #: A clock that is far from every stamp: a recording has no delays.
@@ -68,15 +57,18 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     query.add_argument("source", metavar="SOURCE", nargs="?", help="the frame whose pose is asked")
     when = query.add_mutually_exclusive_group()
-    when.add_argument("--at", metavar="STAMP", type=_time, help=_TIMES)
+    when.add_argument("--at", metavar="TIME", type=recorded_time, help=RECORDED_TIMES)
     when.add_argument(
-        "--every", metavar="STEP", type=_step, help="at all times this far apart, such as 20ms"
+        "--every",
+        metavar="DURATION",
+        type=duration(1e-9),
+        help="at all times this far apart, such as 20ms",
     )
     for option, meaning in (("--start", "first"), ("--end", "last")):
         query.add_argument(
             option,
-            metavar="STAMP",
-            type=_time,
+            metavar="TIME",
+            type=recorded_time,
             help=f"{meaning} time of --every, written as for --at (default: the {meaning} that all "
             "links can serve)",
         )
@@ -89,11 +81,11 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="write NumPy arrays: stamps_ns (n,), translations (n, 3), rotations (n, 4)",
     )
     query.add_argument(
-        "--max-memory-bytes",
-        metavar="N",
-        type=int,
+        "--max-memory",
+        metavar="BYTES",
+        type=size(),
         default=MAX_MEMORY_BYTES,
-        help=f"most memory for the recording's samples (default {MAX_MEMORY_BYTES}; 0: no limit)",
+        help="most memory for the recording's samples, such as 512MB or 8G (default 4G)",
     )
     query.set_defaults(run=_query, usage_error=query.error)
 
@@ -101,15 +93,15 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
 def _query(args: argparse.Namespace) -> int:
     if args.target is not None and args.source is None:
         args.usage_error("give both TARGET and SOURCE, or neither")
-    if (args.start or args.end) and not args.every:
+    if (args.start or args.end) and args.every is None:
         args.usage_error("--start and --end belong to --every")
     keep_input(args.file, args.npz)
-    tree = _load(args)
+    tree, range_ns = _load(args)
     if args.target is None:
-        _print_frames(args, tree)
+        _print_frames(args, tree, range_ns)
         return 0
     served = _range(tree, args.target, args.source)
-    times = _times(args, served)
+    times = _times(args, range_ns or (0, 0), served)
     array = tree.sample(args.target, args.source, times)
     if not array.ok.any():
         tree.lookup_transform(args.target, args.source, int(times[0]))  # its error tells why
@@ -117,69 +109,22 @@ def _query(args: argparse.Namespace) -> int:
     return 0
 
 
-def _load(args: argparse.Namespace) -> TransformTree:
-    """The recording as a tree, read under a progress bar."""
-    tree = TransformTree(**OPTIONS, max_memory_bytes=args.max_memory_bytes)
+def _load(args: argparse.Namespace) -> tuple[TransformTree, tuple[int, int] | None]:
+    """The recording as a tree, and its first and last stamp, read under a progress bar."""
+    tree = TransformTree(**OPTIONS, max_memory_bytes=args.max_memory)
     with recorded.opened(args) as recording:
         with Progress(recording.message_count, "messages") as progress:
             try:
                 load(recording, tree, progress.to)
             except LimitExceeded as error:
                 raise CommandError(
-                    f"{args.file}: {error}; allow more by --max-memory-bytes, or read less by "
-                    "--topic"
+                    f"{args.file}: {error}; allow more by --max-memory, or read less by --topic"
                 ) from error
         recorded.warn(recording)
-    return tree
+    return tree, recording.range_ns
 
 
 # --- times
-
-
-class _RecordedTime:
-    """A time as written: absolute, or relative to the recording's first or last sample."""
-
-    def __init__(self, sign: str | None, time_ns: int) -> None:
-        self._sign = sign
-        self._time_ns = time_ns
-
-    def resolve(self, served: tuple[int, int] | None) -> int:
-        """The time in ns, of links that can serve this range; None if they are static."""
-        if self._sign is None or served is None:
-            return self._time_ns
-        time_ns = served[0] + self._time_ns if self._sign == "+" else served[1] - self._time_ns
-        if abs(time_ns) > _MAX_NS:
-            raise CommandError(
-                f"{stamps.seconds(time_ns)} s does not fit in 64 bits of nanoseconds: give a time "
-                "nearer to the recording"
-            )
-        return time_ns
-
-
-def _time(text: str) -> _RecordedTime:
-    match = _TIME.fullmatch(text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time; give {_TIMES}")
-    sign, digits, unit = match["sign"], match["number"], match["unit"]
-    # As everywhere, a plain integer is in nanoseconds; an offset is in seconds.
-    seconds = unit == "s" or (unit is None and ("." in digits or sign is not None))
-    # Decimal, because a double is too coarse for nanoseconds since 1970.
-    time_ns = int(Decimal(digits) * (10**9 if seconds else 1))
-    if time_ns > _MAX_NS:
-        raise argparse.ArgumentTypeError(f"{text!r} is too large for 64 bits of nanoseconds")
-    return _RecordedTime(sign, time_ns)
-
-
-def _step(text: str) -> int:
-    match = _STEP.fullmatch(text)
-    step_ns = int(Decimal(match["number"]) * _UNITS[match["unit"]]) if match else 0
-    if step_ns <= 0:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a length of time; give one with its unit, such as 20ms or 0.5s"
-        )
-    if step_ns > _MAX_NS:
-        raise argparse.ArgumentTypeError(f"{text!r} is too large for 64 bits of nanoseconds")
-    return step_ns
 
 
 def _range(tree: TransformTree, target: str, source: str) -> tuple[int, int] | None:
@@ -191,48 +136,40 @@ def _range(tree: TransformTree, target: str, source: str) -> tuple[int, int] | N
     links = [
         tree.frame(a if tree.parent(a) == b else b) for a, b in pairwise(tree.chain(target, source))
     ]
-    first_ns = max((link.oldest_stamp_ns for link in _moving(links)), default=last_ns)
-    # Links that took the place of others have no samples of before.
-    return min(first_ns, last_ns), last_ns
-
-
-class _Moving(NamedTuple):
-    oldest_stamp_ns: int
-    newest_stamp_ns: int
-
-
-def _moving(frames: Iterable[FrameInfo]) -> list[_Moving]:
-    """The times of the frames that have samples of their own."""
-    return [
-        _Moving(frame.oldest_stamp_ns, frame.newest_stamp_ns)
-        for frame in frames
-        if not frame.static
-        and frame.oldest_stamp_ns is not None
-        and frame.newest_stamp_ns is not None
+    firsts_ns = [
+        link.oldest_stamp_ns
+        for link in links
+        if not link.static and link.oldest_stamp_ns is not None
     ]
+    # Links that took the place of others have no samples of before.
+    return min(max(firsts_ns, default=last_ns), last_ns), last_ns
 
 
-def _times(args: argparse.Namespace, served: tuple[int, int] | None) -> NDArray[np.int64]:
-    """The times to ask for; `served` is the range that all links can serve."""
+def _times(
+    args: argparse.Namespace, range_ns: tuple[int, int], served: tuple[int, int] | None
+) -> NDArray[np.int64]:
+    """The times to ask for; `range_ns`: the recording's first and last stamp; `served`: those that
+    all links can serve, None if they are static."""
     if args.every is None:
-        at_ns = args.at.resolve(served) if args.at else served[1] if served else 0
-        return np.array([at_ns], np.int64)
+        latest_ns = served[1] if served else 0
+        return np.array([recorded.stamp_ns("--at", args.at, range_ns, latest_ns)], np.int64)
     if served is None:
         raise CommandError(
             f"all links between {quoted(args.target)} and {quoted(args.source)} are static: their "
             "pose is the same at all times; ask for it without --every"
         )
-    start = args.start.resolve(served) if args.start else served[0]
-    end = args.end.resolve(served) if args.end else served[1]
+    start = recorded.stamp_ns("--start", args.start, range_ns, served[0])
+    end = recorded.stamp_ns("--end", args.end, range_ns, served[1])
     if end < start:
-        raise CommandError(f"--end ({stamps.seconds(end)} s) is before {stamps.seconds(start)} s")
-    count = (end - start) // args.every + 1
+        raise CommandError(f"--end ({seconds(end)} s) is before {seconds(start)} s")
+    step_ns = round(args.every * 1e9)
+    count = (end - start) // step_ns + 1
     if count > _MAX_ROWS:
         raise CommandError(
             f"{count:,} times are more than {_MAX_ROWS:,}: give a longer --every, or --start and "
             "--end"
         )
-    times: NDArray[np.int64] = start + args.every * np.arange(count, dtype=np.int64)
+    times: NDArray[np.int64] = start + step_ns * np.arange(count, dtype=np.int64)
     return times
 
 
@@ -259,7 +196,7 @@ def _print(args: argparse.Namespace, array: TransformArray) -> None:
     elif args.every:
         print("".join(f"{name:>12}" for name in ("time [s]", "", *_COLUMNS[1:])).strip())
         for stamp_ns, *pose in _rows(array):
-            print(f"{stamps.seconds(stamp_ns):>20}", *(f"{number:11.6f}" for number in pose))
+            print(f"{seconds(stamp_ns):>20}", *(f"{number:11.6f}" for number in pose))
     else:
         print(output.answer_text(next(_answers(args, array))))
 
@@ -289,14 +226,14 @@ def _write_npz(path: Path, array: TransformArray) -> None:
     print(f"{len(array):,} poses written to {path}")
 
 
-def _print_frames(args: argparse.Namespace, tree: TransformTree) -> None:
+def _print_frames(
+    args: argparse.Namespace, tree: TransformTree, range_ns: tuple[int, int] | None
+) -> None:
     frames = [tree.frame(name) for name in tree.frames()]
     if args.json:
         output.print_json({"frames": [asdict(frame) for frame in frames]})
         return
-    if moving := _moving(frames):
-        first_ns = min(times.oldest_stamp_ns for times in moving)
-        last_ns = max(times.newest_stamp_ns for times in moving)
-        length = stamps.age(last_ns - first_ns)
-        print(f"{stamps.seconds(first_ns)} s to {stamps.seconds(last_ns)} s ({length})")
+    if range_ns is not None:
+        first_ns, last_ns = range_ns
+        print(f"{seconds(first_ns)} s to {seconds(last_ns)} s ({age(last_ns - first_ns)})")
     print(export.text(frames, _NO_CLOCK_NS, paint=output.paint))

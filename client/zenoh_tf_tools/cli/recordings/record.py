@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
+from zenoh_tf.flag_values import duration
 from zenoh_tf.recordings import RecordingError
 from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf_client import TransformClient
@@ -36,7 +37,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "of zenoh-tf[recordings].",
         **examples(
             "zenoh-tf record run.mcap",
-            "zenoh-tf record run.mcap --format ros2 --duration 60",
+            "zenoh-tf record run.mcap --format ros2 --for 1min",
         ),
     )
     record.add_argument("file", metavar="OUT", type=Path, help="the new file, such as run.mcap")
@@ -48,7 +49,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "as ros2 bag records it",
     )
     record.add_argument(
-        "--duration", metavar="S", type=_seconds, help="end after this many seconds"
+        "--for",
+        dest="record_s",
+        metavar="DURATION",
+        type=duration(above=True),
+        default=float("inf"),
+        help="end after this long (default: at Ctrl-C)",
     )
     record.set_defaults(run=_record)
 
@@ -93,7 +99,7 @@ def _writer(args: argparse.Namespace, tf: TransformClient) -> RecordingWriter:
 def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -> None:
     """Wait for the end, and tell what happens meanwhile."""
     begin_s = time.monotonic()
-    end_s = begin_s + (args.duration or float("inf"))
+    end_s = begin_s + args.record_s
     is_silent, servers = False, recorder.counters.servers
     if not args.json:
         print(f"recording to {args.file} until Ctrl-C", file=sys.stderr)
@@ -132,13 +138,3 @@ def _print(args: argparse.Namespace, counters: Counters, spent_s: float) -> None
     ):
         if count:
             print(f"{count:,} {what}")
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text.removesuffix("s"))
-    except ValueError:
-        seconds = 0.0
-    if not 0.0 < seconds < 1e9:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
-    return seconds

@@ -7,16 +7,19 @@ import time
 from collections.abc import Iterator
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf.recordings import Recording
+from zenoh_tf.flag_values import RECORDED_TIMES, number, recorded_time
+from zenoh_tf.recordings import Recording, load
 from zenoh_tf.recordings.blocks import Block
 from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf.ros2.cdr import TfMessage
+from zenoh_tf.times import seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.recordings.ingest import Feed
 from zenoh_tf_tools.cli.recordings.playback import Playback
 from zenoh_tf_tools.cli.types import Commands, examples
+from zenoh_tf_tools.errors import CommandError
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -29,7 +32,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "them. Needs the libraries of zenoh-tf[recordings].",
         **examples(
             "zenoh-tf replay run.mcap",
-            "zenoh-tf replay run.mcap --rate 10 --start 10 --end 20",
+            "zenoh-tf replay run.mcap --rate 10 --start +10s --end +20s",
             "zenoh-tf replay run.mcap --loop --clock now",
         ),
     )
@@ -37,7 +40,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     replay.add_argument(
         "--rate",
         metavar="N",
-        type=_rate,
+        type=number(0.0, 1e6),
         help="times real speed; 0: as fast as the server ingests it (default 0; 1 with --loop or "
         "--clock now)",
     )
@@ -46,13 +49,13 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         action="store_true",
         help="begin anew at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
     )
-    statics = "; static transforms from before are published all the same"
-    for option, meaning, note in (("--start", "begin", statics), ("--end", "end", "")):
+    for option, meaning in (("--start", "first"), ("--end", "last")):
         replay.add_argument(
             option,
-            metavar="S",
-            type=_seconds,
-            help=f"{meaning} this many seconds after the first message{note}",
+            metavar="TIME",
+            type=recorded_time,
+            help=f"{meaning} stamp of what is published: {RECORDED_TIMES}; static transforms are "
+            "published all the same",
         )
     replay.add_argument(
         "--clock",
@@ -74,17 +77,19 @@ def _replay(args: argparse.Namespace) -> int:
     playback = _playback(args)
     start = time.monotonic()
     # The recording is opened first: a wrong file is reported without a connection.
-    with recorded.opened(args) as recording, connect(args) as tf:
-        feed = Feed(tf, args.authority, patience_s=args.timeout)
-        number = _play(recording, playback, feed)
-        while args.loop:
-            _play(recording, playback, feed)
-        no_longer_kept = feed.no_longer_kept()
-        recorded.warn(recording)
+    with recorded.opened(args) as recording:
+        _choose_part(args, recording, playback)
+        with connect(args) as tf:
+            feed = Feed(tf, args.authority, patience_s=args.timeout)
+            number, topics = _play(recording, playback, feed)
+            while args.loop:
+                _play(recording, playback, feed)
+            no_longer_kept = feed.no_longer_kept()
+            recorded.warn(recording)
     spent_s = time.monotonic() - start
     summary = {
         "file": str(args.file),
-        "topics": sorted(recording.topics),
+        "topics": topics,
         "messages": number,
         "transforms": feed.transforms,
         "skipped": recording.skipped,
@@ -99,7 +104,7 @@ def _replay(args: argparse.Namespace) -> int:
     else:
         print(
             f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
-            f"({', '.join(sorted(recording.topics))})"
+            f"({', '.join(topics)})"
         )
         if feed.dropped_as_too_old:
             print(
@@ -119,19 +124,36 @@ def _playback(args: argparse.Namespace) -> Playback:
     rate = (1.0 if args.loop or now else 0.0) if args.rate is None else args.rate
     if not rate and (args.loop or now):
         args.usage_error("--loop and --clock now need a --rate above 0")
-    if args.end is not None and args.end < (args.start or 0.0):
-        args.usage_error("--end is before --start")
-    return Playback(rate, args.start or 0.0, args.end, now)
+    return Playback(rate, now=now)
 
 
-def _play(recording: Recording, playback: Playback, feed: Feed) -> int:
-    """Play the recording once; returns the number of messages."""
-    # The server rejects a message for one bad row. A local tree has the same rules; it need not
-    # keep anything.
-    validator = TransformTree(cache_time_s=0.001)
-    number = 0
+def _choose_part(args: argparse.Namespace, recording: Recording, playback: Playback) -> None:
+    """Set the first and last stamp to play. Reads the recording, as they count from its stamps."""
+    if args.start is None and args.end is None:
+        return
+    with Progress(recording.message_count, "messages read") as progress:
+        load(recording, _validator(), progress.to)
+    range_ns = recording.range_ns or (0, 0)
+    start_ns = recorded.stamp_ns("--start", args.start, range_ns, playback.start_ns, inside=True)
+    end_ns = recorded.stamp_ns("--end", args.end, range_ns, playback.end_ns, inside=True)
+    if end_ns < start_ns:
+        raise CommandError(f"--end ({seconds(end_ns)} s) is before {seconds(start_ns)} s")
+    playback.start_ns, playback.end_ns = start_ns, end_ns
+
+
+def _validator() -> TransformTree:
+    """A tree with the server's rules, which rejects a message for one bad row; it need not keep
+    anything."""
+    return TransformTree(cache_time_s=0.001)
+
+
+def _play(recording: Recording, playback: Playback, feed: Feed) -> tuple[int, list[str]]:
+    """Play the recording once; returns the number of messages and their topics."""
+    validator = _validator()
+    number, topics = 0, set[str]()
     with Progress(recording.message_count, "messages") as progress:
         for number, message in enumerate(playback.turn(recording.messages()), start=1):
+            topics.add(message.topic)
             block = Block(message.rows, message.static, 1)
             for rows in valid_commits(recording, validator, block):
                 feed.add(_stampeds(rows), static=message.static)
@@ -139,7 +161,7 @@ def _play(recording: Recording, playback: Playback, feed: Feed) -> int:
                 feed.flush()
             progress.to(number, note=f"{feed.transforms:,} transforms")
         feed.finish()
-    return number
+    return number, sorted(topics)
 
 
 def _stampeds(rows: TfMessage) -> Iterator[StampedTransform]:
@@ -153,23 +175,3 @@ def _authority(text: str) -> str:
     if not text:
         raise argparse.ArgumentTypeError("the name is empty; the server counts by authority")
     return text
-
-
-def _rate(text: str) -> float:
-    return _number(text, below=1e6)
-
-
-def _seconds(text: str) -> float:
-    return _number(text.removesuffix("s"), below=1e9)
-
-
-def _number(text: str, below: float) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0.0 <= number < below:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a number of at least 0 and below {below:g}"
-        )
-    return number

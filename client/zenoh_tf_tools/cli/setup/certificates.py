@@ -6,10 +6,12 @@ import argparse
 import shlex
 from pathlib import Path
 
+from zenoh_tf.flag_values import number
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.types import Commands, examples
 
 _DEFAULT_DAYS = 365.0
+_MAX_DAYS = 36_500.0
 
 
 def add(commands: Commands, common: argparse.ArgumentParser) -> None:
@@ -45,7 +47,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     certificates.add_argument(
         "--days",
-        type=_days,
+        type=number(0.0, _MAX_DAYS, above=True),
         default=_DEFAULT_DAYS,
         metavar="N",
         help=f"how long they are valid (default {_DEFAULT_DAYS:g})",
@@ -102,13 +104,3 @@ def _flags(certificate: Path, key: Path, ca: Path) -> str:
 
 def _bracketed(host: str) -> str:
     return f"[{host}]" if ":" in host else host
-
-
-def _days(text: str) -> float:
-    try:
-        days = float(text)
-    except ValueError:
-        days = 0.0
-    if not 0.0 < days < 36500.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of days up to 36,500")
-    return days

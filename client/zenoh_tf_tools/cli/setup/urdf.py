@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from zenoh_tf.flag_values import whole
 from zenoh_tf.text import printable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
@@ -71,7 +72,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     urdf.add_argument(
         "--domain",
         metavar="N",
-        type=int,
+        type=whole(0, 232),
         help="with --joint-states: only of this ROS 2 domain (default: any)",
     )
     urdf.set_defaults(run=_urdf, usage_error=urdf.error)

@@ -6,9 +6,9 @@ import argparse
 import contextlib
 from typing import Final
 
+from zenoh_tf.flag_values import number, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.show import ranges
 from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.viewer.live import LiveSource
@@ -38,14 +38,14 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     foxglove.add_argument(
         "--port",
         metavar="N",
-        type=ranges.port,
+        type=whole(1, 65_535),
         default=8765,
         help="port to listen on (default 8765, which the app expects)",
     )
     foxglove.add_argument(
         "--rate",
         metavar="HZ",
-        type=ranges.rate,
+        type=number(1, 1000),
         default=50.0,
         help="most samples of a link that are sent each second (default 50): the newest ones",
     )
@@ -65,7 +65,7 @@ def _foxglove(args: argparse.Namespace) -> int:
     with connect(args) as tf, tf.mirror() as mirror:
         bridge = FoxgloveBridge(LiveSource(mirror), f"zenoh-tf {args.tree}", args.host, args.port)
         with contextlib.closing(bridge):
-            url = ranges.url("ws", args.host, bridge.port)
+            url = output.url("ws", args.host, bridge.port)
             if args.json:
                 output.print_json({"url": url, "showing": args.tree})
             else:

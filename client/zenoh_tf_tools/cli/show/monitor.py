@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from zenoh_tf import ServerUnavailable
+from zenoh_tf.flag_values import duration, whole
 from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.numbers import count, positive_seconds
 from zenoh_tf_tools.cli.show.rates import Period, figure, watch
 from zenoh_tf_tools.cli.types import Commands, examples
 
@@ -27,12 +27,16 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "stamp (the least is about its delay); for an authority its commits and transforms, what "
         "was dropped and refused, and by how much its stamps lead their arrival. --json prints "
         "one document per line. Goes on if the server ends and comes back.",
-        **examples("zenoh-tf monitor", "zenoh-tf monitor --every 0.5 --count 2 --json"),
+        **examples("zenoh-tf monitor", "zenoh-tf monitor --every 500ms --count 2 --json"),
     )
     monitor.add_argument(
-        "--every", metavar="S", type=positive_seconds, default=2.0, help="the period (default 2)"
+        "--every",
+        metavar="DURATION",
+        type=duration(above=True),
+        default=2.0,
+        help="the period (default 2s)",
     )
-    monitor.add_argument("--count", metavar="N", type=count, help="end after so many periods")
+    monitor.add_argument("--count", metavar="N", type=whole(1), help="end after so many periods")
     monitor.set_defaults(run=_monitor)
 
 

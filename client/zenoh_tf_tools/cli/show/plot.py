@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from zenoh_tf_tools import stamps
+from zenoh_tf.flag_values import duration
+from zenoh_tf.times import age as age_text
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.show import ranges
 from zenoh_tf_tools.cli.show.view import recorded
 from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError, keep_input
@@ -20,7 +20,7 @@ from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _EXAMPLES: Final = (
     "zenoh-tf plot map base_link",
-    "zenoh-tf plot map base_link --seconds 60 --out base.png",
+    "zenoh-tf plot map base_link --for 1min --out base.png",
     "zenoh-tf plot map base_link run.mcap",
 )
 
@@ -47,11 +47,12 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         help="a recording to draw in place of a server",
     )
     plot.add_argument(
-        "--seconds",
-        metavar="S",
-        type=ranges.hour,
+        "--for",
+        dest="follow_s",
+        metavar="DURATION",
+        type=duration(0.0, 3600.0),
         default=10.0,
-        help="how long to follow a server (default 10, at most 3600)",
+        help="how long to follow a server (default 10s, at most 1h)",
     )
     plot.add_argument(
         "--out",
@@ -91,7 +92,7 @@ def _history(args: argparse.Namespace) -> PairHistory:
     if args.file is not None:
         return replayed(recorded(args), args.target, args.source)
     with connect(args) as tf, tf.mirror() as mirror:
-        return follow(mirror, args.target, args.source, args.seconds)
+        return follow(mirror, args.target, args.source, args.follow_s)
 
 
 def _report(args: argparse.Namespace, history: PairHistory) -> None:
@@ -111,7 +112,7 @@ def _report(args: argparse.Namespace, history: PairHistory) -> None:
         )
         return
     age = (
-        f"age {stamps.age(int(median_s * 1e9))} (median), {stamps.age(int(most_s * 1e9))} at most"
+        f"age {age_text(int(median_s * 1e9))} (median), {age_text(int(most_s * 1e9))} at most"
         if len(ages_s)
         else "all links are static"
     )

@@ -7,9 +7,9 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import ServerUnavailable
+from zenoh_tf.flag_values import duration, whole
 from zenoh_tf.text import printable
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.numbers import count, positive_seconds
 from zenoh_tf_tools.cli.show.rates import LinkRate, Period, figure, watch
 from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError
@@ -33,15 +33,19 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         description="Show the links and publishers on a board in the terminal, until Ctrl-C: links "
         "that have stopped are red and come first. The figures are those of zenoh-tf monitor. "
         "Needs the extra zenoh-tf[top].",
-        **examples("zenoh-tf top", "zenoh-tf top --every 0.5 --sort rate"),
+        **examples("zenoh-tf top", "zenoh-tf top --every 500ms --sort rate"),
     )
     top.add_argument(
-        "--every", metavar="S", type=positive_seconds, default=1.0, help="the period (default 1)"
+        "--every",
+        metavar="DURATION",
+        type=duration(above=True),
+        default=1.0,
+        help="the period (default 1s)",
     )
     top.add_argument(
         "--sort", choices=_ORDERS, default="age", help="the order of the links (default age)"
     )
-    top.add_argument("--count", metavar="N", type=count, help="end after so many periods")
+    top.add_argument("--count", metavar="N", type=whole(1), help="end after so many periods")
     top.set_defaults(run=_top, usage_error=top.error)
 
 

@@ -8,10 +8,10 @@ import math
 from pathlib import Path
 from typing import Final
 
+from zenoh_tf.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.show import ranges
 from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.viewer.live import LiveSource
@@ -20,7 +20,7 @@ from zenoh_tf_tools.viewer.source import Source
 
 _EXAMPLES: Final = (
     "zenoh-tf view",
-    "zenoh-tf view run.mcap --at 42.4",
+    "zenoh-tf view run.mcap --at +42.4s",
     "zenoh-tf view --fixed base_link --trail 0",
 )
 
@@ -45,10 +45,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     view.add_argument(
         "--at",
-        metavar="S",
-        type=ranges.seconds,
-        default=0.0,
-        help="seconds after the recording's first sample to begin at (default 0)",
+        metavar="TIME",
+        type=recorded_time,
+        help=f"where to begin in FILE: {RECORDED_TIMES} (default: its first stamp)",
     )
     view.add_argument(
         "--fixed",
@@ -57,28 +56,28 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     view.add_argument(
         "--stale",
-        metavar="S",
-        type=ranges.seconds,
+        metavar="DURATION",
+        type=duration(),
         default=1.0,
-        help="mark links without a sample for this many seconds (default 1)",
+        help="mark links without a sample for this long (default 1s)",
     )
     view.add_argument(
         "--trail",
-        metavar="S",
-        type=ranges.seconds,
-        help="seconds that trails go back (default 10; of a recording: to its begin)",
+        metavar="DURATION",
+        type=duration(),
+        help="how long trails go back (default 10s; of a recording: to its begin)",
     )
     view.add_argument(
         "--axes",
         metavar="M",
-        type=ranges.metres,
+        type=number(0.001, 1e6),
         default=0.2,
         help="length of the frames' axes in metres (default 0.2)",
     )
     view.add_argument(
         "--max-frames",
         metavar="N",
-        type=ranges.frames,
+        type=whole(1, 10_000),
         default=300,
         help="most frames that are drawn (default 300); the page says how many more there are",
     )
@@ -91,7 +90,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     view.add_argument(
         "--port",
         metavar="N",
-        type=ranges.port,
+        type=whole(1, 65_535),
         default=8080,
         help="port to listen on (default 8080); if it is taken, the next free one",
     )
@@ -116,18 +115,18 @@ def _view(args: argparse.Namespace) -> int:
     trail_s = args.trail
     if trail_s is None:
         trail_s = 10.0 if args.file is None else math.inf
-    options = Options(
-        host=args.host,
-        port=args.port,
-        stale_s=args.stale,
-        max_frames=args.max_frames,
-        at_s=args.at,
-        fixed=args.fixed,
-        axes_m=args.axes,
-        trail_s=trail_s,
-    )
     with contextlib.ExitStack() as stack:
         source = _source(args, stack)
+        options = Options(
+            host=args.host,
+            port=args.port,
+            stale_s=args.stale,
+            max_frames=args.max_frames,
+            at_ns=_at_ns(args, source),
+            fixed=args.fixed,
+            axes_m=args.axes,
+            trail_s=trail_s,
+        )
         server = open_server(args.host, args.port)
         stack.callback(close_server, server)
         _greet(args, server.get_port())
@@ -142,6 +141,12 @@ def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> Source:
     return LiveSource(stack.enter_context(tf.mirror()))
 
 
+def _at_ns(args: argparse.Namespace, source: Source) -> int:
+    """Where a recording begins; without meaning for a server."""
+    range_ns = source.range_ns or (0, 0)
+    return recordings.stamp_ns("--at", args.at, range_ns, range_ns[0], inside=True)
+
+
 def recorded(args: argparse.Namespace) -> RecordedSource:
     """The recording that `args.file` names."""
     with recordings.opened(args) as recording:
@@ -151,7 +156,7 @@ def recorded(args: argparse.Namespace) -> RecordedSource:
 
 
 def _greet(args: argparse.Namespace, port: int) -> None:
-    url = ranges.url("http", args.host, port)
+    url = output.url("http", args.host, port)
     what = args.tree if args.file is None else str(args.file)
     if args.json:
         output.print_json({"url": url, "showing": what})

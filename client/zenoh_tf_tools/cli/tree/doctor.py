@@ -17,11 +17,11 @@ from zenoh_tf.doctor import (
     TreeFacts,
     diagnose,
 )
+from zenoh_tf.flag_values import duration
 from zenoh_tf.text import printable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.numbers import seconds_or_zero
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.records import watch_frames
 from zenoh_tf_tools.cli.types import Commands, examples
@@ -37,7 +37,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "with the evidence and what to do; or read a recording. Exit code 3 if there are any.",
         **examples(
             "zenoh-tf doctor",
-            "zenoh-tf doctor --for 1 --ignore TF301",
+            "zenoh-tf doctor --for 1s --ignore TF301",
             "zenoh-tf doctor --json",
             "zenoh-tf doctor drive.mcap",
         ),
@@ -52,10 +52,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     doctor.add_argument(
         "--for",
         dest="observe_s",
-        metavar="S",
-        type=seconds_or_zero,
+        metavar="DURATION",
+        type=duration(),
         default=2.0,
-        help="seconds to look at it (default 2); 0: one look, which sees no gaps and no flips",
+        help="how long to look at it (default 2s); 0: one look, which sees no gaps and no flips",
     )
     doctor.add_argument(
         "--ignore",

@@ -9,9 +9,9 @@ import time
 from typing import Final
 
 from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
+from zenoh_tf.flag_values import duration, number, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.numbers import count, positive_rate, seconds_or_zero
 from zenoh_tf_tools.cli.tree.lookups import add_at, add_frames
 from zenoh_tf_tools.cli.types import Commands, examples
 
@@ -40,11 +40,11 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     echo.add_argument(
         "--rate",
         metavar="HZ",
-        type=positive_rate,
+        type=number(0.0, above=True),
         help="how often (default 1), or how often at most with --on-change (default: all changes)",
     )
     echo.add_argument("--on-change", action="store_true", help="print the pose when it changes")
-    echo.add_argument("--count", metavar="N", type=count, help="end after so many poses")
+    echo.add_argument("--count", metavar="N", type=whole(1), help="end after so many poses")
     echo.set_defaults(run=_echo)
 
     wait = commands.add_parser(
@@ -55,7 +55,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "it. Exit code 1 if that takes too long.",
         **examples(
             "zenoh-tf wait map base_link && ./start-navigation",
-            "zenoh-tf wait map base_link --for 60 > /dev/null",
+            "zenoh-tf wait map base_link --for 1min > /dev/null",
         ),
     )
     add_frames(wait)
@@ -63,10 +63,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     wait.add_argument(
         "--for",
         dest="wait_s",
-        metavar="S",
-        type=seconds_or_zero,
+        metavar="DURATION",
+        type=duration(),
         default=10.0,
-        help="seconds to wait at most (default 10)",
+        help="how long to wait at most (default 10s)",
     )
     wait.set_defaults(run=_wait)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf_tools import stamps
+from zenoh_tf.flag_values import LIVE_TIMES, duration, live_time
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.types import Commands, examples
@@ -49,7 +49,7 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         "every link between them can serve.",
         **examples(
             "zenoh-tf velocity base_link map",
-            "zenoh-tf velocity base_link map --interval 0.5 --reference base_link",
+            "zenoh-tf velocity base_link map --interval 500ms --reference base_link",
         ),
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
@@ -57,10 +57,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     add_at(velocity)
     velocity.add_argument(
         "--interval",
-        metavar="S",
-        type=float,
+        metavar="DURATION",
+        type=duration(),
         default=0.1,
-        help="seconds to average over (default 0.1)",
+        help="how long to average over (default 100ms)",
     )
     velocity.add_argument(
         "--reference",
@@ -78,9 +78,9 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
 def add_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at",
-        metavar="STAMP",
-        type=stamps.parse,
-        help=stamps.FORMS,
+        metavar="TIME",
+        type=live_time,
+        help=LIVE_TIMES,
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final, NoReturn
 
 from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.flag_values import number
 from zenoh_tf_tools.cli.tree.write import AUTHORITY, store
 from zenoh_tf_tools.cli.types import Commands, examples
 
@@ -39,7 +40,9 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     static.add_argument("words", metavar="ARG", nargs="*", help="one of the two forms in a row")
     for name in (*_POSITION, *_ANGLES, *_QUATERNION):
         unit = "m" if name in _POSITION else "rad" if name in _ANGLES else "quaternion"
-        static.add_argument(f"--{name}", metavar=unit.upper(), type=float, help=f"{name} ({unit})")
+        static.add_argument(
+            f"--{name}", metavar=unit.upper(), type=number(), help=f"{name} ({unit})"
+        )
     static.add_argument("--frame-id", metavar="PARENT", help="the parent frame")
     static.add_argument("--child-frame-id", metavar="CHILD", help="the child frame")
     static.add_argument(
@@ -65,9 +68,9 @@ def _row(args: argparse.Namespace) -> tuple[str, str, Transform]:
         _refuse(args, f"give 6 or 7 numbers and two frames, not {len(args.words)} arguments")
     *words, parent, child = args.words
     try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        _refuse(args, f"not all of {' '.join(words)!r} are numbers")
+        numbers = [number()(word) for word in words]
+    except argparse.ArgumentTypeError as error:
+        _refuse(args, str(error))
     if len(numbers) == 7:
         return parent, child, Transform(numbers[:3], numbers[3:])
     yaw, pitch, roll = numbers[3:]

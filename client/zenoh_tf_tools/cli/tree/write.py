@@ -7,8 +7,9 @@ import time
 from typing import Final
 
 from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.flag_values import LIVE_TIMES, live_time, number
 from zenoh_tf.text import printable
-from zenoh_tf_tools import stamps
+from zenoh_tf.times import seconds
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.types import Commands, examples
@@ -35,14 +36,14 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     set_.add_argument("parent", metavar="PARENT")
     set_.add_argument("child", metavar="CHILD")
     set_.add_argument(
-        "pose", metavar="X Y Z [QX QY QZ QW]", nargs="+", type=float, help="3 or 7 numbers"
+        "pose", metavar="X Y Z [QX QY QZ QW]", nargs="+", type=number(), help="3 or 7 numbers"
     )
     set_.add_argument("--static", action="store_true", help="the pose holds at all times")
     set_.add_argument(
         "--stamp",
-        metavar="STAMP",
-        type=stamps.parse,
-        help=f"{stamps.FORMS} (default now)",
+        metavar="TIME",
+        type=live_time,
+        help=f"{LIVE_TIMES} (default now)",
     )
     set_.add_argument(
         "--authority",
@@ -108,7 +109,7 @@ def store(args: argparse.Namespace, stamped: StampedTransform, *, static: bool) 
         stored = tf.set_transform(stamped, authority=args.authority, static=static)
     if not stored:
         raise CommandError(
-            f"dropped: {stamps.seconds(stamp_ns)} s is older than the server's cache time "
+            f"dropped: {seconds(stamp_ns)} s is older than the server's cache time "
             f"allows for {child!r}"
         )
     if args.json:
@@ -122,7 +123,7 @@ def store(args: argparse.Namespace, stamped: StampedTransform, *, static: bool) 
             }
         )
     else:
-        kind = "static" if static else f"at {stamps.seconds(stamp_ns)} s"
+        kind = "static" if static else f"at {seconds(stamp_ns)} s"
         print(f"{printable(parent)} -> {printable(child)} stored, {kind}")
     return 0
 

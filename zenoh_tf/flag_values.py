@@ -1,0 +1,218 @@
+"""Times, durations and numbers as commands and flags take them: one grammar, in docs/commands.md.
+
+Each function is a type for argparse, or makes one. argparse puts the flag's name before its errors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal
+from typing import Final, Literal, NamedTuple
+
+#: How to write a time, for help texts.
+LIVE_TIMES: Final = "2026-01-31T12:00:00Z, 1700000000.5s, now, now-2s, or -2s for short"
+RECORDED_TIMES: Final = (
+    "+10s after the recording's first stamp, -2s before its last one, 1700000000.5s, or "
+    "2026-01-31T12:00:00Z"
+)
+#: Longer durations are mistakes: 31 years.
+MAX_DURATION_S: Final = 1e9
+
+_NUMBER: Final = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_UNITS: Final = {
+    "ns": 1,
+    "us": 10**3,
+    "ms": 10**6,
+    "s": 10**9,
+    "min": 60 * 10**9,
+    "h": 3600 * 10**9,
+    "d": 86400 * 10**9,
+}
+_LENGTH: Final = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>{'|'.join(_UNITS)})?", re.ASCII)
+_ISO: Final = re.compile(
+    r"(?P<date>\d{4}-\d\d-\d\d)[T ](?P<clock>\d\d:\d\d(:\d\d)?)(\.(?P<fraction>\d{1,9}))?"
+    r"(?P<zone>[zZ]|[+-]\d\d:?\d\d)?",
+    re.ASCII,
+)
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_ORIGINS: Final[dict[str, Literal["zero", "first", "last"]]] = {
+    "": "zero",
+    "+": "first",
+    "-": "last",
+}
+#: What a number without a unit may mean.
+_LENGTHS: Final = "{0} seconds or {0} milliseconds; write {0}s or {0}ms"
+#: The last time that a stamp can say.
+_MAX_NS: Final = (1 << 63) - 1
+
+
+class RecordedTime(NamedTuple):
+    """A time of a recording, as written."""
+
+    text: str
+    origin: Literal["first", "last", "zero"]  # the recording's first or last stamp, or the clock's
+    offset_ns: int
+
+    def stamp_ns(self, first_ns: int, last_ns: int) -> int:
+        """The time in nanoseconds, in a recording with this first and last stamp."""
+        return {"first": first_ns, "last": last_ns, "zero": 0}[self.origin] + self.offset_ns
+
+
+def live_time(text: str) -> int:
+    """A time of a running tree, in nanoseconds; a sign counts from now."""
+    if text == "now":
+        return time.time_ns()
+    offset = text.removeprefix("now")
+    if offset != text and offset[0] not in "+-":
+        raise _no_time(text, LIVE_TIMES)
+    sign, ns = _time(offset, "the stamp {0} s or the stamp {0} ns; write {0}s or {0}ns")
+    if ns is None:
+        raise _no_time(text, LIVE_TIMES)
+    return _checked(time.time_ns() + ns if sign else ns, text)
+
+
+def recorded_time(text: str) -> RecordedTime:
+    """A time of a recording; a sign counts from its first or its last stamp."""
+    sign, ns = _time(
+        text, "{0} s after the recording's first stamp, or the stamp {0} s; write +{0}s or {0}s"
+    )
+    if ns is None:
+        raise _no_time(text, RECORDED_TIMES)
+    return RecordedTime(text, _ORIGINS[sign], _checked(ns, text))
+
+
+def duration(
+    low_s: float = 0.0, high_s: float = MAX_DURATION_S, *, above: bool = False
+) -> Callable[[str], float]:
+    """A type for a length of time with its unit, in seconds; 0 needs no unit.
+
+    Args:
+        low_s: The least one.
+        high_s: The greatest one.
+        above: Refuse `low_s` itself.
+    """
+
+    def parse(text: str) -> float:
+        match = _LENGTH.fullmatch(text.removeprefix("-"))
+        if match is None:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a duration; give 20ms, 2s or 5min")
+        if match["unit"] is None and float(match["number"]):
+            raise _ambiguous(text, _LENGTHS)
+        value = float(_length_ns(match) / 10**9) * (-1 if text[0] == "-" else 1)
+        return _in_range(value, text, "duration", low_s, high_s, above, " s")
+
+    return parse
+
+
+def number(
+    low: float = -math.inf, high: float = math.inf, *, above: bool = False
+) -> Callable[[str], float]:
+    """A type for a number; the flag's name or its help says the unit.
+
+    Args:
+        low: The least one.
+        high: The greatest one.
+        above: Refuse `low` itself.
+    """
+
+    def parse(text: str) -> float:
+        if not re.fullmatch(rf"[+-]?{_NUMBER}", text, re.ASCII):
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number")
+        return _in_range(float(text), text, "number", low, high, above, "")
+
+    return parse
+
+
+def whole(low: int, high: int = 10**9) -> Callable[[str], int]:
+    """A type for a whole number of this range."""
+
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"\d{1,20}", text, re.ASCII) or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is not a whole number from {low} to {high:,}"
+            )
+        return int(text)
+
+    return parse
+
+
+def _time(text: str, readings: str) -> tuple[str, int | None]:
+    """The sign that a time begins with, and its nanoseconds with this sign; None for no time.
+
+    Raises ArgumentTypeError with the `readings` of a number that has neither sign nor unit.
+    """
+    sign = text[0] if text[:1] in ("+", "-") else ""
+    match = _LENGTH.fullmatch(text.removeprefix(sign))
+    if match is None:
+        return sign, None if sign else _iso_ns(text)
+    if match["unit"] is None:
+        raise _ambiguous(text, _LENGTHS if sign else readings)
+    ns = int(_length_ns(match))
+    return sign, -ns if sign == "-" else ns
+
+
+def _iso_ns(text: str) -> int | None:
+    """A time of ISO 8601 in nanoseconds; None if it is none."""
+    match = _ISO.fullmatch(text)
+    if match is None:
+        return None
+    if match["zone"] is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is ambiguous: it has no time zone; append Z for UTC, or one such as +02:00"
+        )
+    try:
+        moment = datetime.fromisoformat(f"{match['date']}T{match['clock']}{match['zone'].upper()}")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time: {error}") from error
+    seconds = (moment - _EPOCH) // timedelta(seconds=1)
+    return seconds * 10**9 + int((match["fraction"] or "").ljust(9, "0"))
+
+
+def _length_ns(match: re.Match[str]) -> Decimal:
+    # Decimal, because a double is too coarse for nanoseconds since 1970.
+    return Decimal(match["number"]) * _UNITS[match["unit"] or "s"]
+
+
+def size(low: int = 1) -> Callable[[str], int]:
+    """A type for a number of bytes of at least `low`, such as 512MB or 4G; a K is 1024 bytes."""
+
+    def parse(text: str) -> int:
+        match = re.fullmatch(r"(\d{1,20})([KMG]?)B?", text.upper(), re.ASCII)
+        value = int(match[1]) << {"": 0, "K": 10, "M": 20, "G": 30}[match[2]] if match else 0
+        if not low <= value < 1 << 62:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is not a number of bytes of at least {low:,}, such as 512MB or 4G"
+            )
+        return value
+
+    return parse
+
+
+def _in_range(
+    value: float, text: str, what: str, low: float, high: float, above: bool, unit: str
+) -> float:
+    """`value` if it is within its limits; the error says those that there are."""
+    if low <= value <= high and math.isfinite(value) and not (above and value == low):
+        return value
+    least = f" {'above' if above else 'of at least'} {low:,g}{unit}" if low > -math.inf else ""
+    most = f"{' and' if least else ' of'} at most {high:,g}{unit}" if high < math.inf else ""
+    raise argparse.ArgumentTypeError(f"{text!r} is not a {what}{least}{most}")
+
+
+def _checked(stamp_ns: int, text: str) -> int:
+    if abs(stamp_ns) > _MAX_NS:
+        raise argparse.ArgumentTypeError(f"{text!r} is too large for 64 bits of nanoseconds")
+    return stamp_ns
+
+
+def _ambiguous(text: str, readings: str) -> argparse.ArgumentTypeError:
+    return argparse.ArgumentTypeError(f"{text!r} is ambiguous: {readings.format(text)}")
+
+
+def _no_time(text: str, forms: str) -> argparse.ArgumentTypeError:
+    return argparse.ArgumentTypeError(f"{text!r} is not a time; give {forms}")
