@@ -19,7 +19,6 @@ from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.main import main
 from zenoh_tf_tools.cli.show.plot import _EXAMPLES
-from zenoh_tf_tools.plotting.figure import save
 from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 
@@ -112,6 +111,8 @@ def test_a_live_pair(published: TransformClient) -> None:
 
 @pytest.mark.parametrize("name", ["$x_{", "\\frac", "a\u202eb", "x" * 500])
 def test_figures_with_any_name(tmp_path: Path, name: str) -> None:
+    from zenoh_tf_tools.plotting.figure import save  # noqa: PLC0415 - seconds, for one test
+
     nothing = np.full((3, 7), np.nan)
     poses = np.array([[1.0, 2, 3, 0, 0, 0, 1]] * 3)
     poses[1] = np.nan
