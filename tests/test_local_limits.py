@@ -171,7 +171,7 @@ def test_one_client_cannot_take_all_connections(server: ServerProcess) -> None:
 
 
 def test_waiting_clients_take_turns() -> None:
-    turns = _Turns("lookup", Budget(Limits(client_pending_queries=3)), 1)
+    turns = _Turns(Budget(Limits(client_pending_queries=3)), 1)
     assert turns.begin("running", 10) is None
     served: list[str] = []
 
@@ -191,4 +191,4 @@ def test_waiting_clients_take_turns() -> None:
 
 
 def _waiting(turns: _Turns) -> int:
-    return turns._lane._budget.counters()["pending_queries"]
+    return turns._budget.counters()["pending_queries"]

@@ -126,8 +126,6 @@ class Lane(Generic[Q]):
 
     def take(self) -> Request[Q] | None:
         """The next request of the client whose turn it is; None if there is none."""
-        if not self._queues:  # saves the lock
-            return None
         with self._budget.lock:
             return self._take()
 
@@ -156,4 +154,41 @@ class Lane(Generic[Q]):
         if queue:
             self._queues[client] = queue  # to the end: it is the others' turn
         self._budget.remove(request)
+        return request
+
+
+class Admission(Lane[Q]):
+    """Lets some requests be served at once; others wait in the lane, or are refused.
+
+    Invariant: requests wait only while no place is free. `begin` takes a place or queues, and
+    `end` takes from the queue or frees the place, under one lock, so no request stays behind. That
+    lock is taken before the budget's.
+    """
+
+    def __init__(self, budget: Budget, places: int) -> None:
+        super().__init__(budget)
+        self._lock = threading.Lock()
+        self._free = places  # guarded by the lock
+
+    def begin(self, request: Any, size: int) -> Any:
+        """None: the request, of so many bytes, is served now, until `end`. Else what `_queue` says,
+        which puts it into the lane, or refuses it."""
+        with self._lock:
+            if not self._free:
+                return self._queue(request, size)
+            self._free -= 1
+            return None
+
+    def end(self) -> Request[Q] | None:
+        """End a request. Returns the one that is served in its place, if `_resume` has not."""
+        with self._lock:
+            if self._queues and (request := self.take()) is not None:
+                return self._resume(request)
+            self._free += 1
+            return None
+
+    def _queue(self, request: Any, size: int) -> Any:
+        raise NotImplementedError
+
+    def _resume(self, request: Request[Q]) -> Request[Q] | None:
         return request

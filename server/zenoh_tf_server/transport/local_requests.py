@@ -37,7 +37,7 @@ from zenoh_tf.text import quoted
 from ..rate_limited_log import RateLimitedLog
 from ..requests.handler import UNKNOWN, Handler
 from .clients import Clients
-from .lanes import Budget, Lane, Request
+from .lanes import Admission, Budget, Request
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -68,35 +68,18 @@ class _Reply:
         self.data = reply
 
 
-class _Turns:
-    """Lets a number of requests be served at once, and gives turns to those that wait."""
+class _Turns(Admission[threading.Condition]):
+    """Admission for threads that wait until it is their request's turn."""
 
-    def __init__(self, operation: str, budget: Budget, count: int) -> None:
-        self._operation = operation
-        self._count = count
-        self._lane: Lane[threading.Semaphore] = Lane(budget)
-        self._lock = threading.Lock()
-        self._busy = 0  # guarded by the lock; requests wait only while it is `count`
-
-    def begin(self, client: str, size: int) -> ServerBusy | None:
-        """Wait for the turn of a request, which ends with `end`; or return why it is refused."""
-        with self._lock:
-            if self._busy < self._count:
-                self._busy += 1
-                return None
-            turn = threading.Semaphore(0)
-            refusal = self._lane.put(Request(turn, self._operation, client, size))
+    def _queue(self, client: str, size: int) -> ServerBusy | None:
+        turn = threading.Condition(self._lock)
+        refusal = self.put(Request(turn, "", client, size))
         if refusal is None:
-            turn.acquire()
+            turn.wait()  # without the lock
         return refusal
 
-    def end(self) -> None:
-        with self._lock:
-            request = self._lane.take()
-            if request is None:
-                self._busy -= 1
-                return
-        request.query.release()
+    def _resume(self, request: Request[threading.Condition]) -> None:
+        request.query.notify()
 
 
 class _Connection:
@@ -162,7 +145,7 @@ class LocalRequests:
         """`count`: how many requests of a family may be served at once."""
         self._service = service
         self._clients = clients
-        self._turns = {name: _Turns(name, budget, count) for name in FAMILIES.values()}
+        self._turns = {name: _Turns(budget, count) for name in FAMILIES.values()}
         self._lines = RateLimitedLog(log)
         self._lock = threading.Lock()
         # Guarded by the lock.

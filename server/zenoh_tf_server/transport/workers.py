@@ -30,7 +30,7 @@ from zenoh_tf._net import keys
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
-from .lanes import Budget, Lane, Request
+from .lanes import Admission, Budget, Lane, Request
 from .replies import Replies, Reply
 
 log = logging.getLogger("zenoh_tf.server")
@@ -65,21 +65,24 @@ class Workers:
         self.budget = Budget(service.limits)
         service.add_counters(self.budget.counters)
         self._shared = shared = _Shared(service, clients, replies, self.budget)
-        self._lanes = {"long": _LaneThreads(shared, count), "info": _LaneThreads(shared, 1)}
+        long: Lane[zenoh.Query] = Lane(self.budget)
+        infos: Lane[zenoh.Query] = Lane(self.budget)
+        self._lanes = ((long, count), (infos, 1))
         self._families = [
             _Family(
                 shared,
                 operation,
                 1 if operation in _SMALL else count,
-                self._lanes["info" if operation == "info" else "long"].lane,
+                infos if operation == "info" else long,
             )
             for operation in operations
         ]
 
     def start(self, session: zenoh.Session, key: Callable[[str], str]) -> None:
         """Receive the queries on the key of each family."""
-        for lane in self._lanes.values():
-            lane.start()
+        for lane, count in self._lanes:
+            for index in range(count):
+                self._shared.start(f"lane-{index}", self._shared.serve_lane, lane)
         for family in self._families:
             family.start(session, key)
 
@@ -87,8 +90,8 @@ class Workers:
         """Receive no more queries, serve those received, and end the threads."""
         for family in self._families:
             family.undeclare()
-        for lane in self._lanes.values():
-            lane.lane.close()
+        for lane, _ in self._lanes:
+            lane.close()
         threads.join(*self._shared.threads)
 
 
@@ -160,6 +163,10 @@ class _Shared:
             log.exception("internal error while serving %s", operation)
             query.drop()
 
+    def serve_lane(self, lane: Lane[zenoh.Query]) -> None:
+        while (request := lane.wait()) is not None:
+            self.serve(request.query, request.operation)
+
     def put(self, lane: Lane[zenoh.Query], query: zenoh.Query, operation: str, size: int) -> None:
         """Let a query wait in a lane, or refuse it."""
         refusal: Exception | None
@@ -171,38 +178,17 @@ class _Shared:
             self.reply_to(query, operation, size)(self.service.error(refusal), True)
 
 
-class _LaneThreads:
-    """Threads that serve one lane."""
-
-    def __init__(self, shared: _Shared, count: int) -> None:
-        self.lane: Lane[zenoh.Query] = Lane(shared.budget)
-        self._shared = shared
-        self._count = count
-
-    def start(self) -> None:
-        for index in range(self._count):
-            self._shared.start(f"lane-{index}", self._work)
-
-    def _work(self) -> None:
-        while (request := self.lane.wait()) is not None:
-            self._shared.serve(request.query, request.operation)
-
-
-class _Family:
+class _Family(Admission[zenoh.Query]):
     """The channel and the threads of one family of queries."""
 
     def __init__(
         self, shared: _Shared, operation: str, count: int, long_lane: Lane[zenoh.Query]
     ) -> None:
+        super().__init__(shared.budget, count)
         self._shared = shared
         self._operation = operation
         self._count = count
         self._long_lane = long_lane
-        self._lane: Lane[zenoh.Query] = Lane(shared.budget)
-        self._lock = threading.Lock()
-        # Guarded by the lock. Invariant: the family's lane holds requests only while `count`
-        # threads are busy, and each of them looks there before it stops being busy.
-        self._busy = 0
         self._queryable: zenoh.Queryable[Any] | None = None
 
     def start(self, session: zenoh.Session, key_of: Callable[[str], str]) -> None:
@@ -238,28 +224,13 @@ class _Family:
         if size <= SHORT_BYTES:
             data = payload.to_bytes() if payload is not None else b""
             if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
-                if self._admit(query, size):
+                if not self.begin(query, size):
                     self._shared.serve(query, self._operation, data)
-                    while (request := self._next()) is not None:
+                    while (request := self.end()) is not None:
                         self._shared.serve(request.query, self._operation)
                 return
         self._shared.put(self._long_lane, query, self._operation, size)
 
-    def _admit(self, query: zenoh.Query, size: int) -> bool:
-        """True: this thread is now busy and must serve the query. False: the query waits in the
-        lane, or is refused."""
-        with self._lock:
-            if self._busy < self._count:
-                self._busy += 1
-                return True
-            # Within the lock, so that a thread that stops being busy finds the query.
-            self._shared.put(self._lane, query, self._operation, size)
-            return False
-
-    def _next(self) -> Request[zenoh.Query] | None:
-        """The lane's next request. None: there is none, and this thread is not busy now."""
-        with self._lock:
-            request = self._lane.take()
-            if request is None:
-                self._busy -= 1
-            return request
+    def _queue(self, query: zenoh.Query, size: int) -> bool:
+        self._shared.put(self, query, self._operation, size)
+        return True
