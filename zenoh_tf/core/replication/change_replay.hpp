@@ -12,7 +12,9 @@
 // A mirror that has only some of the frames loses those that it does not need any more, as if they
 // were removed, and may get them back in a version that they have had
 // (replication/interest_reader.hpp). The frame's own version must not go back, since readers rest
-// on it. So its bits from kServerVersion on count how often that happened.
+// on it. So its bits from kServerVersion on count how often that happened. They wrap after 65,536
+// times; readers compare for equality, so one would be wrong only if just as many passed while it
+// reads.
 //
 // Why a change is applied once, though the snapshot is no instant: frames keep the original's
 // versions. A change is applied only if its version is later than the frame's. The frame is then as
