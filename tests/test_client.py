@@ -243,7 +243,7 @@ def test_a_closed_client_says_so(server: ServerProcess) -> None:
 
 
 def test_dropped_and_cleared(start_server: StartServer) -> None:
-    with start_server("--cache-time", "5").connect() as tf:
+    with start_server("--cache-time", "5s").connect() as tf:
         assert tf.set_transform(link("map", "base", 100 * S)) is True
         assert tf.set_transform(link("map", "base", 1 * S)) is False
         tf.set_transform(link("base", "arm", 0), static=True)

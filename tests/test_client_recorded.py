@@ -23,7 +23,7 @@ def answer(handle: Handle[StampedTransform]) -> StampedTransform | TransformExce
 @needs_recording
 @pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
 def test_every_recorded_answer_agrees(lend_server: LendServer, concurrency: str) -> None:
-    server = lend_server("--cache-time", "1000", "--concurrency", concurrency)
+    server = lend_server("--cache-time", "1000s", "--concurrency", concurrency)
     replay = [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, "replay"]
     forks.run([*replay, str(RUN)], check=True)
     with TransformClient.connect(server.endpoint) as tf:

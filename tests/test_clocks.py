@@ -95,7 +95,7 @@ def test_a_sensor_with_a_wrong_clock_harms_only_its_own_frame(
 ) -> None:
     """Three sensors: 10 s ahead until its clock is set, drifting, and exact. The cache time is
     shorter than the error, so that the step back is more than a late sample."""
-    server = start_server("--time-jump", time_jump, "--cache-time", "5")
+    server = start_server("--time-jump", time_jump, "--cache-time", "5s")
     with server.connect() as tf:
         ahead, drifting, exact = (tf.broadcaster(name) for name in ("ahead", "drifting", "exact"))
         sent = 0

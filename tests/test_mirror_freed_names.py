@@ -169,7 +169,7 @@ def test_transactions_in_a_mirror_on_a_frame_that_came_back(client: TransformCli
 def test_the_mirror_of_a_server_whose_names_lose_their_ids(
     start_server: StartServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    server = start_server("--limit", "frames=16", "--cache-time", "1000")
+    server = start_server("--limit", "frames=16", "--cache-time", "1000s")
     with server.connect() as tf:
 
         def many(parent: str, begin_ns: int) -> None:  # about two pieces of a snapshot
@@ -222,7 +222,7 @@ def answer(tree: object, target: str, source: str, stamp_ns: int) -> object:
 @pytest.mark.timeout(180)
 def test_mirrors_made_beside_a_client_that_frees_names(start_server: StartServer) -> None:
     """Long histories, so that a snapshot takes a while, and a client that moves frames."""
-    server = start_server("--limit", "frames=16", "--cache-time", "1000")
+    server = start_server("--limit", "frames=16", "--cache-time", "1000s")
     children, parents = ["F", "G", "H"], ["P", "Q", "U", "V"]
     chance = random.Random(1)
     now = [31 * SECOND]

@@ -1,6 +1,6 @@
 """The server's configuration file: its flags by name in TOML, and the access rules.
 
-    cache-time = 30.0
+    cache-time = "30s"
     listen = ["tls/0.0.0.0:7447"]
     users = "users.txt"             # --users
 
@@ -38,8 +38,8 @@ _LIMITS: Final = "limits"
 #: Flags that make no sense in a file, where limits have a section.
 _NOT_IN_FILE: Final = ("help", "version", "config", "limit")
 _PATH_METAVARS: Final = ("FILE", "DIR")
-#: Numbers that may have a unit, as in "1G".
-_SIZE_METAVAR: Final = "BYTES"
+#: Numbers with a unit, as in "1G" or "30s".
+_UNIT_METAVARS: Final = ("BYTES", "DURATION")
 
 
 def parse_arguments(
@@ -186,9 +186,10 @@ def _value(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
 def _single(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
     kind = action.type
     default = type(action.default)
-    if int in (kind, default) and action.metavar != _SIZE_METAVAR:
+    has_unit = action.metavar in _UNIT_METAVARS
+    if default is int and not has_unit:
         value = _checked(flag, value, int, "a whole number")
-    elif float in (kind, default):
+    elif default is float and not has_unit:
         value = float(_checked(flag, value, (int, float), "a number"))
     else:
         value = _checked(flag, value, (str, int, float) if kind else str, "a text")

@@ -13,6 +13,7 @@ from importlib.metadata import version
 
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
+from zenoh_tf.flag_values import duration, whole
 
 from . import config_file, limit_flags
 from .federation import settings as federation
@@ -81,7 +82,7 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
     )
     flags.add_argument(
         "--workers",
-        type=int,
+        type=whole(1),
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
         help="threads for each family of queries (default: %(default)s)",
@@ -94,10 +95,10 @@ def _add_tree_flags(flags: argparse._ArgumentGroup) -> None:
     )
     flags.add_argument(
         "--cache-time",
-        type=float,
+        type=duration(above=True),
         default=10.0,
-        metavar="SECONDS",
-        help="history of each frame, back from its newest transform (default: %(default)g)",
+        metavar="DURATION",
+        help="history of each frame, back from its newest transform (default: %(default)gs)",
     )
     flags.add_argument(
         "--concurrency",
@@ -145,10 +146,6 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Check the flags' values, and fill in where to listen. Exits with status 2 and a message if
     a value is wrong."""
-    if options.workers < 1:
-        flags.error(f"--workers is {options.workers}: it must be at least 1")
-    if not options.cache_time > 0:
-        flags.error(f"--cache-time is {options.cache_time:g} s: it must be positive")
     state.check(flags, options)
     sharing.check(flags, options)
     ros2.check(flags, options)

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.flag_values import size
 from zenoh_tf.text import quoted
 
 from .limits import Limits
@@ -30,7 +31,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("limits")
     group.add_argument(
         "--max-memory",
-        type=_bytes,
+        type=size(1 << 20),
         default=Limits().memory,
         metavar="BYTES",
         help="of all samples together, as in 512MB or 4G (default: 4G)",
@@ -113,12 +114,3 @@ class _LimitAction(argparse.Action):
         except InvalidArgumentException as error:
             raise argparse.ArgumentError(self, str(error)) from error
         setattr(namespace, self.dest, getattr(namespace, self.dest, {}) | given)
-
-
-def _bytes(text: str) -> int:
-    """A number of bytes of at least 1 MiB, as in "512MB" or "4G"."""
-    match = re.fullmatch(r"([0-9]+)([KMG]?)B?", text.upper(), re.ASCII)
-    value = int(match[1]) << {"": 0, "K": 10, "M": 20, "G": 30}[match[2]] if match else 0
-    if value < 1 << 20 or value >= 1 << 62:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of bytes of at least 1 MB")
-    return value

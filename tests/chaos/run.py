@@ -32,7 +32,7 @@ _STALLED_S = 60.0
 #: How long faults last: some shorter than the clients' time-out, some longer.
 _SHORTEST_S, _LONGEST_S = 0.1, 4 * TIMEOUT_S
 #: A server keeps samples for ever, so that each version stays decodable and none is too old.
-_FLAGS = ("--cache-time", "1e9", "--log-level", "warning")
+_FLAGS = ("--cache-time", "1e9s", "--log-level", "warning")
 _YEAR_NS = 365 * 86_400 * 10**9
 
 

@@ -130,7 +130,7 @@ def run_here(server: ServerProcess, command: Run) -> Run:
 def shared_server(server_pool: Pool) -> ServerProcess:
     """A server for a whole file, with a long cache. Each test has a tree of its own choice in it:
     see `robot`."""
-    return server_pool.lend("--cache-time", "1000", of_file=True)
+    return server_pool.lend("--cache-time", "1000s", of_file=True)
 
 
 @pytest.fixture

@@ -163,7 +163,7 @@ def test_history_statics_and_every_commit(
 def test_record_replay_and_the_same_answers(
     start_server: StartServer, zenoh_tf: Run, tmp_path: Path, recorders: list[RecorderProcess]
 ) -> None:
-    first, second = start_server("--cache-time", "1000"), start_server("--cache-time", "1000")
+    first, second = start_server("--cache-time", "1000s"), start_server("--cache-time", "1000s")
     recorder = RecorderProcess(first.endpoint, tmp_path / "run.mcap")
     recorders.append(recorder)
     with first.connect() as tf, second.connect() as other:
@@ -199,7 +199,7 @@ def test_record_replay_and_the_same_answers(
 def test_a_recording_of_a_replay_gives_tf2s_answers(
     start_server: StartServer, zenoh_tf: Run, tmp_path: Path, recorders: list[RecorderProcess]
 ) -> None:
-    server = start_server("--cache-time", "1000")
+    server = start_server("--cache-time", "1000s")
     recorder = RecorderProcess(server.endpoint, tmp_path / "run.mcap", "--format", "ros2")
     recorders.append(recorder)
     recorder.wait_for(1)

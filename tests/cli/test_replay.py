@@ -354,7 +354,7 @@ def test_refusals_from_before_do_not_fail_it(client: TransformClient) -> None:
 
 def test_what_has_left_the_cache_is_told(start_server: Any, zenoh_tf: Run, tmp_path: Path) -> None:
     """A minute of transforms at 1 Hz; the server keeps the last ten seconds."""
-    server = start_server("--cache-time", "10")
+    server = start_server("--cache-time", "10s")
     log: Log = [
         (100.0, "/tf_static", [("b", "c", 0.0, 1.0)]),
         *[(101.0 + i, "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(60)],

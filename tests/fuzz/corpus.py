@@ -14,7 +14,7 @@ from .seeds import Mutator, seeds
 CORPUS = Path(__file__).parent / "corpus"
 _KEYS = ("main", "%", "%2F", "a%20b", "%25%0A", "\u2028", "é", "x" * 255, "%2f", "%ZZ")
 _CONFIG = b"""
-cache-time = 30.0
+cache-time = "30s"
 listen = ["tls/0.0.0.0:7447"]
 users = "users"
 [limits]

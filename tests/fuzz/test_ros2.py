@@ -97,7 +97,7 @@ class Draw:
 
 def test_damaged_messages_of_ros_break_nothing() -> None:
     print(f"\nSEED={SEED}")
-    with Server(sys.executable, "--ros2", "--ros2-static-grace", "1") as server:
+    with Server(sys.executable, "--ros2", "--ros2-static-grace", "1s") as server:
         config = zenoh_config.client([server.endpoint], 5.0)
         with TransformClient.connect(server.endpoint) as tf, zenoh.open(config) as session:
             moving, bad_attachments, bad_keys = play(tf, session, MESSAGES // 2)

@@ -76,7 +76,7 @@ def test_prefixes_by_session(start_server: StartServer, start_peer: StartPeer, k
 @needs_recording
 def test_the_recorded_run(start_server: StartServer, start_peer: StartPeer) -> None:
     """All messages of a real robot's recording; then tf2's answers about it."""
-    server = start_server("--cache-time", "1000", "--ros2")
+    server = start_server("--cache-time", "1000s", "--ros2")
     peer = start_peer(server.endpoint)
     peer.node("n")
     peer.reliable("n")

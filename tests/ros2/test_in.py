@@ -38,7 +38,7 @@ def _message(rows: TransformRows) -> TfMessage:
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    server = make_server(tmp_path_factory.mktemp("in"), "--ros2", "--ros2-static-grace", "0.5")
+    server = make_server(tmp_path_factory.mktemp("in"), "--ros2", "--ros2-static-grace", "0.5s")
     yield server
     server.stop()
 
@@ -307,7 +307,7 @@ def test_a_router_that_restarts_takes_no_statics_away(
     robot = start_peer(endpoint)
     robot.node("n", "router")
     robot.send_static("n", [("base", "kept", 1, AHEAD)])
-    flags = ("--ros2", "--connect", endpoint, "--ros2-static-grace", "20")
+    flags = ("--ros2", "--connect", endpoint, "--ros2-static-grace", "20s")
     server = start_server(*flags, endpoint=endpoint)
     with server.connect() as tf:
         position(tf, "base", "kept")

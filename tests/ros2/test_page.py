@@ -102,9 +102,9 @@ def test_the_containers_of_the_compose_file(server: ServerProcess) -> None:
         (["--ros2", "--ros2-prefix", "robot"], "is not a rule"),
         (["--ros2", "--ros2-shared", "map"], "--ros2-shared needs --ros2-prefix"),
         (["--ros2", "--ros2-prefix", "domain", "--ros2-shared", "a,,b"], "is not a list of frames"),
-        (["--ros2-publish", "--ros2-publish-rate", "0"], "is not a number from 0.1"),
-        (["--ros2-publish", "--ros2-domain", "300"], "is not a number from 0 to 232"),
-        (["--ros2", "--ros2-static-grace", "-1"], "is not a number from 0"),
+        (["--ros2-publish", "--ros2-publish-rate", "0"], "is not a number of at least 0.1"),
+        (["--ros2-publish", "--ros2-domain", "300"], "is not a whole number from 0 to 232"),
+        (["--ros2", "--ros2-static-grace=-1s"], "'-1s' is not a duration of at least 0 s"),
         (["--ros2", "--users", "{users}"], "join the robots' router with --connect"),
     ],
 )

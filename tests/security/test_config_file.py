@@ -33,7 +33,7 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
         tmp_path,
         """
         listen = ["tls/[::]:1", "tcp/127.0.0.1:2"]
-        cache-time = 30
+        cache-time = "30s"
         one-authority-per-frame = true
         log-level = "debug"
         users = "people"
@@ -64,8 +64,11 @@ def test_every_flag_can_stand_in_the_file(tmp_path: Path) -> None:
     for name, action in config_file._actions(flags.parser()).items():
         value: object = "true"
         if action.nargs != 0:
-            kind = action.type if action.type in (int, float) else None
-            value = 3 if kind else repr(next(iter(action.choices)) if action.choices else "x")
+            is_number = type(action.default) in (int, float)
+            number = '"3s"' if action.metavar == "DURATION" else 3
+            value = (
+                number if is_number else repr(next(iter(action.choices)) if action.choices else "x")
+            )
         try:
             options = parse(tmp_path, f"{name} = {value}")
         except InvalidArgumentException as error:
@@ -95,7 +98,7 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("max-memory = '1X'", "max-memory: '1X' is no number of bytes"),
+        ("max-memory = '1X'", "max-memory: '1X' is not a number of bytes"),
         ("[limits]\nmemory = '1G'", "memory has a flag of its own, --max-memory"),
         ("[limits]\nrow = 1", "there is no limit 'row': did you mean rows?"),
         ("[limits]\ntree = 'a'", "there is no limit 'tree'"),
@@ -111,7 +114,10 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
         ("[limits]\nrows = true", "the limit rows is True: it must be a whole number from 1 to"),
         ("workers = '5'", "workers must be a whole number, not '5'"),
         ("workers = true", "workers must be a whole number, not True"),
-        ("cache-time = 'x'", "cache-time must be a number"),
+        ("cache-time = 'x'", "cache-time: 'x' is not a duration"),
+        ("cache-time = 30", "cache-time: '30' is ambiguous: 30 seconds or 30 milliseconds"),
+        ("cache-time = true", "cache-time must be a text, not True"),
+        ("max-future-s = 'x'", "max-future-s must be a number, not 'x'"),
         ("tree = 5", "tree must be a text"),
         ("no-admin = 1", "no-admin must be true or false"),
         ("listen = [1]", "listen must be a text"),

@@ -26,7 +26,7 @@ FIGURE = ROOT / "docs/figures/soak.svg"
 #: How much the server may grow over the second half, by a straight line through its samples.
 BOUNDS = {"rss_mb": 3.0, "files": 4.0, "threads": 2.0}
 #: Small limits, which a soak reaches, so that what is at a limit is tested too.
-_FLAGS = ("--limit", "frames=3000", "--cache-time", "5", "--log-level", "error")
+_FLAGS = ("--limit", "frames=3000", "--cache-time", "5s", "--log-level", "error")
 _SAMPLES = 720
 _WINDOW = 5  # samples whose median counts as one: a single peak is no growth
 

@@ -13,6 +13,7 @@ from typing import Literal
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.flag_values import MAX_DURATION_S, number
 from zenoh_tf.text import quoted
 
 DEFAULT_MAX_FUTURE_S = 3600.0
@@ -81,7 +82,7 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
     """Add the flags of this module."""
     flags.add_argument(
         "--max-future-s",
-        type=_seconds,
+        type=number(0.0, MAX_DURATION_S),
         default=DEFAULT_MAX_FUTURE_S,
         metavar="SECONDS",
         help="how far dynamic stamps may be ahead of this machine's clock; 0: no limit "
@@ -100,13 +101,3 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
 def from_flags(options: argparse.Namespace) -> FutureStamps:
     """What the flags of `add_flags` say."""
     return FutureStamps(options.max_future_s, options.future)
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0 <= seconds <= 1e9:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1e9")
-    return seconds

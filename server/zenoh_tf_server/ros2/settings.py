@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from typing import Any
 
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.flag_values import duration, number, whole
 
 from ..ingest.prefixes import PrefixRule, parse_rule
 
@@ -62,11 +62,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--ros2-static-grace",
-        type=_seconds,
+        type=duration(),
         default=DEFAULT_GRACE_S,
-        metavar="SECONDS",
+        metavar="DURATION",
         help="forget static transforms so long after their publisher is gone; 0: never "
-        "(default: %(default)g)",
+        "(default: %(default)gs)",
     )
     group.add_argument(
         "--ros2-publish",
@@ -79,14 +79,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--ros2-publish-rate",
-        type=_rate,
+        type=number(0.1, 1000.0),
         default=DEFAULT_RATE_HZ,
         metavar="HZ",
         help="of each frame's newest transform, at most (default: %(default)g)",
     )
     group.add_argument(
         "--ros2-domain",
-        type=_domain,
+        type=whole(0, _HIGHEST_DOMAIN),
         default=0,
         metavar="N",
         help="domain to publish in (default: %(default)s)",
@@ -127,27 +127,3 @@ def _names(text: str) -> tuple[str, ...]:
     if not all(names):
         raise argparse.ArgumentTypeError(f"{text!r} is not a list of frames, as in map,world")
     return names
-
-
-def _number(text: str, low: float, high: float) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = low - 1
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
-    return value
-
-
-def _seconds(text: str) -> float:
-    return _number(text, 0, 1e6)
-
-
-def _rate(text: str) -> float:
-    return _number(text, 0.1, 1000)
-
-
-def _domain(text: Any) -> int:
-    if not (str(text).isascii() and str(text).isdigit() and int(text) <= _HIGHEST_DOMAIN):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to {_HIGHEST_DOMAIN}")
-    return int(text)
