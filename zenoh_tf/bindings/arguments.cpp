@@ -1,5 +1,5 @@
 // Arguments from Python, validated.
-#include "bindings.hpp"
+#include "bindings/bindings.hpp"
 
 namespace ztf {
 

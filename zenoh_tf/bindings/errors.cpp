@@ -1,8 +1,8 @@
 // Errors of the core as Python exceptions, and the GIL.
 #include <cstdio>
 
-#include "bindings.hpp"
-#include "gil.hpp"
+#include "bindings/bindings.hpp"
+#include "bindings/gil.hpp"
 
 namespace ztf {
 

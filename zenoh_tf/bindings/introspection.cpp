@@ -2,8 +2,8 @@
 // links.
 #include <algorithm>
 
-#include "ask_server.hpp"
-#include "budget.hpp"
+#include "bindings/reads/ask_server.hpp"
+#include "bindings/reads/budget.hpp"
 #include "replication/change_replay.hpp"
 
 namespace ztf {

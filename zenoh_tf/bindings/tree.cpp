@@ -7,7 +7,7 @@
 #include <cmath>
 #include <system_error>
 
-#include "bindings.hpp"
+#include "bindings/bindings.hpp"
 
 namespace ztf {
 

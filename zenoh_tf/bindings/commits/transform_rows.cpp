@@ -1,0 +1,189 @@
+// TransformRows: made from arrays, from a message's columns, or from values; read as arrays, which
+// are views of its rows, or as a message's columns.
+//
+// GIL: many rows are copied without it.
+#include "bindings/commits/transform_rows.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+
+#include "bindings/messages/message_names.hpp"
+#include "bindings/reads/read_rows.hpp"
+
+namespace ztf {
+
+namespace {
+
+constexpr std::size_t kReleaseFrom = 10'000;  // rows whose columns take long to copy
+
+// A message's columns are little-endian, and are copied as they are.
+static_assert(std::endian::native == std::endian::little);
+static_assert(sizeof(Row) == 2 * sizeof(std::uint32_t) + sizeof(Stamp) + sizeof(Pose));
+static_assert(sizeof(Pose) == 7 * sizeof(double));
+
+// Calls copy(i) for each row.
+template <class Copy>
+void for_each_row(std::size_t rows, Copy&& copy) {
+  std::optional<GilReleased> released;
+  if (rows >= kReleaseFrom) released.emplace();
+  for (std::size_t i = 0; i < rows; ++i) copy(i);
+}
+
+TransformRows from_arrays(nb::handle names, const Column<std::uint32_t>& parent,
+                          const Column<std::uint32_t>& child, const Column<Stamp>& stamp,
+                          const PoseColumn& pose) {
+  const std::size_t n = parent.shape(0);
+  fit(child, n, "child");
+  fit(stamp, n, "stamp_ns");
+  if (pose.shape(0) != n) raise_invalid("pose must have as many rows as parent", "pose");
+  nb::list list;
+  for (const nb::handle name : tuple_of(names)) list.append(name);
+  const std::size_t count = list.size();
+  std::vector<Row> rows(n);
+  rejected_as_error([&] {
+    for_each_row(n, [&](std::size_t i) {
+      rows[i].parent = checked(parent(i), count, "parent");
+      rows[i].child = checked(child(i), count, "child");
+      rows[i].stamp = stamp(i);
+      std::memcpy(&rows[i].pose, pose.data() + 7 * i, sizeof(Pose));
+    });
+  });
+  return {std::move(list), std::move(rows)};
+}
+
+// The bytes of a column, if it has `rows` entries of T.
+template <class T>
+const char* column_of(nb::handle column, std::size_t rows) {
+  if (!PyBytes_CheckExact(column.ptr())) return nullptr;
+  const nb::bytes bytes = nb::borrow<nb::bytes>(column);
+  return bytes.size() == rows * sizeof(T) ? bytes.c_str() : nullptr;
+}
+
+template <class T>
+T entry(const char* column, std::size_t i) {
+  T value;
+  std::memcpy(&value, column + i * sizeof(T), sizeof(T));
+  return value;
+}
+
+nb::object parse(nb::handle names, nb::handle parent, nb::handle child, nb::handle stamp,
+                 nb::handle pose) {
+  if (!nb::isinstance<nb::list>(names) || !PyBytes_CheckExact(stamp.ptr())) return nb::none();
+  const nb::list list = nb::borrow<nb::list>(names);
+  for (const nb::handle name : list)
+    if (!PyUnicode_Check(name.ptr())) return nb::none();
+  const std::size_t n = nb::borrow<nb::bytes>(stamp).size() / sizeof(Stamp);
+  const std::uint64_t count = list.size();
+  const char* const parents = column_of<std::uint32_t>(parent, n);
+  const char* const children = column_of<std::uint32_t>(child, n);
+  const char* const stamps = column_of<Stamp>(stamp, n);
+  const char* const poses = column_of<Pose>(pose, n);
+  if (!parents || !children || !stamps || !poses) return nb::none();
+  std::vector<Row> rows(n);
+  std::uint32_t highest = 0;
+  for_each_row(n, [&](std::size_t i) {
+    rows[i] = {entry<std::uint32_t>(parents, i), entry<std::uint32_t>(children, i),
+               entry<Stamp>(stamps, i), entry<Pose>(poses, i)};
+    highest = std::max({highest, rows[i].parent, rows[i].child});
+  });
+  if (n != 0 && highest >= count) return nb::none();
+  return nb::cast(TransformRows(list, std::move(rows)));
+}
+
+TransformRows of(nb::handle stampeds) {
+  const nb::tuple items = tuple_of(stampeds);
+  MessageNames names;
+  std::vector<Row> rows;
+  rows.reserve(items.size());
+  for (const nb::handle item : items) {
+    if (!nb::isinstance<StampedTransform>(item))
+      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
+    const auto& s = nb::cast<const StampedTransform&>(item);
+    const std::uint32_t parent = names.index_of(s.parent_frame);
+    rows.push_back({parent, names.index_of(s.child_frame), s.stamp, s.pose});
+  }
+  return {names.list(), std::move(rows)};
+}
+
+TransformRows take(const TransformRows& self, const Column<std::int64_t>& which) {
+  std::vector<Row> rows;
+  rows.reserve(which.shape(0));
+  for (std::size_t i = 0; i < which.shape(0); ++i) {
+    const std::int64_t row = which(i);
+    if (row < 0 || static_cast<std::size_t>(row) >= self.rows().size())
+      raise_invalid("there is no row " + std::to_string(row), "rows");
+    rows.push_back(self.rows()[static_cast<std::size_t>(row)]);
+  }
+  return {self.names(), std::move(rows)};
+}
+
+// A field of every row as an array, which keeps the rows alive.
+template <class T>
+nb::object view(nb::handle self, const T Row::* field) {
+  const std::span<const Row> rows = nb::cast<const TransformRows&>(self).rows();
+  const T* const first = rows.empty() ? nullptr : &(rows[0].*field);
+  const std::size_t shape[] = {rows.size()};
+  const std::int64_t strides[] = {sizeof(Row) / sizeof(T)};
+  return nb::cast(nb::ndarray<nb::numpy, const T>(first, 1, shape, self, strides));
+}
+
+nb::object poses(nb::handle self) {
+  const std::span<const Row> rows = nb::cast<const TransformRows&>(self).rows();
+  const double* const first = rows.empty() ? nullptr : &rows[0].pose.x;
+  const std::size_t shape[] = {rows.size(), 7};
+  const std::int64_t strides[] = {sizeof(Row) / sizeof(double), 1};
+  return nb::cast(nb::ndarray<nb::numpy, const double>(first, 2, shape, self, strides));
+}
+
+template <class T>
+nb::object packed(std::span<const Row> rows, const T Row::* field) {
+  const auto size = static_cast<Py_ssize_t>(rows.size() * sizeof(T));
+  const nb::object bytes = nb::steal(PyBytes_FromStringAndSize(nullptr, size));
+  if (!bytes.is_valid()) throw nb::python_error();
+  char* const out = PyBytes_AsString(bytes.ptr());  // nobody else sees it yet
+  for_each_row(rows.size(), [&](std::size_t i) {
+    std::memcpy(out + i * sizeof(T), &(rows[i].*field), sizeof(T));
+  });
+  return bytes;
+}
+
+nb::tuple columns(const TransformRows& self) {
+  const std::span<const Row> rows = self.rows();
+  return nb::make_tuple(packed(rows, &Row::parent), packed(rows, &Row::child),
+                        packed(rows, &Row::stamp), packed(rows, &Row::pose));
+}
+
+Stamp newest_stamp(const TransformRows& self) {
+  Stamp newest = kNoStamp;
+  for (const Row& row : self.rows()) newest = std::max(newest, row.stamp);
+  return newest;
+}
+
+}  // namespace
+
+TransformRows::TransformRows(nb::list names, std::vector<Row> rows)
+    : names_(std::move(names)), kept_(tuple_of(names_)), rows_(std::move(rows)) {
+  texts_.reserve(kept_.size());
+  for (const nb::handle name : kept_) texts_.push_back(text_of(name, "names"));
+}
+
+void bind_transform_rows(nb::module_& m) {
+  nb::class_<TransformRows>(m, "TransformRows")
+      .def(nb::new_(&from_arrays), nb::arg("names"), nb::arg("parent"), nb::arg("child"),
+           nb::arg("stamp_ns"), nb::arg("pose"))
+      .def_static("of", &of, nb::arg("stampeds"))
+      .def_static("parse", &parse, nb::arg("names").none(), nb::arg("parent").none(),
+                  nb::arg("child").none(), nb::arg("stamp").none(), nb::arg("pose").none())
+      .def("take", &take, nb::arg("rows"))
+      .def("columns", &columns)
+      .def("__len__", [](const TransformRows& self) { return self.rows().size(); })
+      .def_prop_ro("names", [](const TransformRows& self) { return self.names(); })
+      .def_prop_ro("parent", [](nb::handle self) { return view(self, &Row::parent); })
+      .def_prop_ro("child", [](nb::handle self) { return view(self, &Row::child); })
+      .def_prop_ro("stamp", [](nb::handle self) { return view(self, &Row::stamp); })
+      .def_prop_ro("pose", &poses)
+      .def_prop_ro("newest_stamp", &newest_stamp);
+}
+
+}  // namespace ztf

@@ -1,0 +1,220 @@
+// decode_tf_message: a ROS 2 tf2_msgs/TFMessage in CDR as the columns of a commit;
+// decode_tf_messages: many of them, as recordings have them.
+//
+// The scan reads untrusted bytes: every length is checked against what is left of the message
+// before it is used. It holds no references to Python, so it runs without the GIL on large ones.
+#include <algorithm>
+#include <cstring>
+#include <unordered_map>
+
+#include "bindings/bindings.hpp"
+
+namespace ztf {
+
+namespace {
+
+constexpr std::size_t kHeader = 4;               // the encapsulation; alignment counts from its end
+constexpr std::size_t kMinRow = 8 + 4 + 4 + 56;  // stamp, two empty names, seven numbers
+constexpr std::size_t kMaxPadding = 3;           // behind the last row, up to a multiple of four
+constexpr std::size_t kReleaseFrom = 64 * 1024;  // bytes from which releasing the GIL pays
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+// What is wrong, and with which field.
+struct Malformed {
+  std::string field, expected;
+};
+
+template <class T>
+T byte_swapped(T value) {
+  unsigned char bytes[sizeof(T)];
+  std::memcpy(bytes, &value, sizeof(T));
+  std::reverse(bytes, bytes + sizeof(T));
+  std::memcpy(&value, bytes, sizeof(T));
+  return value;
+}
+
+class Scan {
+ public:
+  // Adds the rows of a message, which must outlive the scan. Throws Malformed; what it has added by
+  // then stays, see `cut`.
+  void run(std::string_view data) {
+    data_ = data;
+    row_ = kNoRow;
+    if (data_.size() < kHeader || data_[0] != 0 || (data_[1] != 0 && data_[1] != 1))
+      throw Malformed{"encapsulation", "00 00 or 00 01: plain CDR"};
+    swap_ = data_[1] == 0;  // big-endian; the project runs on little-endian machines only
+    at_ = kHeader;
+    const std::uint32_t count = number<std::uint32_t>("transforms");
+    if (count > left() / kMinRow)
+      throw Malformed{"transforms",
+                      "a count that the message has room for, not " + std::to_string(count)};
+    if (stamp.empty()) {  // further messages make the columns grow as they need
+      parent.reserve(count);
+      child.reserve(count);
+      stamp.reserve(count);
+      pose.reserve(std::size_t{7} * count);
+    }
+    for (row_ = 0; row_ < count; ++row_) read_row();
+    if (left() > kMaxPadding)
+      throw Malformed{
+          "message", "nothing behind the last transform, not " + std::to_string(left()) + " bytes"};
+  }
+
+  // Removes what was added behind these numbers of rows and names.
+  void cut(std::size_t rows, std::size_t name_count) {
+    parent.resize(rows);
+    child.resize(rows);
+    stamp.resize(rows);
+    pose.resize(7 * rows);
+    while (names.size() > name_count) {
+      known_.erase(names.back());
+      names.pop_back();
+    }
+  }
+
+  std::vector<std::string_view> names;  // each once
+  std::vector<std::uint32_t> parent, child;
+  std::vector<Stamp> stamp;
+  std::vector<double> pose;
+
+ private:
+  [[nodiscard]] std::size_t left() const noexcept { return data_.size() - at_; }
+  [[nodiscard]] Malformed malformed(const char* field, const char* expected) const {
+    if (row_ == kNoRow) return {field, expected};
+    return {"transforms[" + std::to_string(row_) + "]." + field, expected};
+  }
+
+  void align(std::size_t to) {
+    const std::size_t used = (at_ - kHeader) % to;
+    if (used != 0) at_ = std::min(data_.size(), at_ + to - used);
+  }
+  template <class T>
+  T number(const char* field) {
+    align(sizeof(T));
+    if (left() < sizeof(T)) throw malformed(field, "complete: the message ends before");
+    T value;
+    std::memcpy(&value, data_.data() + at_, sizeof(T));
+    at_ += sizeof(T);
+    return swap_ ? byte_swapped(value) : value;
+  }
+  std::string_view text(const char* field) {
+    const std::uint32_t size = number<std::uint32_t>(field);  // with the zero at the end
+    if (size > left()) throw malformed(field, "a text that the message has room for");
+    if (size == 0) return {};  // some encoders write an empty text without its zero
+    const std::string_view found = data_.substr(at_, size - 1);
+    if (data_[at_ + size - 1] != '\0') throw malformed(field, "a text with a zero at its end");
+    if (found.find('\0') != std::string_view::npos) throw malformed(field, "a text without zeros");
+    at_ += size;
+    return found;
+  }
+  std::uint32_t index_of(std::string_view name) {
+    const auto [at, is_new] = known_.try_emplace(name, static_cast<std::uint32_t>(names.size()));
+    if (is_new) names.push_back(name);
+    return at->second;
+  }
+  void read_row() {
+    const auto seconds = number<std::int32_t>("header.stamp.sec");
+    const auto rest = number<std::uint32_t>("header.stamp.nanosec");
+    if (rest >= kSecond) throw malformed("header.stamp.nanosec", "below 1,000,000,000");
+    stamp.push_back(seconds * kSecond + rest);
+    parent.push_back(index_of(text("header.frame_id")));
+    child.push_back(index_of(text("child_frame_id")));
+    for (const char* field : {"x", "y", "z"}) pose.push_back(in("transform.translation.", field));
+    for (const char* field : {"x", "y", "z", "w"}) pose.push_back(in("transform.rotation.", field));
+  }
+  double in(const char* group, const char* field) {
+    align(sizeof(double));
+    if (left() < sizeof(double))
+      throw malformed((std::string(group) + field).c_str(), "complete: the message ends before");
+    return number<double>(field);
+  }
+
+  static constexpr std::uint32_t kNoRow = ~std::uint32_t{0};
+  std::string_view data_;
+  std::size_t at_ = 0;
+  std::uint32_t row_ = kNoRow;
+  bool swap_ = false;
+  std::unordered_map<std::string_view, std::uint32_t> known_;
+};
+
+template <class T>
+nb::object column(const std::vector<T>& values) {
+  return make_array<T>({values.size()}, [&](T* d) { std::copy(values.begin(), values.end(), d); });
+}
+
+// Appends the names that are not in the list yet. False: one is not UTF-8.
+bool append_names(const Scan& scan, nb::list& names) {
+  while (names.size() < scan.names.size()) {
+    const std::string_view name = scan.names[names.size()];
+    const nb::object text = nb::steal(
+        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), "strict"));
+    if (!text.is_valid()) {
+      PyErr_Clear();
+      return false;
+    }
+    names.append(text);
+  }
+  return true;
+}
+
+nb::tuple columns(const Scan& scan, const nb::list& names) {
+  return nb::make_tuple(names, column(scan.parent), column(scan.child), column(scan.stamp),
+                        make_array<double>({scan.stamp.size(), 7}, [&](double* d) {
+                          std::copy(scan.pose.begin(), scan.pose.end(), d);
+                        }));
+}
+
+// (names, parent, child, stamp, pose), or (field, what was expected) of a malformed message.
+nb::tuple decode_tf_message(const nb::bytes& message) {
+  Scan scan;
+  std::optional<Malformed> fault;
+  const auto run = [&] {
+    try {
+      scan.run({message.c_str(), message.size()});
+    } catch (const Malformed& malformed) {
+      fault = malformed;
+    }
+  };
+  if (message.size() < kReleaseFrom) {
+    run();
+  } else {
+    const GilReleased released;
+    run();
+  }
+  if (fault) return nb::make_tuple(fault->field, fault->expected);
+  nb::list names;
+  if (!append_names(scan, names)) return nb::make_tuple("frame_id", "UTF-8");
+  return columns(scan, names);
+}
+
+// (names, parent, child, stamp, pose, number of malformed messages, field, what was expected) of
+// many messages. A malformed one has no rows; the last two are of the first.
+nb::tuple decode_tf_messages(const nb::list& messages) {
+  Scan scan;
+  nb::list names;
+  std::size_t malformed_messages = 0;
+  Malformed first;
+  for (const nb::handle message : messages) {
+    const nb::bytes data = nb::cast<nb::bytes>(message);  // the list keeps it alive
+    const std::size_t rows_before = scan.stamp.size(), names_before = scan.names.size();
+    try {
+      scan.run({data.c_str(), data.size()});
+      if (!append_names(scan, names)) throw Malformed{"frame_id", "UTF-8"};
+    } catch (const Malformed& malformed) {
+      if (malformed_messages++ == 0) first = malformed;
+      scan.cut(rows_before, names_before);
+      while (names.size() > names_before) names.attr("pop")();
+    }
+  }
+  return nb::tuple(columns(scan, names) +
+                   nb::make_tuple(malformed_messages, first.field, first.expected));
+}
+
+}  // namespace
+
+void bind_cdr(nb::module_& m) {
+  m.def("decode_tf_message", &decode_tf_message, nb::arg("message"));
+  m.def("decode_tf_messages", &decode_tf_messages, nb::arg("messages"));
+}
+
+}  // namespace ztf

@@ -1,0 +1,275 @@
+// Waiting lookups that occupy no thread: one thread serves the rows of all of them.
+//
+// Each row of ParkedLookups is a Waiter. A commit that may help pushes the row on the WakeQueue;
+// the thread in WakeQueue::take() looks it up again, which parks it again or completes it.
+//
+// Thread safety: any thread may call anything. The GIL is released while a thread looks rows up
+// or sleeps.
+// Lock order: the wait list's mutex, then the queue's.
+// Invariant: a row is in the queue at most once, since only parking it again makes it wakeable.
+#include <atomic>
+#include <condition_variable>
+#include <deque>
+#include <memory>
+#include <mutex>
+
+#include <nanobind/stl/shared_ptr.h>
+
+#include "bindings/reads/read_rows.hpp"
+
+namespace ztf {
+
+namespace {
+
+class ParkedLookups;
+
+constexpr std::uint64_t kMostLinks = 1'000'000'000;  // more are not counted
+
+struct ParkedRow final : Waiter {
+  ParkedRow(ParkedLookups& lookups, const Query& query, std::string_view target,
+            std::string_view source, std::string_view fixed, bool has_invalid_name)
+      : Waiter(query, target, source, fixed),
+        lookups(lookups),
+        has_invalid_name(has_invalid_name) {}
+
+  void notify() noexcept override;
+
+  ParkedLookups& lookups;
+  const bool has_invalid_name;
+  std::atomic<bool> complete{false};
+  bool refused = false;  // all waiting lookups watch as many frames as they may; before `complete`
+  // While the row is in the queue, under the queue's mutex. Links in the row itself, so that a
+  // wake-up allocates nothing and cannot fail.
+  ParkedRow* next_woken = nullptr;
+  std::shared_ptr<ParkedLookups> keep_alive;
+};
+
+// Rows that were woken and must be looked up again.
+class WakeQueue {
+ public:
+  using Owners = std::vector<std::shared_ptr<ParkedLookups>>;
+
+  // Keeps the row's lookups alive until take() or close(). Once the queue is closed it does
+  // nothing: nobody would let go of them. Their owner is asked for under the mutex, and only if it
+  // is kept. So it is never released here, where the destructor must not run: in a commit, under
+  // the wait list's mutex, without the GIL.
+  void push(ParkedRow& row) noexcept;
+  // Blocks until rows are woken, then looks them up again. Returns the tokens of the lookups that
+  // are complete now; nothing once the queue is closed. `owners` keeps the lookups alive: the
+  // caller must release them under the GIL, which it must not hold here.
+  std::optional<std::vector<std::uint64_t>> take(Owners& owners);
+  // Releases the lookups that it keeps; no later wake-up adds any. Requires the GIL, as does the
+  // destructor: lookups may be destroyed.
+  void close();
+  ~WakeQueue() { close(); }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  ParkedRow* first_ = nullptr;
+  std::size_t size_ = 0;
+  bool closed_ = false;
+};
+
+// Lookups of one request; complete once every row has an answer or can have none.
+class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
+ public:
+  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t token,
+                std::size_t max_links)
+      : tree_object_(std::move(tree)),
+        tree_(nb::cast<const Tree&>(tree_object_)),
+        queue_(queue),
+        rows_(std::move(rows)),
+        token_(token),
+        max_links_(max_links),
+        incomplete_(rows_.queries.size() + 1) {
+    for (std::size_t i = 0; i < rows_.queries.size(); ++i) {
+      const auto [target, source, fixed] = rows_.names[i];
+      const bool full = rows_.queries[i].op == Op::full;
+      parked_.emplace_back(*this, rows_.queries[i], rows_.texts[target], rows_.texts[source],
+                           full ? rows_.texts[fixed] : std::string_view(),
+                           rows_.has_invalid_name(i));
+    }
+  }
+  ~ParkedLookups() { cancel(); }
+
+  // Looks up every row once. Returns true if all are complete.
+  bool start() {
+    for (ParkedRow& row : parked_)
+      if (row.has_invalid_name || look_up(row)) --incomplete_;
+    return --incomplete_ == 0;
+  }
+  // Requires that the row was woken. Returns true if it was the last incomplete one.
+  bool look_up_again(ParkedRow& row) {
+    return !cancelled_.load() && look_up(row) && --incomplete_ == 0;
+  }
+  // Requires the GIL, as does the destructor.
+  void cancel() {
+    const GilReleasedOnWait released;
+    cancelled_ = true;
+    for (ParkedRow& row : parked_) tree_.wait_list().cancel(row);
+  }
+  // As of _read_rows; rows that still wait fail as they would now.
+  nb::tuple result(double waited_s, bool errors, Budget* budget);
+  // How many frames the rows will watch at most.
+  [[nodiscard]] std::uint64_t links() const { return rows_.links(tree_, kMostLinks); }
+
+  [[nodiscard]] std::uint64_t token() const noexcept { return token_; }
+  [[nodiscard]] WakeQueue& queue() const noexcept { return queue_; }
+
+ private:
+  bool look_up(ParkedRow& row) {
+    try {
+      if (!tree_.wait_list().lookup_or_park(row, max_links_)) return false;
+    } catch (const Rejected&) {
+      row.refused = true;
+    } catch (const std::bad_alloc&) {
+      row.refused = true;
+    }
+    row.complete.store(true, std::memory_order_release);
+    return true;
+  }
+  [[nodiscard]] std::string refusal() const;
+  void look_up_now(std::size_t i, Answer& answer) {
+    const auto [target, source, fixed] = rows_.names[i];
+    for (const std::uint32_t name : {target, source, fixed})
+      rows_.frames[name] = tree_.find_ref(rows_.texts[name]);
+    rows_.look_up_row(tree_, i, [&](const Query& query) {
+      const GilReleasedOnWait released;
+      tree_.lookup(query, answer);
+    });
+  }
+
+  const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive
+  const Tree& tree_;
+  WakeQueue& queue_;
+  ReadRows rows_;
+  const std::uint64_t token_;
+  const std::size_t max_links_;   // of all waiting lookups of the tree
+  std::deque<ParkedRow> parked_;  // a deque, since rows must not move
+  // Rows, and one for start(): so exactly one caller sees it reach 0.
+  std::atomic<std::size_t> incomplete_;
+  std::atomic<bool> cancelled_{false};
+};
+
+void ParkedRow::notify() noexcept { lookups.queue().push(*this); }
+
+nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
+  std::vector<Answer> answers(parked_.size());
+  std::vector<std::string> notes(parked_.size());
+  for (std::size_t i = 0; i < parked_.size(); ++i) {
+    if (parked_[i].complete.load(std::memory_order_acquire)) {
+      answers[i] = parked_[i].answer();
+      if (parked_[i].refused) {
+        answers[i].failure.code = Code::limit;
+        notes[i] = refusal();
+      }
+      rows_.queries[i] = parked_[i].query();
+    } else if (!parked_[i].has_invalid_name) {
+      look_up_now(i, answers[i]);
+      notes[i] = waited(waited_s);
+    } else {
+      answers[i].failure.code = Code::invalid_argument;
+    }
+  }
+  const FailureReport report{notes, errors, budget};
+  return reply(tree_, rows_, AnswerColumns(rows_, answers, report), report, nb::none());
+}
+
+std::string ParkedLookups::refusal() const {
+  return "the lookup cannot wait: all waiting lookups watch " + std::to_string(max_links_) +
+         " frames, the limit (--limit waiter_links=N)";
+}
+
+void WakeQueue::push(ParkedRow& row) noexcept {
+  const std::lock_guard lock(mutex_);
+  if (closed_) return;
+  row.keep_alive = row.lookups.weak_from_this().lock();
+  if (!row.keep_alive) return;  // being destroyed
+  row.next_woken = first_;
+  first_ = &row;
+  ++size_;
+  changed_.notify_one();
+}
+
+void WakeQueue::close() {
+  ParkedRow* row;
+  {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+    row = std::exchange(first_, nullptr);
+    size_ = 0;
+    changed_.notify_all();
+  }
+  while (row) {  // without the mutex: a lookup's destructor takes the wait list's
+    ParkedRow* const next = row->next_woken;
+    const std::shared_ptr<ParkedLookups> owner = std::move(row->keep_alive);
+    row = next;
+  }
+}
+
+std::optional<std::vector<std::uint64_t>> WakeQueue::take(Owners& owners) {
+  std::vector<std::uint64_t> complete;
+  ParkedRow* row;
+  {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return closed_ || first_; });
+    if (closed_) return std::nullopt;
+    // Allocate first: a failure then leaves the queue as it is.
+    owners.reserve(size_);
+    complete.reserve(size_);
+    row = std::exchange(first_, nullptr);
+    size_ = 0;
+  }
+  while (row) {
+    // Unlink the row first: once it is parked again, a commit may push it.
+    ParkedRow* const next = std::exchange(row->next_woken, nullptr);
+    owners.push_back(std::move(row->keep_alive));
+    if (row->lookups.look_up_again(*row)) complete.push_back(row->lookups.token());
+    row = next;
+  }
+  return complete;
+}
+
+}  // namespace
+
+void bind_parked_lookups(nb::module_& m) {
+  nb::class_<WakeQueue>(m, "WakeQueue", docs::WakeQueue.text)
+      .def(nb::init<>())
+      .def(
+          "take",
+          [](WakeQueue& queue) {
+            WakeQueue::Owners owners;
+            const GilReleased released;
+            return queue.take(owners);
+          },
+          ZTF_DOC(WakeQueue_take))
+      .def("close", &WakeQueue::close);
+
+  nb::class_<ParkedLookups>(m, "ParkedLookups", docs::ParkedLookups.text)
+      .def("start", &ParkedLookups::start, ZTF_DOC(ParkedLookups_start),
+           nb::call_guard<GilReleased>())
+      .def("cancel", &ParkedLookups::cancel)
+      .def("links", &ParkedLookups::links, nb::call_guard<GilReleased>())
+      .def("result", &ParkedLookups::result, ZTF_DOC(ParkedLookups_result), nb::arg("waited_s"),
+           nb::arg("errors") = true, nb::arg("budget").none() = nb::none());
+  m.def(
+      "park_lookups",
+      [](nb::object tree, WakeQueue& queue, std::uint64_t token, nb::handle names,
+         const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
+         const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
+         const std::optional<Column<std::uint32_t>>& fixed,
+         const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links) {
+        const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+        ReadRows rows(nb::cast<const Tree&>(tree), names, columns);
+        rejected_as_error([&] { rows.set(columns); });
+        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token,
+                                               max_links);
+      },
+      nb::arg("tree"), nb::arg("queue"), nb::arg("token"), nb::arg("names"), nb::arg("op"),
+      nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
+      nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
+      nb::arg("max_links") = static_cast<std::size_t>(-1), nb::keep_alive<0, 2>());
+}
+
+}  // namespace ztf

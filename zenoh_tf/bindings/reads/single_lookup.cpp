@@ -1,0 +1,70 @@
+// The messages of a lookup of one row. Where a function returns None, the general one of
+// zenoh_tf/wire takes the message: it is of another form, or fails.
+//
+// GIL: kept, as in tree.cpp.
+#include "lookups/single_lookup.hpp"
+
+#include "bindings/bindings.hpp"
+
+namespace ztf {
+
+namespace {
+
+std::string_view view_of(const nb::bytes& data) { return {data.c_str(), data.size()}; }
+
+nb::object bytes_or_none(const std::optional<std::string>& data) {
+  if (!data) return nb::none();
+  return nb::bytes(data->data(), data->size());
+}
+
+nb::object pack_lookup(nb::handle target, nb::handle source, std::uint8_t op, Stamp stamp) {
+  std::string_view names[2];
+  const nb::handle given[2] = {target, source};
+  for (int i = 0; i < 2; ++i) {
+    Py_ssize_t size = 0;
+    const char* const text =
+        PyUnicode_Check(given[i].ptr()) ? PyUnicode_AsUTF8AndSize(given[i].ptr(), &size) : nullptr;
+    if (!text) {
+      PyErr_Clear();
+      return nb::none();
+    }
+    names[i] = {text, static_cast<std::size_t>(size)};
+  }
+  return bytes_or_none(pack_single_lookup({names[0], names[1], static_cast<Op>(op), stamp}));
+}
+
+nb::object reply_to_lookup(const Tree& tree, const nb::bytes& message, std::string_view instance) {
+  const auto lookup = parse_single_lookup(view_of(message));
+  if (!lookup || lookup->op > Op::latest_xact || lookup->target.starts_with('/') ||
+      lookup->source.starts_with('/') || (lookup->op == Op::at && lookup->stamp == kNoStamp))
+    return nb::none();
+  Answer answer;
+  lookup_holding_gil(tree, answer, [&] {
+    return Query{.op = lookup->op,
+                 .target = tree.find_ref(lookup->target).id,
+                 .source = tree.find_ref(lookup->source).id,
+                 .stamp = lookup->stamp};
+  });
+  if (answer.failure.code != Code::ok) return nb::none();
+  SingleAnswer reply{answer.stamp, {}, answer.pose};
+  if (lookup->op >= Op::latest) reply.newest = answer.newest;
+  return bytes_or_none(pack_single_answer(reply, instance));
+}
+
+nb::object parse_answer(const nb::bytes& reply, std::string_view instance) {
+  const auto answer = parse_single_answer(view_of(reply), instance);
+  if (!answer) return nb::none();
+  return nb::make_tuple(answer->stamp, answer->newest.value_or(answer->stamp), answer->pose);
+}
+
+}  // namespace
+
+void bind_single_lookup(nb::module_& m) {
+  m.def("pack_single_lookup", &pack_lookup, nb::arg("target"), nb::arg("source"), nb::arg("op"),
+        nb::arg("stamp_ns"));
+  m.def("reply_to_lookup", &reply_to_lookup, nb::arg("tree"), nb::arg("message"),
+        nb::arg("instance"));
+  m.def("parse_single_answer", &parse_answer, nb::arg("reply"), nb::arg("instance"));
+}
+
+}  // namespace ztf

@@ -1,0 +1,92 @@
+// ChangeLog: the consumer of a tree's change log, and the reader of its snapshots.
+//
+// GIL: waiting, and reading a snapshot, release it.
+#include "bindings/replication/change_columns.hpp"
+#include "replication/change_batch.hpp"
+#include "replication/snapshot.hpp"
+
+namespace ztf {
+
+namespace {
+
+class Consumer {
+ public:
+  explicit Consumer(Tree& tree) : tree_(tree), log_(tree.change_log()) {
+    if (!log_) raise_invalid("the tree has no change log (max_log_bytes)", "max_log_bytes");
+  }
+
+  Seq start() { return log_->start(); }
+  void stop() { log_->stop(); }
+  void wake() { log_->wake(); }
+  [[nodiscard]] Seq last() const { return log_->last_drawn(); }
+  [[nodiscard]] std::uint64_t bytes() const { return log_->bytes(); }
+
+  void wait(double timeout_s) {
+    const auto time = std::chrono::duration<double>(std::clamp(timeout_s, 0.0, 3600.0));
+    const GilReleased released;
+    log_->wait(ChangeLog::Clock::now() +
+               std::chrono::duration_cast<ChangeLog::Clock::duration>(time));
+  }
+
+  // (first, last, lost, changes): None if nothing has changed.
+  nb::tuple take(std::size_t most_bytes) {
+    std::optional<ChangeLog::Taken> taken;
+    std::optional<ChangeBatch> batch;
+    {
+      const GilReleased released;
+      taken = log_->take(most_bytes);
+      batch.emplace(taken->entries);
+    }
+    nb::object found = nb::none();
+    if (!taken->entries.empty()) found = changes_of(*batch, batch->names(), batch->authorities());
+    return nb::make_tuple(taken->first, taken->last, taken->lost, found);
+  }
+
+  // (seq, ever_reparented, bounds)
+  nb::tuple plan_snapshot(std::size_t piece_bytes) {
+    std::optional<SnapshotPlan> plan;
+    {
+      const GilReleased released;
+      plan = SnapshotReader(tree_).plan(piece_bytes);
+    }
+    return nb::make_tuple(plan->seq, plan->ever_reparented, array_of(plan->bounds));
+  }
+
+  // (reached, frames)
+  nb::tuple read_snapshot(FrameId after, FrameId last, std::size_t most_bytes) {
+    std::optional<SnapshotPiece> piece;
+    {
+      const GilReleased released;
+      piece = SnapshotReader(tree_).read(after, last, most_bytes);
+    }
+    return nb::make_tuple(
+        piece->reached,
+        nb::make_tuple(texts_of(piece->names), texts_of(piece->authorities), array_of(piece->frame),
+                       array_of(piece->version), array_of(piece->is_static),
+                       array_of(piece->authority), array_of(piece->count), array_of(piece->stamp),
+                       array_of(piece->parent), poses_of(piece->pose)));
+  }
+
+ private:
+  Tree& tree_;
+  ChangeLog* const log_;
+};
+
+}  // namespace
+
+void bind_change_log(nb::module_& m) {
+  nb::class_<Consumer>(m, "ChangeLog", "Reads a tree's change log and its snapshots.")
+      .def(nb::init<Tree&>(), nb::arg("tree"), nb::keep_alive<1, 2>())
+      .def("start", &Consumer::start)
+      .def("stop", &Consumer::stop, nb::call_guard<GilReleased>())
+      .def("wait", &Consumer::wait, nb::arg("timeout_s"))
+      .def("wake", &Consumer::wake)
+      .def("take", &Consumer::take, nb::arg("most_bytes"))
+      .def("plan_snapshot", &Consumer::plan_snapshot, nb::arg("piece_bytes"))
+      .def("read_snapshot", &Consumer::read_snapshot, nb::arg("after"), nb::arg("last"),
+           nb::arg("most_bytes"))
+      .def_prop_ro("last", &Consumer::last)
+      .def_prop_ro("bytes", &Consumer::bytes);
+}
+
+}  // namespace ztf

@@ -1,0 +1,177 @@
+// ChangeReplay: snapshots and changes of another tree are replayed into this one.
+//
+// GIL: replaying releases it.
+#include "replication/change_replay.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <unordered_set>
+
+#include "bindings/reads/read_rows.hpp"
+#include "replication/snapshot.hpp"
+
+namespace ztf {
+
+namespace {
+
+static_assert(sizeof(Pose) == 7 * sizeof(double));
+
+std::span<const Pose> span_of(const PoseColumn& poses) {
+  return {reinterpret_cast<const Pose*>(poses.data()), poses.shape(0)};
+}
+template <class T>
+std::span<const T> span_of(const Column<T>& column) {
+  return {column.data(), column.shape(0)};
+}
+
+// `none`: an index that refers to nothing.
+void check_indexes(const Column<std::uint32_t>& column, std::size_t names, const char* field,
+                   std::optional<std::uint32_t> none = {}) {
+  for (const std::uint32_t index : span_of(column))
+    if (index >= names && index != none)
+      raise_invalid(std::string(field) + " has the index " + std::to_string(index) +
+                        ", but the list that it refers to has " + std::to_string(names),
+                    field);
+}
+
+// A version that is not one would leave a frame locked, or without a name.
+void check_versions(const Column<Version>& column) {
+  constexpr Version kBits = SeqLock::kWriting | SeqLock::kWriteLocked;
+  for (const Version version : span_of(column))
+    if (version == 0 || (version & kBits) != 0)
+      raise_invalid("version has " + std::to_string(version) + ", which no frame can have",
+                    "version");
+}
+
+// Names and authorities as texts that live as long as this object.
+struct Texts {
+  Texts(const Tree& tree, nb::handle name_list, nb::handle authority_list)
+      : name_objects(names_of(tree, name_list, names, "names")),
+        authority_objects(names_of(tree, authority_list, authorities, "authorities")) {
+    // A frame under two indexes would be locked twice, by a thread that waits for itself.
+    std::unordered_set<std::string_view> known(names.size());
+    for (const std::string_view name : names) {
+      if (name.empty()) raise_invalid("names has an empty name", "names");
+      if (!known.insert(name).second) raise_invalid("names has a name twice", "names");
+    }
+  }
+
+  std::vector<std::string_view> names, authorities;
+  std::vector<nb::object> name_objects, authority_objects;
+};
+
+template <class Body>
+void replay(Body&& body) {
+  try {
+    const GilReleased released;
+    body();
+  } catch (const Rejected& rejected) {
+    raise(make_error(rejected));
+  }
+}
+
+class Replay {
+ public:
+  explicit Replay(Tree& tree) : tree_(tree), replay_(tree) {}
+
+  void apply(Seq last, nb::handle names, nb::handle authorities, const Column<std::uint8_t>& kind,
+             const Column<std::uint32_t>& frame, const Column<Version>& version,
+             const Column<std::uint32_t>& parent, const Column<std::uint32_t>& authority,
+             const Column<Stamp>& stamp, const PoseColumn& pose,
+             const Column<std::uint32_t>& lost) {
+    const Texts texts(tree_, names, authorities);
+    fit(frame, kind.shape(0), "frame");
+    fit(version, kind.shape(0), "version");
+    check_indexes(frame, texts.names.size(), "frame");
+    check_versions(version);
+    std::vector<ChangeKind> kinds(kind.shape(0));
+    std::size_t samples = 0, orphaned = 0;
+    for (std::size_t i = 0; i < kinds.size(); ++i) {
+      if (kind(i) > static_cast<std::uint8_t>(ChangeKind::orphaned))
+        raise_invalid("kind has the unknown kind " + std::to_string(kind(i)), "kind");
+      kinds[i] = static_cast<ChangeKind>(kind(i));
+      samples += has_sample(kinds[i]);
+      orphaned += kinds[i] == ChangeKind::orphaned;
+    }
+    fit(parent, samples, "parent");
+    fit(authority, samples, "authority");
+    fit(stamp, samples, "stamp");
+    if (pose.shape(0) != samples) raise_invalid("pose must have a row for each sample", "pose");
+    fit(lost, orphaned, "lost");
+    check_indexes(parent, texts.names.size(), "parent", kNoParent);
+    check_indexes(lost, texts.names.size(), "lost", kNoParent);
+    check_indexes(authority, texts.authorities.size(), "authority");
+    const ChangeColumns columns{texts.names,
+                                texts.authorities,
+                                kinds,
+                                span_of(frame),
+                                span_of(version),
+                                span_of(parent),
+                                span_of(authority),
+                                span_of(stamp),
+                                span_of(pose),
+                                span_of(lost),
+                                last};
+    replay([&] { replay_.apply(columns); });
+  }
+
+  void load(nb::handle names, nb::handle authorities, const Column<std::uint32_t>& frame,
+            const Column<Version>& version, const Column<std::uint8_t>& is_static,
+            const Column<std::uint32_t>& authority, const Column<std::uint32_t>& count,
+            const Column<Stamp>& stamp, const Column<std::uint32_t>& parent,
+            const PoseColumn& pose) {
+    const Texts texts(tree_, names, authorities);
+    const std::size_t n = frame.shape(0);
+    fit(version, n, "version");
+    fit(is_static, n, "static");
+    fit(authority, n, "authority");
+    fit(count, n, "count");
+    check_indexes(frame, texts.names.size(), "frame");
+    check_indexes(authority, texts.authorities.size(), "authority");
+    check_versions(version);
+    std::size_t samples = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (is_static(i) && count(i) != 1) raise_invalid("a static frame has one sample", "count");
+      check_stamps(stamp, samples, count(i));
+      samples += count(i);
+    }
+    fit(stamp, samples, "stamp");
+    fit(parent, samples, "parent");
+    if (pose.shape(0) != samples) raise_invalid("pose must have a row for each sample", "pose");
+    const FrameColumns columns{
+        texts.names,      texts.authorities,  span_of(frame), span_of(authority), span_of(count),
+        span_of(version), span_of(is_static), span_of(stamp), span_of(parent),    span_of(pose)};
+    replay([&] { replay_.load(columns); });
+  }
+
+  void set_ever_reparented() { replay_.set_ever_reparented(); }
+  [[nodiscard]] Seq last() const { return tree_.replayed(); }
+
+ private:
+  // A frame's samples must have ascending stamps.
+  static void check_stamps(const Column<Stamp>& stamp, std::size_t first, std::size_t count) {
+    if (stamp.shape(0) - first < count) raise_invalid("stamp has too few rows", "stamp");
+    for (std::size_t i = first + 1; i < first + count; ++i)
+      if (stamp(i) <= stamp(i - 1)) raise_invalid("stamp must ascend in each frame", "stamp");
+  }
+
+  Tree& tree_;
+  ChangeReplay replay_;
+};
+
+}  // namespace
+
+void bind_change_replay(nb::module_& m) {
+  nb::class_<Replay>(m, "ChangeReplay", "Makes a tree the mirror of another.")
+      .def(nb::init<Tree&>(), nb::arg("tree"), nb::keep_alive<1, 2>())
+      .def("apply", &Replay::apply, nb::arg("last"), nb::arg("names"), nb::arg("authorities"),
+           nb::arg("kind"), nb::arg("frame"), nb::arg("version"), nb::arg("parent"),
+           nb::arg("authority"), nb::arg("stamp"), nb::arg("pose"), nb::arg("lost"))
+      .def("load", &Replay::load, nb::arg("names"), nb::arg("authorities"), nb::arg("frame"),
+           nb::arg("version"), nb::arg("static"), nb::arg("authority"), nb::arg("count"),
+           nb::arg("stamp"), nb::arg("parent"), nb::arg("pose"))
+      .def("set_ever_reparented", &Replay::set_ever_reparented)
+      .def_prop_ro("last", &Replay::last);
+}
+
+}  // namespace ztf

@@ -1,0 +1,114 @@
+// StampedTransform and LatestTransform: answers of lookups, arguments of sets.
+#include "bindings/transforms/transform.hpp"
+
+namespace ztf {
+
+namespace {
+
+StampedTransform make_stamped(nb::handle parent, nb::handle child, nb::handle stamp,
+                              const Pose& pose) {
+  text_of(parent, "parent_frame");
+  text_of(child, "child_frame");
+  if (stamp.is_none()) raise_invalid("stamp_ns must be an int of nanoseconds", "stamp_ns");
+  return {nb::borrow(parent), nb::borrow(child), stamp_of(stamp, "stamp_ns"), pose};
+}
+
+bool equal(const StampedTransform& a, const StampedTransform& b) {
+  return a.stamp == b.stamp && std::equal(&a.pose.x, &a.pose.x + 7, &b.pose.x) &&
+         a.parent_frame.equal(b.parent_frame) && a.child_frame.equal(b.child_frame);
+}
+
+// The arguments that both constructors share, as eval() takes them.
+std::string repr_of_arguments(const StampedTransform& s) {
+  return nb::cast<std::string>(nb::repr(s.parent_frame)) + ", " +
+         nb::cast<std::string>(nb::repr(s.child_frame)) + ", stamp_ns=" + std::to_string(s.stamp) +
+         ", transform=" + repr_of(s.pose);
+}
+
+void bind_stamped_transform(nb::module_& m) {
+  nb::class_<StampedTransform>(m, "StampedTransform", nb::pooled(), docs::StampedTransform.text)
+      .def(
+          "__init__",
+          [](StampedTransform* self, nb::handle parent, nb::handle child, nb::handle stamp,
+             const Pose& transform) {
+            new (self) StampedTransform(make_stamped(parent, child, stamp, transform));
+          },
+          nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns").none(),
+          nb::arg("transform"))
+      .def_prop_ro(
+          "parent_frame", [](const StampedTransform& s) { return s.parent_frame; },
+          ZTF_PROPERTY_DOC(StampedTransform_parent_frame))
+      .def_prop_ro(
+          "child_frame", [](const StampedTransform& s) { return s.child_frame; },
+          ZTF_PROPERTY_DOC(StampedTransform_child_frame))
+      .def_prop_ro(
+          "stamp_ns", [](const StampedTransform& s) { return s.stamp; },
+          ZTF_PROPERTY_DOC(StampedTransform_stamp_ns))
+      .def_prop_ro(
+          "transform", [](const StampedTransform& s) { return s.pose; },
+          ZTF_PROPERTY_DOC(StampedTransform_transform))
+      .def(
+          "__eq__",
+          [](const StampedTransform& a, const StampedTransform& b) { return equal(a, b); },
+          nb::is_operator())
+      .def("__hash__",
+           [](const StampedTransform& s) {
+             return nb::hash(
+                 nb::make_tuple(s.parent_frame, s.child_frame, s.stamp, numbers(&s.pose.x, 7)));
+           })
+      .def("__repr__",
+           [](const StampedTransform& s) {
+             return "StampedTransform(" + repr_of_arguments(s) + ")";
+           })
+      .def("__reduce__", [](nb::handle self) {
+        const auto& s = nb::cast<const StampedTransform&>(self);
+        return nb::make_tuple(self.type(),
+                              nb::make_tuple(s.parent_frame, s.child_frame, s.stamp, s.pose));
+      });
+}
+
+void bind_latest_transform(nb::module_& m) {
+  nb::class_<LatestTransform, StampedTransform>(m, "LatestTransform", nb::pooled(),
+                                                docs::LatestTransform.text)
+      .def(
+          "__init__",
+          [](LatestTransform* self, nb::handle parent, nb::handle child, nb::handle stamp,
+             const Pose& transform, nb::handle newest) {
+            new (self) LatestTransform{make_stamped(parent, child, stamp, transform),
+                                       stamp_of(newest, "newest_stamp_ns")};
+          },
+          nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns"),
+          nb::arg("transform"), nb::arg("newest_stamp_ns"))
+      .def_prop_ro(
+          "newest_stamp_ns", [](const LatestTransform& s) { return s.newest; },
+          ZTF_PROPERTY_DOC(LatestTransform_newest_stamp_ns))
+      .def(
+          "__eq__",
+          [](const LatestTransform& a, const LatestTransform& b) {
+            return equal(a, b) && a.newest == b.newest;
+          },
+          nb::is_operator())
+      .def("__hash__",
+           [](const LatestTransform& s) {
+             return nb::hash(nb::make_tuple(s.parent_frame, s.child_frame, s.stamp, s.newest));
+           })
+      .def("__repr__",
+           [](const LatestTransform& s) {
+             return "LatestTransform(" + repr_of_arguments(s) +
+                    ", newest_stamp_ns=" + std::to_string(s.newest) + ")";
+           })
+      .def("__reduce__", [](nb::handle self) {
+        const auto& s = nb::cast<const LatestTransform&>(self);
+        return nb::make_tuple(
+            self.type(), nb::make_tuple(s.parent_frame, s.child_frame, s.stamp, s.pose, s.newest));
+      });
+}
+
+}  // namespace
+
+void bind_stamped(nb::module_& m) {
+  bind_stamped_transform(m);
+  bind_latest_transform(m);
+}
+
+}  // namespace ztf

@@ -1,0 +1,81 @@
+// Tree._velocity_record: the fields of zenoh_tf.Velocity.
+//
+// GIL: kept, as by every single lookup.
+#include <cmath>
+
+#include "bindings/reads/ask_server.hpp"
+
+namespace ztf {
+
+namespace {
+
+template <class AnyTree>
+nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle observation,
+                         nb::handle stamp, Stamp interval, nb::handle reference_or_none,
+                         nb::handle point, nb::handle point_frame_or_none) {
+  const nb::handle reference = reference_or_none.is_none() ? observation : reference_or_none;
+  const nb::handle point_frame = point_frame_or_none.is_none() ? tracking : point_frame_or_none;
+  const auto find_names = [&](VelocityQuery& query) {
+    query.tracking = frame_of(tree, tracking, "tracking_frame").id;
+    query.observation = frame_of(tree, observation, "observation_frame").id;
+    query.reference = frame_of(tree, reference, "reference_frame").id;
+    query.point_frame = frame_of(tree, point_frame, "reference_point_frame").id;
+  };
+  VelocityQuery query{};
+  find_names(query);  // raises for names that no frame can have
+  query.stamp = stamp_of(stamp, "stamp_ns");
+  query.interval = interval;
+  numbers_of(point, &query.point.x, 3, "reference_point");
+  for (const double value : {query.point.x, query.point.y, query.point.z})
+    if (!std::isfinite(value)) raise_invalid("reference_point must be finite", "reference_point");
+  if (interval < 1) raise_invalid("averaging_interval_s must be above 0", "averaging_interval_s");
+
+  const VelocityAnswer a = tree.read_names([&] {
+    find_names(query);
+    VelocityAnswer answer;
+    const GilReleasedOnWait released;
+    tree.lookup_velocity(query, answer);
+    return answer;
+  });
+  if (a.failure.code != Code::ok) {
+    using Leg = VelocityAnswer::Leg;
+    const nb::handle target = a.leg == Leg::reference ? reference : observation;
+    const nb::handle source = a.leg == Leg::tracking    ? tracking
+                              : a.leg == Leg::reference ? observation
+                                                        : point_frame;
+    raise(make_error(tree, a.failure, target, source));
+  }
+  const auto listed = [](const Vec3& v) {
+    nb::list out;
+    for (const double value : {v.x, v.y, v.z}) out.append(value);
+    return out;
+  };
+  nb::dict out;
+  out["linear"] = listed(a.twist.linear);
+  out["angular"] = listed(a.twist.angular);
+  out["stamp_ns"] = a.stamp;
+  out["start_ns"] = a.start;
+  out["end_ns"] = a.end;
+  out["tracking_frame"] = tracking;
+  out["observation_frame"] = observation;
+  out["reference_frame"] = reference;
+  return out;
+}
+
+}  // namespace
+
+void bind_velocity(nb::class_<Tree>& tree) {
+  tree.def("_velocity_record", &velocity_record<Tree>, nb::arg("tracking_frame"),
+           nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
+           nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
+           nb::arg("reference_point"), nb::arg("reference_point_frame").none());
+}
+
+void bind_velocity(nb::class_<SharedTree>& tree) {
+  tree.def("_velocity_record", or_ask_server<&velocity_record<SharedTree>>,
+           nb::arg("tracking_frame"), nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
+           nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
+           nb::arg("reference_point"), nb::arg("reference_point_frame").none());
+}
+
+}  // namespace ztf
