@@ -56,11 +56,6 @@ class Limits:
         "lookups or transforms in one message, over all operations of a batch",
         "the request is refused, a put is dropped and counted",
     )
-    operations: int = _limit(
-        25_000,
-        "operations of one batch",
-        "the request is refused",
-    )
     message_bytes: int = _limit(
         16 << 20,
         "bytes of one message",
@@ -156,11 +151,6 @@ class Limits:
         "bytes of all remembered outcomes of writes; a client may hold as many as are left free",
         "the write is refused with `ServerBusy`",
     )
-    expiry_s: int = _limit(
-        600,
-        "seconds until a write's expiry",
-        "the write is refused",
-    )
     default_expiry_s: int = _limit(
         60,
         "seconds until the expiry of a write that names none",
@@ -180,17 +170,6 @@ class Limits:
         256 << 20,
         "bytes of puts of all authorities that wait to be committed",
         "the same, with the authority that has the most waiting",
-    )
-    ros2_publishers: int = _limit(
-        4096,
-        "publishers of ROS 2 that are remembered (`--ros2`)",
-        "transforms of others are named by their topic, and static ones that they sent before are "
-        "not asked for",
-    )
-    ros2_static_links: int = _limit(
-        100_000,
-        "static transforms of ROS 2 that are remembered by publisher (`--ros2`)",
-        "others are stored each time that they come, and stay when their publisher goes",
     )
     metrics_authorities: int = _limit(
         100,
@@ -224,11 +203,6 @@ class Limits:
         "has an equal share of them, and more while some are free",
         "a mirror above its client's share is refused with `ServerBusy`, or gets nothing more; "
         "one of more frames than the limit gets `LimitExceeded`",
-    )
-    interest_bytes: int = _limit(
-        256 << 10,
-        "bytes of an interest's latest messages, kept for mirrors that missed some",
-        "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
     )
     removed_statics: int = _limit(
         10_000,
@@ -321,20 +295,20 @@ def page() -> Iterator[str]:
         )
     yield ""
     yield "Some limits are fixed: 255 bytes in a tree's name, as many bytes in an authority's"
-    yield "name as in a frame's, and 4,096 authorities per tree. A lookup that climbs more than"
-    yield "`depth` links fails with `LookupException`, as in tf2. If there is no room for a new"
-    yield "authority, those that own no frame are forgotten, the least recently used first. A"
-    yield "frame that was removed, or dropped by a reset, gives its place among the `frames` to"
-    yield "the next new one. Memory of samples that is not used any more counts until a frame"
-    yield "needs it again. Clients that map the tree of a server on their host"
-    yield "(`--share-dir`) read without limits: they spend their own time. If the host has no"
-    yield "memory left for a shared tree, a write gets `LimitExceeded` with the field"
-    yield "`host_memory`. Each robot of a site has a share of the `frames`"
-    yield "([federation](federation.md#a-share-of-the-frames)),"
-    yield "with the field `max-frames`. The embedded"
-    yield "`TransformTree` takes the first five limits as `max_frames`,"
-    yield "`max_samples_per_frame`, `max_name_bytes`, `max_depth` and `max_memory_bytes`. For the"
-    yield "last two 0 means no limit there."
+    yield "name as in a frame's, 4,096 authorities per tree, 25,000 operations of one batch,"
+    yield "600 s until a write's expiry, and 4,096 publishers and 100,000 static transforms of"
+    yield "ROS 2 that are remembered. A lookup that climbs more than `depth` links fails with"
+    yield "`LookupException`, as in tf2. If there is no room for a new authority, those that own"
+    yield "no frame are forgotten, the least recently used first. A frame that was removed, or"
+    yield "dropped by a reset, gives its place among the `frames` to the next new one. Memory of"
+    yield "samples that is not used any more counts until a frame needs it again. Clients that"
+    yield "map the tree of a server on their host (`--share-dir`) read without limits: they spend"
+    yield "their own time. If the host has no memory left for a shared tree, a write gets"
+    yield "`LimitExceeded` with the field `host_memory`. Each robot of a site has a share of the"
+    yield "`frames` ([federation](federation.md#a-share-of-the-frames)), with the field"
+    yield "`max-frames`. The embedded `TransformTree` takes the first five limits as"
+    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
+    yield "`max_memory_bytes`. For the last two 0 means no limit there."
     yield "What an `AsyncTransformClient` has under way is limited in the client: see"
     yield "[asyncio](asyncio.md#bounds). A [gate](sensor-data.md) holds `queue_size` items,"
     yield "100,000 at most, of 64 frames."

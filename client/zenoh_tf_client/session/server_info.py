@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import zenoh
 
 from zenoh_tf import wire
 from zenoh_tf._net import handover
-
-#: The limit of a server that does not tell.
-_DEFAULT_ROWS: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +37,13 @@ def parse_server_info(value: dict[str, Any], now_ns: int) -> ServerInfo:
     # The server read its clock before this side did, so the offset is too small by the reply's
     # travel time at most. An expiry computed with it is never later than this side's own time-out.
     clock_ns = wire.integer(value, "clock_ns")
-    limits = value.get("limits", {})
+    limits = wire.mapping(value, "limits")
     return ServerInfo(
         wire.text(value, "instance"),
         clock_ns,
         clock_ns - now_ns,
-        wire.integer(limits, "message_bytes", wire.MAX_MESSAGE_BYTES),
-        wire.integer(limits, "rows", _DEFAULT_ROWS),
+        wire.integer(limits, "message_bytes"),
+        wire.integer(limits, "rows"),
         handover.parse_offer(value.get(handover.HELLO_FIELD)),
         wire.integer(value, "seq") if "seq" in value else None,
     )

@@ -30,6 +30,8 @@ NO_ROOM: Final = wire.pack(
 )
 #: An error of an operation is shortened beyond the limit on bytes of errors.
 _SHORT: Final = "no room for details (--limit error_bytes=N)"
+#: Most operations of a batch.
+_MAX_OPERATIONS: Final = 25_000
 #: Rows after which other threads get their turn.
 _SLICE_ROWS: Final = 1000
 #: Long enough for a thread that waits for the interpreter to get it, which a yield alone is not.
@@ -70,7 +72,13 @@ class Batch:
             LimitExceeded: It has too many operations, or not even their errors fit in a reply.
         """
         self._list = wire.parse_batch(body)
-        limits.check("operations", len(self._list))
+        if len(self._list) > _MAX_OPERATIONS:
+            raise LimitExceeded(
+                f"a batch of {len(self._list)} operations: the limit is {_MAX_OPERATIONS}",
+                field="operations",
+                limit=_MAX_OPERATIONS,
+                value=len(self._list),
+            )
         self._limits = limits
         self._instance = instance
         self._reads = reads

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from zenoh_tf.errors import InvalidArgumentException, ServerBusy, TimeoutException
+from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, ServerBusy, TimeoutException
 
 from ..fair_share import FairShare
 from ..limits import Limits
@@ -27,6 +27,8 @@ _OVERHEAD_BYTES: Final = 64
 _MAX_REPEATS: Final = 64
 _RETRY_AFTER_S: Final = 0.1
 _NS: Final = 1_000_000_000
+#: Most time until a write's expiry.
+_MAX_EXPIRY_S: Final = 600
 
 
 #: Takes the outcome of a write that was repeated; True: it is an error.
@@ -128,8 +130,14 @@ class ReplyCache:
                 field="expires_ns",
                 value=expires_ns,
             )
-        if expires_ns > now_ns + self._limits.expiry_s * _NS:
-            raise self._limits.exceeded("expiry_s", (expires_ns - now_ns) // _NS)
+        if expires_ns > now_ns + _MAX_EXPIRY_S * _NS:
+            ahead_s = (expires_ns - now_ns) // _NS
+            raise LimitExceeded(
+                f"{ahead_s} seconds until the write's expiry: the limit is {_MAX_EXPIRY_S}",
+                field="expiry_s",
+                limit=_MAX_EXPIRY_S,
+                value=ahead_s,
+            )
         return expires_ns
 
     def _begin(

@@ -41,12 +41,10 @@ def start(
         service.on_commit = outgoing.committed
         service.add_counters(outgoing.counters)
     if settings.receive:
-        publishers = Publishers(limits.ros2_publishers)
+        publishers = Publishers()
         statics = Statics(
             links,
             settings.static_grace_s,
-            limits.ros2_publishers,
-            limits.ros2_static_links,
             lambda puts: ingest.add(puts, wait=False),
         )
         statics.attach(session)  # a bridge that is there already is found, and asked, at once

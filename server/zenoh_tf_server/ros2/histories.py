@@ -29,6 +29,7 @@ from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher
 from zenoh_tf.ros2.topics import Received, Reception
 
 from ..rate_limited_log import RateLimitedLog
+from .publishers import MAX_PUBLISHERS
 
 TOPIC: Final = "tf_static"
 _ANSWER_S: Final = 5.0
@@ -64,13 +65,11 @@ class Histories:
 
     def __init__(
         self,
-        max_publishers: int,
         appeared: Callable[[str, str], None],
         vanished: Callable[[str, str], None],
     ) -> None:
         """`appeared` and `vanished` get the data's key and the Zenoh id of a publisher that has
         come, or of whom the last token has gone."""
-        self._max = max_publishers
         self._appeared = appeared
         self._vanished = vanished
         self._changed = threading.Condition()
@@ -151,11 +150,11 @@ class Histories:
         with self._changed:
             if token in self._keepers:
                 return
-            if len(self._keepers) >= self._max:
+            if len(self._keepers) >= MAX_PUBLISHERS:
                 self._log.warn(
                     "static transforms",
-                    f"more than {self._max} publishers keep some (--limit ros2_publishers=N): the "
-                    "others are not asked for what they sent before",
+                    f"more than {MAX_PUBLISHERS} publishers keep some: the others are not asked "
+                    "for what they sent before",
                 )
                 return
             keeper = self._keepers[token] = _Keeper([token], found[1])

@@ -36,6 +36,9 @@ NODE: Final = "zenoh_tf"
 _PUBLISHED_BY_A_SERVER: Final = re.compile(rf":ros2:\d+/{NODE}(@|$)")
 #: Sources that are remembered.
 _MAX_SOURCES: Final = 4096
+#: Most publishers that are remembered. Transforms of others are named by their topic, and static
+#: ones that they sent before are not asked for.
+MAX_PUBLISHERS: Final = 4096
 _LONGEST_AUTHORITY: Final = 255
 #: A publisher's first message may overtake its token, whose change another thread tells. So it is
 #: waited for: once for each publisher, and over all for this time and this part of the time since.
@@ -75,8 +78,7 @@ def is_echo(authority: str) -> bool:
 class Publishers:
     """Follows the tokens of all publishers of transforms."""
 
-    def __init__(self, max_publishers: int) -> None:
-        self._max = max_publishers
+    def __init__(self) -> None:
         self._lock = threading.Condition()
         self._patience_s = _PATIENCE_S
         self._waited_s = time.monotonic()
@@ -135,11 +137,11 @@ class Publishers:
                 return
             if token in self._by_token:
                 return
-            if len(self._by_token) >= self._max:
+            if len(self._by_token) >= MAX_PUBLISHERS:
                 self._log.warn(
                     "tokens",
-                    f"more than {self._max} publishers of ROS 2 (--limit ros2_publishers=N): the "
-                    "messages of the others are named by their topics",
+                    f"more than {MAX_PUBLISHERS} publishers of ROS 2: the messages of the others "
+                    "are named by their topics",
                 )
                 return
             self._by_token[token] = publisher

@@ -33,11 +33,14 @@ from ..ingest.put_queues import Put
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
 from .histories import Histories
-from .publishers import Source
+from .publishers import MAX_PUBLISHERS, Source
 
 #: How often it is looked whose grace has ended.
 _PERIOD_S: Final = 0.25
 _REMOVAL_S: Final = 5.0
+#: Most links that are remembered by publisher. Others are stored each time that they come, and stay
+#: when their publisher goes.
+_MAX_LINKS: Final = 100_000
 
 
 @dataclass(slots=True)
@@ -81,17 +84,13 @@ class Statics:
         self,
         links: StaticLinks,
         grace_s: float,
-        max_publishers: int,
-        max_links: int,
         add: Callable[[list[Put]], None],
     ) -> None:
         """`add`: queues puts."""
         self._tree_links = links
         self._grace_s = grace_s
-        self._max_publishers = max_publishers
-        self._max_links = max_links
         self._add = add
-        self._histories = Histories(max_publishers, self._appeared, self._vanished)
+        self._histories = Histories(self._appeared, self._vanished)
         self._lock = threading.Lock()
         self._publishers: dict[_Identity, _Publisher] = {}
         self._owners: dict[str, _Identity] = {}  # of each child: the publisher that sent it last
@@ -170,7 +169,7 @@ class Statics:
         """Requires the lock. None: there are too many."""
         publisher = self._publishers.get(source.identity)
         if publisher is None:
-            if len(self._publishers) >= self._max_publishers:
+            if len(self._publishers) >= MAX_PUBLISHERS:
                 return None
             publisher = self._publishers[source.identity] = _Publisher()
         publisher.authority = source.authority
@@ -194,7 +193,7 @@ class Statics:
             if known.same(link) and not self._is_lost(known, child, identity, live=live):
                 known.gid, known.number = link.gid, link.number
                 return False
-        elif self._links >= self._max_links:
+        elif self._links >= _MAX_LINKS:
             return True  # not kept, so it is put each time
         else:
             self._links += 1

@@ -47,6 +47,8 @@ _WAIT_S: Final = 0.05
 _SOON_S: Final = 0.02
 #: The thread rests this many times as long as it works.
 _REST: Final = 2.0
+#: The size of an interest's latest messages that are kept for mirrors that missed some.
+_KEPT_BYTES: Final = 256 << 10
 #: An interest ends if nobody has listened to it for this long, or sooner if there are too many.
 _UNHEARD_S: Final = 10.0
 _UNHEARD_IF_BUSY_S: Final = 1.0
@@ -56,14 +58,12 @@ _MISSED_BYTES: Final = 1 << 20
 class _Interest:
     """One interest and its stream. Its owner's lock guards `clients`."""
 
-    def __init__(
-        self, interest: wire.Interest, tree: TransformTree, instance: str, limits: Limits
-    ) -> None:
+    def __init__(self, interest: wire.Interest, tree: TransformTree, instance: str) -> None:
         self.wanted = interest
         self.period_s = interest.period_ns / 1e9
         self.delay_s = interest.delay_ns / 1e9
         self.reader = InterestReader(tree, list(interest.pairs), bool(interest.period_ns))
-        self.recent = RecentMessages(limits.interest_bytes)
+        self.recent = RecentMessages(_KEPT_BYTES)
         self.clients: set[str] = set()
         self.publisher: Any = None
         self.unheard_since_s: float | None = time.monotonic()  # None: someone listens
@@ -219,7 +219,7 @@ class Interests:
                     self._sweep(_UNHEARD_IF_BUSY_S)
                     self._shares.check(client, 1, _UNHEARD_IF_BUSY_S)
             if interest is None or wanted.id not in self._interests:
-                interest = _Interest(wanted, self._tree, self._instance, self._limits)
+                interest = _Interest(wanted, self._tree, self._instance)
                 interest.publisher = self._publisher(wanted.id)
                 self._interests[wanted.id] = interest
             if client not in interest.clients:
