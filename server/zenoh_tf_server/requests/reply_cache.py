@@ -147,13 +147,12 @@ class ReplyCache:
         until_ns = self._expiry(expires_ns, now_ns)
         self._forget_expired(now_ns)
         size = _OVERHEAD_BYTES + reserve
-        if not (self._count.has_room(client, 1) and self._bytes.has_room(client, size)):
-            retry_after_s = self._retry_after_s(now_ns)
-            self._count.check(client, 1, retry_after_s)
-            self._bytes.check(client, size, retry_after_s)
+        if not self._count.admit(client, 1):
+            raise self._count.refusal(client, 1, self._retry_after_s(now_ns))
+        if not self._bytes.admit(client, size):
+            self._count.give_back(client, 1)
+            raise self._bytes.refusal(client, size, self._retry_after_s(now_ns))
         self._entries[request_id] = _Entry(client, what, until_ns, size)
-        self._count.take(client, 1)
-        self._bytes.take(client, size)
         return until_ns
 
     def _retry_after_s(self, now_ns: int) -> float:

@@ -31,7 +31,7 @@ from zenoh_tf._core import ChangeLog, InterestReader, wait_for_changes
 from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerRestarted, TransformException
 
-from ..fair_share import FairShare
+from .. import fair_share
 from ..limits import Limits
 from .recent_messages import RecentMessages
 from .stream import HEARTBEAT_S
@@ -139,7 +139,7 @@ class Interests:
         self._log = ChangeLog(tree)
         self._lock = threading.Lock()
         self._interests: dict[str, _Interest] = {}
-        self._shares = FairShare(limits, "interests")
+        self._shares = fair_share.FairShare(limits, "interests")
         self._ended = {"messages": 0, "bytes": 0}  # of interests that have ended
         self._frames = 0  # of all interests, counted anew at each sweep
         self._rest_until_s = 0.0  # of the thread
@@ -276,10 +276,8 @@ class Interests:
             self._frames += interest.reader.frames - before
 
     def _room(self, interest: _Interest) -> int:
-        """How many frames an interest may have: as many as are free, or what is left of a client's
-        share. Shares are equal, and one is left for the next client. So what others use does not
-        end a small interest: if there are too many frames then, an interest above its client's
-        share ends when its next message is due. Requires the lock.
+        """How many frames an interest may have. Those of an interest that its clients share count
+        for each. An interest above its room ends when its next message is due. Requires the lock.
         """
         limit = self._limits.interest_frames
         free = max(limit - self._frames + interest.reader.frames, 0)
@@ -291,20 +289,13 @@ class Interests:
                 held[client] = held.get(client, 0) + (
                     one.reader.frames if one is not interest else 0
                 )
-        share = limit // (len(held) + 1)
-        return max(free, *(share - held.get(client, 0) for client in interest.clients), 0)
+        return fair_share.room(limit, free, held, interest.clients)
 
     def _no_room(self, frames: int, total: int) -> LimitExceeded | ServerBusy:
         if frames > self._limits.interest_frames:
             return self._limits.exceeded("interest_frames", frames)
-        return ServerBusy(
-            f"{self._limits.describe('interest_frames', total)}; this client has its share of "
-            f"them: try again in {_UNHEARD_IF_BUSY_S:.3g} s",
-            field="interest_frames",
-            limit=self._limits.interest_frames,
-            value=total,
-            retry_after_s=_UNHEARD_IF_BUSY_S,
-        )
+        why = "this client has its share of them"
+        return fair_share.busy(self._limits, "interest_frames", total, why, _UNHEARD_IF_BUSY_S)
 
     # --- the thread
 

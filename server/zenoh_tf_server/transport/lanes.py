@@ -15,8 +15,9 @@ from collections import OrderedDict, deque
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
 
-from zenoh_tf.errors import ServerBusy
+from zenoh_tf.errors import TransformException
 
+from ..fair_share import FairShare
 from ..limits import Limits
 
 #: What waits: a query, or something else that stands for a request.
@@ -37,92 +38,47 @@ class Request(Generic[Q]):
     client: str
     size: int  # bytes of the payload
 
-    @property
-    def cost(self) -> int:
-        return self.size + _OVERHEAD_BYTES
-
 
 class Budget:
-    """What waits in all lanes, by client and in total."""
+    """What waits in all lanes."""
 
     def __init__(self, limits: Limits) -> None:
-        self._limits = limits
         self.lock = threading.Lock()
         # Guarded by the lock.
-        self._bytes = 0
-        self._count = 0
-        self._clients: dict[str, list[int]] = {}  # client: bytes, number
-
-    def add(self, request: Request[Any]) -> ServerBusy | None:
-        """Count a request, or return why it is refused. Requires the lock."""
-        limits, cost = self._limits, request.cost
-        used = self._clients.get(request.client)
-        if used is None:
-            used = [0, 0]
-        # A request that is larger than a limit may wait alone.
-        if self._count and self._count >= limits.pending_queries:
-            return busy(limits, "pending_queries", self._count + 1)
-        if used[1] and used[1] >= limits.client_pending_queries:
-            return busy(limits, "client_pending_queries", used[1] + 1)
-        if self._bytes and self._bytes + cost > limits.pending_bytes:
-            return busy(limits, "pending_bytes", self._bytes + cost)
-        if used[0] and used[0] + cost > limits.client_pending_bytes:
-            return busy(limits, "client_pending_bytes", used[0] + cost)
-        self._bytes += cost
-        self._count += 1
-        used[0] += cost
-        used[1] += 1
-        self._clients[request.client] = used
-        return None
+        self.count = FairShare(limits, "pending_queries", "client_pending_queries")
+        self.bytes = FairShare(limits, "pending_bytes", "client_pending_bytes")
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
-        return {"pending_queries": self._count, "pending_bytes": self._bytes}
-
-    def remove(self, request: Request[Any]) -> None:
-        """Count a request no more. Requires the lock."""
-        cost = request.cost
-        used = self._clients[request.client]
-        self._bytes -= cost
-        self._count -= 1
-        used[0] -= cost
-        used[1] -= 1
-        if not used[1]:
-            del self._clients[request.client]
-
-
-def busy(limits: Limits, name: str, value: int) -> ServerBusy:
-    """The refusal of a request for the limit `name`."""
-    error = limits.exceeded(name, value)
-    return ServerBusy(
-        f"{error}: the request did not run; try again later",
-        **error.facts,
-        retry_after_s=RETRY_AFTER_S,
-    )
+        return {"pending_queries": self.count.total, "pending_bytes": self.bytes.total}
 
 
 class Lane(Generic[Q]):
     """The requests of one kind that wait, a queue for each client."""
 
     def __init__(self, budget: Budget) -> None:
-        self._budget = budget
+        self._budget, self._queries, self._sizes = budget, budget.count, budget.bytes
         self._queues: OrderedDict[str, deque[Request[Q]]] = OrderedDict()
         self._filled = threading.Condition(budget.lock)
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
-    def put(self, request: Request[Q]) -> ServerBusy | None:
+    def put(self, request: Request[Q]) -> TransformException | None:
         """Queue a request, or return why it is refused."""
+        client, cost = request.client, request.size + _OVERHEAD_BYTES
         with self._budget.lock:
-            refusal = self._budget.add(request)
-            if refusal is None:
-                queue = self._queues.get(request.client)
-                if queue is None:
-                    queue = self._queues[request.client] = deque()
-                queue.append(request)
-                if self._waiting:
-                    self._filled.notify()
-            return refusal
+            if not self._queries.admit(client, 1):
+                return self._queries.refusal(client, 1, RETRY_AFTER_S)
+            if not self._sizes.admit(client, cost):
+                self._queries.give_back(client, 1)
+                return self._sizes.refusal(client, cost, RETRY_AFTER_S)
+            queue = self._queues.get(client)
+            if queue is None:
+                queue = self._queues[client] = deque()
+            queue.append(request)
+            if self._waiting:
+                self._filled.notify()
+            return None
 
     def take(self) -> Request[Q] | None:
         """The next request of the client whose turn it is; None if there is none."""
@@ -153,7 +109,8 @@ class Lane(Generic[Q]):
         request = queue.popleft()
         if queue:
             self._queues[client] = queue  # to the end: it is the others' turn
-        self._budget.remove(request)
+        self._queries.give_back(client, 1)
+        self._sizes.give_back(client, request.size + _OVERHEAD_BYTES)
         return request
 
 

@@ -31,9 +31,10 @@ from zenoh_tf._net.local_requests import (
     REPLY,
     REQUEST,
 )
-from zenoh_tf.errors import ServerBusy
+from zenoh_tf.errors import TransformException
 from zenoh_tf.text import quoted
 
+from ..fair_share import FairShare
 from ..rate_limited_log import RateLimitedLog
 from ..requests.handler import UNKNOWN, Handler
 from .clients import Clients
@@ -71,7 +72,7 @@ class _Reply:
 class _Turns(Admission[threading.Condition]):
     """Admission for threads that wait until it is their request's turn."""
 
-    def _queue(self, client: str, size: int) -> ServerBusy | None:
+    def _queue(self, client: str, size: int) -> TransformException | None:
         turn = threading.Condition(self._lock)
         refusal = self.put(Request(turn, "", client, size))
         if refusal is None:
@@ -150,7 +151,7 @@ class LocalRequests:
         self._lock = threading.Lock()
         # Guarded by the lock.
         self._connections: set[_Connection] = set()
-        self._of_client: dict[str, int] = {}
+        self._shares = FairShare(service.limits, "local_connections", _MAX_OF_CLIENT)
         self._closed = False
         clients.when_gone(self._client_gone)
         service.add_counters(self._counters)
@@ -220,21 +221,16 @@ class LocalRequests:
         if not claimed:
             return False
         with self._lock:
-            count = self._of_client.get(claimed, 0)
-            if count >= _MAX_OF_CLIENT:
+            if not self._shares.admit(claimed, 1):
                 return False
-            self._of_client[claimed] = count + 1
             connection.claimed = claimed
             return True
 
     def _forget(self, connection: _Connection) -> None:
         with self._lock:
             self._connections.discard(connection)
-            claimed = connection.claimed
-            if claimed:
-                count = self._of_client.pop(claimed) - 1
-                if count:
-                    self._of_client[claimed] = count
+            if connection.claimed:
+                self._shares.give_back(connection.claimed, 1)
 
     def _reply(self, connection: _Connection, operation: str, data: bytes) -> None:
         """Serve a request and reply."""

@@ -30,10 +30,11 @@ from typing import Final
 import zenoh
 
 from zenoh_tf import threads
-from zenoh_tf.errors import LimitExceeded, ServerBusy
+from zenoh_tf.errors import LimitExceeded, TransformException
 
+from ..fair_share import FairShare
 from ..limits import Limits
-from .lanes import busy
+from .lanes import RETRY_AFTER_S
 from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
 
 log = logging.getLogger("zenoh_tf.server")
@@ -143,7 +144,7 @@ class Reply:
 class _Outbox:
     """The replies to one client that are not sent yet."""
 
-    __slots__ = ("busy", "client", "credit", "held_bytes", "lock", "queue", "stuck_since_s")
+    __slots__ = ("busy", "client", "credit", "lock", "queue", "stuck_since_s")
 
     def __init__(self, client: str) -> None:
         self.client = client
@@ -151,7 +152,6 @@ class _Outbox:
         # Guarded by the lock.
         self.busy = False
         self.queue: deque[Reply] = deque()
-        self.held_bytes = 0
         self.credit = UNCHECKED_ROOM
         # The sender thread's.
         self.stuck_since_s = 0.0
@@ -169,8 +169,8 @@ class Replies:
         self._limits = limits
         self._lock = threading.Lock()
         self._outboxes: dict[str, _Outbox] = {}
-        #: Of all outboxes. Nothing waits for any client while it is 0.
-        self.held_bytes = 0
+        #: Changed under the lock, read without. Nothing waits for any client while its total is 0.
+        self.unread = FairShare(limits, "all_unread_reply_bytes", "unread_reply_bytes")
         self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
         self._closing = False
@@ -212,25 +212,22 @@ class Replies:
             self._handed_over.append(outbox)
             self._wake_up()
 
-    def refusal(self, client: str) -> ServerBusy | None:
+    def refusal(self, client: str) -> TransformException | None:
         """Why a new request of the client must be refused: so many bytes of replies wait for the
         client, or for all. None: nothing stands against it."""
-        outbox = self._outboxes.get(client)
-        if outbox is None or not outbox.held_bytes:
-            return None
-        limits, held, all_held = self._limits, outbox.held_bytes, self.held_bytes
-        if held > 2 * limits.unread_reply_bytes:
+        with self._lock:
+            held = self.unread.held(client)
+            if not held or self.unread.admit(client, 0):
+                return None
+            refusal = self.unread.refusal(client, 0, RETRY_AFTER_S)
+        if held > 2 * self._limits.unread_reply_bytes:
             # It goes on asking, and even the refusals are not read.
             self._cut_off += self._links.cut_full(client)
-        if held > limits.unread_reply_bytes:
-            return busy(limits, "unread_reply_bytes", held)
-        if all_held > limits.all_unread_reply_bytes:
-            return busy(limits, "all_unread_reply_bytes", all_held)
-        return None
+        return refusal
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
-        return {"unread_reply_bytes": self.held_bytes, "clients_cut_off": self._cut_off}
+        return {"unread_reply_bytes": self.unread.total, "clients_cut_off": self._cut_off}
 
     def too_long(self, size: int) -> bytes:
         """The reply in place of one that is too long for a client that takes no parts."""
@@ -280,9 +277,8 @@ class Replies:
     def _hold(self, outbox: _Outbox, reply: Reply) -> None:
         """Queue a reply. Requires the outbox's lock."""
         outbox.queue.append(reply)
-        outbox.held_bytes += reply.cost
         with self._lock:
-            self.held_bytes += reply.cost
+            self.unread.take(outbox.client, reply.cost)
 
     # --- the sender thread
 
@@ -344,9 +340,8 @@ class Replies:
     def _remove_first(self, outbox: _Outbox) -> None:
         with outbox.lock:
             reply = outbox.queue.popleft()
-            outbox.held_bytes -= reply.cost
         with self._lock:
-            self.held_bytes -= reply.cost
+            self.unread.give_back(outbox.client, reply.cost)
 
     def _is_done(self, outbox: _Outbox) -> bool:
         with outbox.lock:

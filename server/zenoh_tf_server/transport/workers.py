@@ -108,6 +108,7 @@ class _Shared:
         self.service = service
         self.clients = clients
         self.replies = replies
+        self.unread = replies.unread
         self.budget = budget
         #: The families whose keys go on with the authority or operation of the request.
         self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
@@ -152,8 +153,7 @@ class _Shared:
                 payload = query.payload
                 data = payload.to_bytes() if payload is not None else b""
             reply_to = self.reply_to(query, operation, len(data))
-            replies = self.replies
-            refusal = replies.refusal(reply_to.client) if replies.held_bytes else None
+            refusal = self.replies.refusal(reply_to.client) if self.unread.total else None
             if refusal is None:
                 chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
                 self.service.handle(operation, data, reply_to, chunk)
