@@ -188,6 +188,8 @@ class _Maker:
         if moved is None and parts[0] == "aio":
             name = "/".join(parts[1:])
             moved = sync_texts.FILES.get(name, name).replace("/", ".")
+        if moved is not None and moved.startswith("zenoh_tf."):
+            return moved
         if moved is not None:
             parts = moved.split(".")
         folder = Path(self._target).parts[:-1]

@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from tests.servers import ServerProcess
+from tests.tcp_proxy import TcpProxy
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf_client import (
@@ -41,7 +42,7 @@ def test_lookups_and_own_writes(server: ServerProcess) -> None:
         async with await tf.mirror() as m:
             assert m.lookup_transform("map", "base") == await tf.lookup_transform("map", "base")
             latest = await tf.lookup_latest_transform("map", "base")
-            assert m.lookup_latest_transform("map", "base") == latest
+            assert await m.lookup_latest_transform("map", "base") == latest
             for stamp in range(2, 20):
                 await tf.set_transform(stamped("base", stamp))
                 await m.wait_for()
@@ -104,9 +105,56 @@ def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess)
     run(server, test)
 
 
+def test_a_state_that_is_too_old_is_not_read(server: ServerProcess) -> None:
+    async def main() -> None:
+        pair = ("map", "base")
+        async with await AsyncTransformClient.connect(server.endpoint) as writer:
+            await writer.set_transform(stamped("base", 1))
+            with TcpProxy(server.endpoint) as proxy:
+                async with (
+                    await AsyncTransformClient.connect(
+                        proxy.endpoint, timeout_s=1, reads="query"
+                    ) as tf,
+                    await tf.mirror() as m,
+                ):
+                    proxy.hold()
+                    while m.age_s <= 0.3:
+                        await asyncio.sleep(0.01)
+                    await writer.set_transform(stamped("base", 2))
+                    assert (await m.lookup_latest_transform(*pair)).stamp_ns == 1
+                    assert (await m.lookup_latest_transform(*pair, max_age_s=1000)).stamp_ns == 1
+                    for asking in (
+                        m.lookup_latest_transform(*pair, max_age_s=0.3),
+                        m.lookup_latest_transform_xact(*pair, max_age_s=0.3),
+                        m.lookup_latest_transforms_xact([pair], max_age_s=0.3),
+                    ):
+                        with pytest.raises(ServerUnavailable):
+                            await asking
+                    proxy.release()
+                    found = await m.lookup_latest_transform_xact(*pair, max_age_s=-1)
+                    assert found.stamp_ns == 2
+
+    asyncio.run(main())
+
+
+def test_a_gate(server: ServerProcess) -> None:
+    async def test(tf: AsyncTransformClient) -> None:
+        await tf.set_transform(stamped("base", 1))
+        async with await tf.mirror() as m, m.gate("map", timeout_s=DEADLINE_S) as gate:
+            gate.put("late", "base", 3)
+            await asyncio.sleep(0.1)
+            assert gate.stats()["held"] == 1
+            await tf.set_transform(stamped("base", 5))
+            item, transform = await gate.get(DEADLINE_S)
+            assert (item, transform) == ("late", m.lookup_transform("map", "base", 3))
+
+    run(server, test)
+
+
 def test_it_has_the_methods_of_a_mirror() -> None:
-    # A gate waits, which these lookups do not; AsyncTransformClient has one.
-    names = {name for name in dir(Mirror) if not name.startswith("_")} - {"gate"}
+    names = {name for name in dir(Mirror) if not name.startswith("_")}
     assert {name for name in dir(AsyncMirror) if not name.startswith("_")} == names
-    for name in names - {"close", "wait_for", "run_transaction"}:
+    asking = {name for name in names if name.startswith("lookup_latest_")}  # if it is too old
+    assert len(asking) == 3
+    for name in names - {"close", "wait_for", "run_transaction"} - asking:
         assert not inspect.iscoroutinefunction(getattr(AsyncMirror, name)), name

@@ -250,7 +250,7 @@ def test_asyncio(
             cancelled.cancel()
             for x in range(6, 50):  # the loop is busy meanwhile
                 put(tf, x)
-            watch._mirror.wait_for(tf.last_receipt)
+            watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
             newest = await watch.get()
             assert newest.pose == tf.lookup_latest_transform("map", "base")
             tf.remove_frame("base")

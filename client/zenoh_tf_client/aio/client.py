@@ -20,10 +20,11 @@ from .broadcaster import AsyncBroadcaster
 from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
-from .mirror import AsyncMirror, make_mirror
+from .mirror import AsyncMirror
 from .sensor_data import AsyncSensorData
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
+from .session.threads import in_thread
 from .transaction import AsyncTransaction, run_transaction
 from .watch import AsyncWatch
 from .writes import AsyncWrites
@@ -309,8 +310,10 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ``async with await tf.mirror() as m: print(m.lookup_transform("map", "base"))``
         """
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
-        made = await make_mirror(self._connection, interest, timeout_s)
-        return AsyncMirror(self._connection, self._reads, made)
+        return await in_thread(
+            lambda: AsyncMirror(self._connection, self._reads, timeout_s, interest),
+            undo=lambda mirror: mirror._end(),
+        )
 
     async def watch(
         self,
@@ -352,8 +355,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ``async with await tf.watch("map", "base") as watch: print(await watch.get())``
         """
         terms = Terms(min_translation_m, min_rotation_rad, heartbeat_s)
-        interest = interest_of([(target, source)], None, max_rate_hz)
-        mirror = await make_mirror(self._connection, interest, timeout_s=30.0)
+        mirror = await self.mirror([(target, source)], max_rate_hz=max_rate_hz)
         return AsyncWatch(mirror, target, source, terms)
 
     async def broadcaster(self, authority: str) -> AsyncBroadcaster:

@@ -7,15 +7,25 @@ import logging
 import time
 from collections.abc import AsyncIterator
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
+from zenoh_tf import StampedTransform, TransformArray
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
 from zenoh_tf.gate import EARLY_S, PAUSE_S, FirstError
 from zenoh_tf.gate_queue import GateQueue, Held, OnDrop, Passed, check_item, portions
 
-from .lookups import AsyncLookups
-
 log = logging.getLogger("zenoh_tf.client")
+
+
+class Source(Protocol):
+    """What a gate looks up in: a client or a mirror."""
+
+    async def lookup_transform(
+        self, target: str, source: str, stamp_ns: int, timeout_s: float
+    ) -> StampedTransform: ...
+    async def lookup_transforms(
+        self, targets: str, sources: str, stamps_ns: list[int]
+    ) -> TransformArray: ...
 
 
 class AsyncGate:
@@ -35,7 +45,7 @@ class AsyncGate:
 
     def __init__(
         self,
-        source: AsyncLookups,
+        source: Source,
         target: str,
         queue_size: int,
         timeout_s: float,

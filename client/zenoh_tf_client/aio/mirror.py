@@ -1,4 +1,4 @@
-"""`AsyncMirror`: a copy of the server's tree, for asyncio."""
+"""`AsyncMirror`: a copy of the server's tree in this process, kept up to date by its stream."""
 
 from __future__ import annotations
 
@@ -6,21 +6,14 @@ from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from zenoh_tf import Dropped, LatestTransform, StampedTransform, TransformArray, wire
 
-from zenoh_tf import (
-    Explanation,
-    FrameInfo,
-    LatestTransform,
-    StampedTransform,
-    TransformArray,
-    Velocity,
-    wire,
-)
-
-from ..mirror.mirror import Mirror
+from ..mirror.copy import MirrorCopy
+from ..requests import lookups
 from ..requests.receipt import Receipt
+from ..requests.request import Request
+from ..session.calls import raise_if_forked
+from .gate import AsyncGate
 from .mirror_transaction import AsyncMirrorTransaction
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
@@ -30,23 +23,19 @@ from .transaction import AsyncTransaction, repeat
 T = TypeVar("T")
 
 
-async def make_mirror(
-    connection: Connection, interest: wire.Interest | None, timeout_s: float
-) -> Mirror:
-    """Make the mirror that an `AsyncMirror` or `AsyncWatch` reads."""
-    return await in_thread(
-        lambda: Mirror(connection.opened, connection.mapped, timeout_s, interest),
-        undo=lambda mirror: mirror.close(),
-    )
-
-
-class AsyncMirror:
+class AsyncMirror(MirrorCopy):
     """A copy of the server's tree in this process; made by `AsyncTransformClient.mirror`.
 
-    Its lookups are no coroutines: they answer from memory, without suspending the caller, and do
-    not wait for a transform. They read what those of `Mirror` read. `age_s` tells how old that may
-    be: if it is too old for you, ask the server by the methods of `AsyncTransformClient`. An
-    asynchronous context manager, which closes itself at the end. docs/mirrors.md has the contract.
+    Its lookups are as fast as those of an embedded tree, and send no message. They are
+    coroutines only with a `max_age_s`, as the server may be asked. The others answer from memory,
+    without suspending the caller; a `timeout_s` would block the event loop. What they read is
+    always a state that the server's tree has had: the commits up to `seq`, each as a whole, and
+    none after it. `age_s` says how old that state may be. Several lookups may see several such
+    states, but never go back while the same server runs. Writes go to the server, as always.
+
+    While the server is away, or the link is cut, the last state is served and its age grows.
+    docs/mirrors.md has the whole contract. An asynchronous context manager, which closes itself at
+    the end.
 
     Concurrency: lookups and properties, from any thread; coroutines, from the client's event loop.
 
@@ -54,20 +43,31 @@ class AsyncMirror:
         ``async with await tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
     """
 
-    def __init__(self, connection: Connection, reads: SharedReads, mirror: Mirror) -> None:
+    def __init__(
+        self,
+        connection: Connection,
+        reads: SharedReads,
+        timeout_s: float,
+        interest: wire.Interest | None,
+    ) -> None:
         """Use `AsyncTransformClient.mirror` instead.
 
         Args:
             connection: The connection to the server.
             reads: How transactions read that do not read here.
-            mirror: The copy.
+            timeout_s: How long to wait for the first copy, in seconds.
+            interest: What to follow; None for everything.
+
+        Raises:
+            ServerUnavailable: See `AsyncTransformClient.mirror`, also for the others.
+            AccessDenied: The same.
+            TimeoutException: The same.
+            LimitExceeded: The same.
+            InvalidArgumentException: The same.
         """
+        super().__init__(connection.opened, timeout_s, interest)
         self._connection = connection
         self._reads = reads
-        self._mirror = mirror
-
-    def __repr__(self) -> str:
-        return f"<Async{repr(self._mirror)[1:]}"
 
     async def __aenter__(self) -> Self:
         return self
@@ -82,27 +82,7 @@ class AsyncMirror:
 
     async def close(self) -> None:
         """Stop following the server. Lookups then raise ServerUnavailable. May be called again."""
-        await in_thread(self._mirror.close, undo=lambda _: None)
-
-    @property
-    def age_s(self) -> float:
-        """Returns how old what is read may be, in seconds; see `Mirror.age_s`."""
-        return self._mirror.age_s
-
-    @property
-    def seq(self) -> int:
-        """Returns the number of a commit: it and all before it can be read."""
-        return self._mirror.seq
-
-    @property
-    def synced(self) -> bool:
-        """Returns True if the mirror knows of nothing that it lacks."""
-        return self._mirror.synced
-
-    @property
-    def instance(self) -> str:
-        """Returns the id of the server instance whose state is read."""
-        return self._mirror.instance
+        await in_thread(self._end)
 
     async def wait_for(self, receipt: Receipt | None = None, timeout_s: float = 5.0) -> None:
         """Wait until what a client has written can be read here.
@@ -120,16 +100,122 @@ class AsyncMirror:
         Example:
             ``await tf.set_transform(stamped); await m.wait_for()``
         """
+        raise_if_forked()
         awaited = receipt or self._connection.last_receipt
-        if awaited is None or self._mirror._feed.state.has(awaited.instance, awaited.seq):
-            return
-        mirror = self._mirror
-        await in_thread(lambda: mirror.wait_for(awaited, timeout_s), undo=lambda _: None)
+        if awaited is not None and not self._has(awaited):
+            await in_thread(lambda: self._wait_until(awaited, timeout_s))
+
+    # --- lookups beside those of MirrorReads
+
+    async def lookup_latest_transform(
+        self, target: str, source: str, max_age_s: float | None = None
+    ) -> LatestTransform:
+        """As `TransformTree.lookup_latest_transform`, or a lookup by query.
+
+        Args:
+            target: The frame to express the pose in.
+            source: The frame whose pose is asked for.
+            max_age_s: How old the mirror's state may be, in seconds; if it is older, the server is
+                asked. None for any age.
+
+        Returns:
+            ``X_target_source`` in metres, as `AsyncTransformClient.lookup_latest_transform`.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            InvalidArgumentException: A name is invalid.
+            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
+        """
+        if max_age_s is None or self._feed.age_s() <= max_age_s:
+            return (self._current or self._tree).lookup_latest_transform(target, source)
+        return await self._ask(lookups.lookup_latest_transform(target, source))
+
+    async def lookup_latest_transform_xact(
+        self, target: str, source: str, max_age_s: float | None = None
+    ) -> LatestTransform:
+        """As `TransformTree.lookup_latest_transform_xact`, or a lookup by query.
+
+        Args:
+            target: The frame to express the pose in.
+            source: The frame whose pose is asked for.
+            max_age_s: As for `lookup_latest_transform`, in seconds.
+
+        Returns:
+            ``X_target_source`` in metres, as `AsyncTransformClient.lookup_latest_transform_xact`.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            InvalidArgumentException: A name is invalid.
+            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
+        """
+        if max_age_s is None or self._feed.age_s() <= max_age_s:
+            return (self._current or self._tree).lookup_latest_transform_xact(target, source)
+        return await self._ask(lookups.lookup_latest_transform_xact(target, source))
+
+    async def lookup_latest_transforms_xact(
+        self, pairs: Sequence[tuple[str, str]], max_age_s: float | None = None
+    ) -> list[LatestTransform]:
+        """As `TransformTree.lookup_latest_transforms_xact`, or a lookup by query.
+
+        Args:
+            pairs: (target, source) frames of each pose.
+            max_age_s: As for `lookup_latest_transform`, in seconds.
+
+        Returns:
+            For each pair what `lookup_latest_transform_xact` returns, in order.
+
+        Raises:
+            LookupException: A frame is unknown.
+            ConnectivityException: No path connects the two frames.
+            InvalidArgumentException: A name is invalid.
+            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
+        """
+        if max_age_s is None or self._feed.age_s() <= max_age_s:
+            return self._tree.lookup_latest_transforms_xact(pairs)
+        return await self._ask(lookups.lookup_latest_transforms_xact(pairs))
+
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> AsyncGate:
+        """Make a gate, which holds sensor data until its transform exists.
+
+        Args:
+            target: Frame to express coordinates in.
+            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
+                nobody has taken yet. It drops further ones as `"full"`.
+            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
+            on_drop: Called with each item that is dropped, and the reason; see
+                `zenoh_tf.Dropped`. On the event loop.
+
+        Returns:
+            A `AsyncGate`, to be used in an ``async with`` block.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+
+        Example:
+            ``async with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
+        """
+        if True:  # asynchronous
+            return AsyncGate(_Waiting(self), target, queue_size, timeout_s, on_drop)
+        return AsyncGate(self, target, queue_size, timeout_s, on_drop)
 
     async def run_transaction(
         self, function: Callable[[AsyncTransaction], Awaitable[T]], attempts: int = 10
     ) -> T:
         """As `AsyncTransformClient.run_transaction`, with reads in the mirror: one round trip.
+
+        The server compares what was read with its own state, so the transaction is strictly
+        serializable, however old the mirror is. A read waits for what this mirror's transactions
+        have written to the same frames; after a conflict, the next attempt waits for the state that
+        the last one was in conflict with.
 
         Args:
             function: A coroutine function that reads and sets through the transaction. It may be
@@ -146,124 +232,38 @@ class AsyncMirror:
         Example:
             ``await m.run_transaction(lift)``
         """
+        raise_if_forked()
         attempt = 0
 
         def begin() -> AsyncTransaction:
             nonlocal attempt
             attempt += 1
-            return AsyncMirrorTransaction(self._connection, self._reads, self._mirror, attempt)
+            return AsyncMirrorTransaction(self._connection, self._reads, self, attempt)
 
         return await repeat(begin, function, attempts)
 
-    # --- lookups
+    async def _ask(self, request: Request[T]) -> T:
+        raise_if_forked()
+        return await self._connection.call(request)
 
-    def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None
-    ) -> StampedTransform:
-        """As `Mirror.lookup_transform`."""
-        return self._mirror.lookup_transform(target, source, stamp_ns)
 
-    def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-    ) -> StampedTransform:
-        """As `Mirror.lookup_transform_full`."""
-        return self._mirror.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame
-        )
+if True:  # asynchronous
 
-    def can_transform(self, target: str, source: str, stamp_ns: int | None = None) -> bool:
-        """As `Mirror.can_transform`."""
-        return self._mirror.can_transform(target, source, stamp_ns)
+    class _Waiting:
+        """The lookups of a mirror's gate: those that wait have a thread, which the loop has not."""
 
-    def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
-        """As `Mirror.lookup_latest_transform`, at any age."""
-        return self._mirror.lookup_latest_transform(target, source)
+        def __init__(self, mirror: MirrorCopy) -> None:
+            self._mirror = mirror
 
-    def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
-        """As `Mirror.lookup_latest_transform_xact`, at any age."""
-        return self._mirror.lookup_latest_transform_xact(target, source)
+        async def lookup_transform(
+            self, target: str, source: str, stamp_ns: int, timeout_s: float
+        ) -> StampedTransform:
+            mirror = self._mirror
+            return await in_thread(
+                lambda: mirror.lookup_transform(target, source, stamp_ns, timeout_s)
+            )
 
-    def lookup_latest_transforms_xact(
-        self, pairs: Sequence[tuple[str, str]]
-    ) -> list[LatestTransform]:
-        """As `Mirror.lookup_latest_transforms_xact`, at any age."""
-        return self._mirror.lookup_latest_transforms_xact(pairs)
-
-    def latest_common_time(self, a: str, b: str) -> int | None:
-        """As `Mirror.latest_common_time`."""
-        return self._mirror.latest_common_time(a, b)
-
-    def lookup_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
-    ) -> TransformArray:
-        """As `Mirror.lookup_transforms`."""
-        return self._mirror.lookup_transforms(targets, sources, stamps_ns)
-
-    def sample(
-        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
-    ) -> TransformArray:
-        """As `Mirror.sample`."""
-        return self._mirror.sample(target, source, stamps_ns)
-
-    def deskew(
-        self,
-        points: ArrayLike,
-        stamps_ns: ArrayLike,
-        source: str,
-        fixed_frame: str,
-        at_ns: int,
-        *,
-        out: NDArray[Any] | None = None,
-    ) -> NDArray[Any]:
-        """As `Mirror.deskew`."""
-        return self._mirror.deskew(points, stamps_ns, source, fixed_frame, at_ns, out=out)
-
-    def lookup_velocity(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None = None,
-        averaging_interval_s: float = 0.1,
-        *,
-        reference_frame: str | None = None,
-        reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
-        reference_point_frame: str | None = None,
-    ) -> Velocity:
-        """As `Mirror.lookup_velocity`."""
-        return self._mirror.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_ns,
-            averaging_interval_s,
-            reference_frame=reference_frame,
-            reference_point=reference_point,
-            reference_point_frame=reference_point_frame,
-        )
-
-    def frames(self) -> list[str]:
-        """As `Mirror.frames`."""
-        return self._mirror.frames()
-
-    def frame(self, name: str) -> FrameInfo:
-        """As `Mirror.frame`."""
-        return self._mirror.frame(name)
-
-    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        """As `Mirror.parent`."""
-        return self._mirror.parent(frame, stamp_ns)
-
-    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
-        """As `Mirror.chain`."""
-        return self._mirror.chain(target, source, stamp_ns)
-
-    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
-        """As `Mirror.explain`."""
-        return self._mirror.explain(target, source, stamp_ns)
+        async def lookup_transforms(
+            self, targets: str, sources: str, stamps_ns: list[int]
+        ) -> TransformArray:
+            return self._mirror.lookup_transforms(targets, sources, stamps_ns)

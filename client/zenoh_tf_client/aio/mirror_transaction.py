@@ -1,4 +1,4 @@
-"""`AsyncMirrorTransaction`: a transaction of an event loop whose reads are in a mirror."""
+"""`AsyncMirrorTransaction`: a transaction whose reads are in a mirror."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Self, TypeVar
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
+from ..mirror.copy import MirrorCopy
 from ..mirror.interest import OutsideInterest
-from ..mirror.mirror import Mirror
-from ..mirror.transaction import CATCH_UP_S, look_up, reads_by_query
+from ..mirror.transaction_reads import CATCH_UP_S, look_up, reads_by_query
 from ..requests.request import Read, Rows, VersionedRead
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
@@ -20,10 +20,15 @@ T = TypeVar("T")
 
 
 class AsyncMirrorTransaction(AsyncTransaction):
-    """One attempt, as `..mirror.transaction.MirrorTransaction`. Concurrency: one task at a time."""
+    """One attempt, which reads one copy of the tree. Concurrency: one task at a time.
+
+    A mirror's frames have the server's versions, so its reads can be the read set of a commit.
+    After a conflict it reads once the mirror has what it was in conflict with. If that takes long,
+    it reads by query.
+    """
 
     def __init__(
-        self, connection: Connection, reads: SharedReads, mirror: Mirror, attempt: int
+        self, connection: Connection, reads: SharedReads, mirror: MirrorCopy, attempt: int
     ) -> None:
         super().__init__(connection, reads)
         self._mirror = mirror
@@ -44,10 +49,9 @@ class AsyncMirrorTransaction(AsyncTransaction):
         """Wait until the mirror has what the last attempt was in conflict with."""
         if self._attempt == 1:
             return True
+        wanted = self._connection.last_receipt
         try:
-            await in_thread(
-                lambda: self._mirror.wait_for(timeout_s=CATCH_UP_S), undo=lambda _: None
-            )
+            await in_thread(lambda: self._mirror._wait_until(wanted, CATCH_UP_S))
         except (TimeoutException, ServerRestarted):
             return False
         return True
@@ -63,6 +67,7 @@ class AsyncMirrorTransaction(AsyncTransaction):
             await super().check_reads(error)
 
     def _reads_agree(self) -> bool:
+        # Unlike at the server, a single read may be old.
         return super()._reads_agree() if self._tree is None else not self._reads
 
     async def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
@@ -73,5 +78,5 @@ class AsyncMirrorTransaction(AsyncTransaction):
         frames = [name for name, _ in found[1]]
         if mirror._own_writes.has(frames):
             return found
-        await in_thread(lambda: mirror._own_writes.wait_for(frames), undo=lambda _: None)
+        await in_thread(lambda: mirror._own_writes.wait_for(frames))
         return look_up(tree, self._copy_of, request, mirror._interest)

@@ -11,7 +11,7 @@ from typing import Self
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
-from ..mirror.mirror import Mirror
+from ..mirror.copy import MirrorCopy
 from ..mirror.watching import PoseEvent, Terms, Watching
 from .session.threads import in_thread
 
@@ -32,7 +32,7 @@ class AsyncWatch:
         source: The frame whose pose is followed.
     """
 
-    def __init__(self, mirror: Mirror, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: MirrorCopy, target: str, source: str, terms: Terms) -> None:
         """Use `AsyncTransformClient.watch` instead."""
         self.target = target
         self.source = source
@@ -86,7 +86,7 @@ class AsyncWatch:
 
     async def close(self) -> None:
         """Stop following. Iterations end, and `get` raises an error. May be called again."""
-        await in_thread(self._mirror.close, undo=lambda _: None)
+        await in_thread(self._mirror._end)
 
     async def _next(self) -> PoseEvent | None:
         """The next event; None at the end."""

@@ -1,22 +1,15 @@
-"""`Mirror`: a copy of the server's tree in this process, kept up to date by the commit stream."""
+"""`Mirror`: a copy of the server's tree in this process, kept up to date by its stream."""
+
+# Made from aio/mirror.py by scripts/sync_client.py: edit that file.
 
 from __future__ import annotations
 
-import os
-import weakref
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
-from zenoh_tf import LatestTransform, TransformTree, wire
-from zenoh_tf.errors import (
-    InvalidArgumentException,
-    ServerRestarted,
-    ServerUnavailable,
-    TimeoutException,
-)
-from zenoh_tf.mirrors.feed import MirrorFeed
-from zenoh_tf.text import quoted
+from zenoh_tf import Dropped, LatestTransform, wire
+from zenoh_tf.gate import Gate
 
 from ..requests import lookups
 from ..requests.receipt import Receipt
@@ -25,17 +18,13 @@ from ..session.calls import raise_if_forked
 from ..session.connection import Connection
 from ..session.shared_reads import SharedReads
 from ..transaction import Transaction, repeat
-from .interest import interested
-from .reads import TAKEN, MirrorReads
-from .source import MirrorSource
-from .transaction import CATCH_UP_S, MirrorTransaction, OwnWrites, reads_by_query
+from .copy import MirrorCopy
+from .transaction import MirrorTransaction
 
 T = TypeVar("T")
 
-_all: weakref.WeakSet[Mirror] = weakref.WeakSet()
 
-
-class Mirror(MirrorReads):
+class Mirror(MirrorCopy):
     """A copy of the server's tree in this process; made by `TransformClient.mirror`.
 
     Its lookups are as fast as those of an embedded tree, and send no message. What they read is
@@ -57,7 +46,7 @@ class Mirror(MirrorReads):
         connection: Connection,
         reads: SharedReads,
         timeout_s: float,
-        interest: wire.Interest | None = None,
+        interest: wire.Interest | None,
     ) -> None:
         """Use `TransformClient.mirror` instead.
 
@@ -74,38 +63,9 @@ class Mirror(MirrorReads):
             LimitExceeded: The same.
             InvalidArgumentException: The same.
         """
-        if not 0 < timeout_s < 1e6:
-            raise InvalidArgumentException(
-                f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
-            )
+        super().__init__(connection, timeout_s, interest)
         self._connection = connection
         self._reads = reads
-        self._interest = interest
-        self._current: TransformTree | None = None  # None: closed, or forked
-        weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
-
-        def on_copy(tree: TransformTree | None, instance: str) -> None:
-            mirror = weak_self()
-            if mirror is not None:
-                mirror._take(tree)
-
-        self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
-        self._own_writes = OwnWrites(feed)
-        # One that nobody holds any more is closed. At exit, its connection is.
-        weakref.finalize(self, feed.close).atexit = False
-        _all.add(self)
-        try:
-            feed.wait_for_copy(timeout_s)
-        except BaseException:
-            feed.close()
-            raise
-
-    def __repr__(self) -> str:
-        state = self._feed.state
-        return (
-            f"<Mirror of tree {self._connection.tree!r}, server {state.instance or 'unknown'}, "
-            f"seq {state.seq}, {'closed' if state.tree is None else 'open'}>"
-        )
 
     def __enter__(self) -> Self:
         return self
@@ -120,48 +80,14 @@ class Mirror(MirrorReads):
 
     def close(self) -> None:
         """Stop following the server. Lookups then raise ServerUnavailable. May be called again."""
-        self._feed.close()
-        self._take(None)
-
-    # --- what it has
-
-    @property
-    def age_s(self) -> float:
-        """Returns how old what is read may be, in seconds.
-
-        All that the server had committed this long ago can be read. The value is never too small,
-        and too large by a round trip to the server at most. A server that has nothing to do tells
-        so every 0.1 s. Infinite if the mirror is closed.
-        """
-        return self._feed.age_s()
-
-    @property
-    def seq(self) -> int:
-        """Returns the number of a commit: it and all before it can be read.
-
-        Numbers of different server instances cannot be compared.
-        """
-        return self._feed.state.seq
-
-    @property
-    def synced(self) -> bool:
-        """Returns True if the mirror knows of nothing that it lacks.
-
-        A lost connection is noticed late: `age_s` tells more.
-        """
-        return self._feed.state.synced
-
-    @property
-    def instance(self) -> str:
-        """Returns the id of the server instance whose state is read."""
-        return self._feed.state.instance
+        self._end()
 
     def wait_for(self, receipt: Receipt | None = None, timeout_s: float = 5.0) -> None:
         """Wait until what a client has written can be read here.
 
         Args:
-            receipt: Its `TransformClient.last_receipt` after the write, also of another process;
-                None for all that this mirror's own client has written so far.
+            receipt: Its `last_receipt` after the write, also of another process; None for all that
+                this mirror's own client has written so far.
             timeout_s: How long to wait, in seconds.
 
         Raises:
@@ -170,28 +96,12 @@ class Mirror(MirrorReads):
             ServerUnavailable: The mirror is closed.
 
         Example:
-            ``tf.set_transform(stamped); m.wait_for(); m.lookup_transform("map", "base")``
+            ``tf.set_transform(stamped); m.wait_for()``
         """
         raise_if_forked()
         awaited = receipt or self._connection.last_receipt
-        feed = self._feed
-        if awaited is None or feed.state.has(awaited.instance, awaited.seq):
-            return
-        if feed.wait(lambda: feed.state.has(awaited.instance, awaited.seq), timeout_s):
-            return
-        state = feed.state
-        if state.tree is None:
-            raise ServerUnavailable("the mirror is closed")
-        if state.instance != awaited.instance:
-            raise ServerRestarted(
-                f"the write was to server instance {quoted(awaited.instance)}, but the mirror "
-                f"follows {quoted(state.instance)}",
-                value=awaited.instance,
-            )
-        raise TimeoutException(
-            f"the mirror has not received commit {awaited.seq} within {timeout_s:g} s: it is at "
-            f"{state.seq}"
-        )
+        if awaited is not None and not self._has(awaited):
+            self._wait_until(awaited, timeout_s)
 
     # --- lookups beside those of MirrorReads
 
@@ -264,6 +174,35 @@ class Mirror(MirrorReads):
             return self._tree.lookup_latest_transforms_xact(pairs)
         return self._ask(lookups.lookup_latest_transforms_xact(pairs))
 
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> Gate:
+        """Make a gate, which holds sensor data until its transform exists.
+
+        Args:
+            target: Frame to express coordinates in.
+            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
+                nobody has taken yet. It drops further ones as `"full"`.
+            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
+            on_drop: Called with each item that is dropped, and the reason; see
+                `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.
+
+        Returns:
+            A `Gate`, to be used in a ``with`` block.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+
+        Example:
+            ``with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
+        """
+        return Gate(self, target, queue_size, timeout_s, on_drop)
+
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """As `TransformClient.run_transaction`, with reads in the mirror: one round trip.
 
@@ -273,7 +212,8 @@ class Mirror(MirrorReads):
         the last one was in conflict with.
 
         Args:
-            function: Reads and sets through the transaction. It may be called several times.
+            function: Reads and sets through the transaction. It may be
+                called several times.
             attempts: How often to call it at most.
 
         Returns:
@@ -284,66 +224,18 @@ class Mirror(MirrorReads):
             TransformException: `function` or the commit failed; see `Transaction.commit`.
 
         Example:
-            ``m.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
+            ``m.run_transaction(lift)``
         """
+        raise_if_forked()
         attempt = 0
 
         def begin() -> Transaction:
             nonlocal attempt
             attempt += 1
-            return self._transaction(attempt)
+            return MirrorTransaction(self._connection, self._reads, self, attempt)
 
         return repeat(begin, function, attempts)
-
-    def _transaction(self, attempt: int) -> Transaction:
-        """A transaction that reads here; after a conflict, once the mirror has what it was in
-        conflict with. If that takes long, it reads by query."""
-        raise_if_forked()
-        interest = self._interest
-        if reads_by_query(interest, attempt):
-            return Transaction(self._connection, self._reads)
-        if attempt > 1:
-            try:
-                self.wait_for(timeout_s=CATCH_UP_S)
-            except (TimeoutException, ServerRestarted):
-                return Transaction(self._connection, self._reads)
-        state = self._feed.state
-        if state.tree is None:
-            raise ServerUnavailable("the mirror is closed")
-        return MirrorTransaction(
-            self._connection, self._reads, state.tree, state.instance, self._own_writes, interest
-        )
-
-    # --- where it reads
-
-    @property
-    def _tree(self) -> TransformTree:
-        tree = self._current
-        if tree is None:
-            raise_if_forked()
-            raise ServerUnavailable("the mirror is closed")
-        return tree
 
     def _ask(self, request: Request[T]) -> T:
         raise_if_forked()
         return self._connection.call(request)
-
-    def _take(self, tree: TransformTree | None) -> None:
-        """Read in another tree, or in none; see `reads`."""
-        if tree is not None and self._interest is not None:
-            tree = interested(tree, self._interest)
-        self._current = tree
-        for name in TAKEN:
-            if tree is None:
-                self.__dict__.pop(name, None)
-            else:
-                self.__dict__[name] = getattr(tree, name)
-
-
-def _after_fork() -> None:
-    """In a forked child a lookup would wait for ever for a thread that only the parent has."""
-    for mirror in list(_all):
-        mirror._take(None)
-
-
-os.register_at_fork(after_in_child=_after_fork)

@@ -1,4 +1,4 @@
-"""The lookups of `Mirror` that are those of the embedded tree.
+"""The lookups of mirrors that are those of the embedded tree.
 
 While there is a copy, the methods here are not called: the mirror has the tree's own methods as
 attributes, because a call of Python's in between would cost half as much as a lookup.
@@ -7,17 +7,15 @@ attributes, because a call of Python's in between would cost half as much as a l
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import (
-    Dropped,
     Explanation,
     FrameInfo,
-    Gate,
     StampedTransform,
     TransformArray,
     TransformTree,
@@ -50,7 +48,7 @@ LATEST: Final = (
 
 
 class MirrorReads(ABC):
-    """A base of `Mirror`, which has the tree."""
+    """A base of `MirrorCopy`, which has the tree."""
 
     @property
     @abstractmethod
@@ -136,17 +134,6 @@ class MirrorReads(ABC):
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
         )
-
-    def gate(
-        self,
-        target: str,
-        *,
-        queue_size: int = 100,
-        timeout_s: float = 1.0,
-        on_drop: Callable[[Dropped[Any]], object] | None = None,
-    ) -> Gate:
-        """As `TransformTree.gate`."""
-        return Gate(self, target, queue_size, timeout_s, on_drop)
 
     def frames(self) -> list[str]:
         """As `TransformTree.frames`, in any order."""

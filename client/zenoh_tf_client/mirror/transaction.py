@@ -1,111 +1,67 @@
 """`MirrorTransaction`: a transaction whose reads are in a mirror."""
 
+# Made from aio/mirror_transaction.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable
-from typing import Final, TypeVar
+from typing import Self, TypeVar
 
-from zenoh_tf import TransformTree, wire
-from zenoh_tf.mirrors.feed import MirrorFeed
-from zenoh_tf.shared_tree import AskServer
+from zenoh_tf import TransformTree
+from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
-from ..requests.receipt import Receipt
 from ..requests.request import Read, Rows, VersionedRead
 from ..session.connection import Connection
-from ..session.shared_reads import SharedReads, read_tree
+from ..session.shared_reads import SharedReads
 from ..transaction import Transaction
-from .interest import OutsideInterest, explained
+from .copy import MirrorCopy
+from .interest import OutsideInterest
+from .transaction_reads import CATCH_UP_S, look_up, reads_by_query
 
 T = TypeVar("T")
-
-#: A transaction waits this long for the mirror.
-CATCH_UP_S: Final = 1.0
-#: Attempts that read in a mirror of some frames. The read set may have a frame above those that the
-#: mirror has, in which case it conflicts each time.
-_PARTIAL_ATTEMPTS: Final = 2
-
-
-def reads_by_query(interest: wire.Interest | None, attempt: int) -> bool:
-    """Whether an attempt, from 1 on, must not read in the mirror. A thinned one has the versions of
-    the server, but not all samples."""
-    return interest is not None and (interest.period_ns > 0 or attempt > _PARTIAL_ATTEMPTS)
-
-
-class OwnWrites:
-    """The frames that a mirror's transactions have written, until the mirror has them: to read an
-    older state of them would only lead to a conflict. Thread safety: all methods."""
-
-    def __init__(self, feed: MirrorFeed) -> None:
-        self._feed = feed
-        self._lock = threading.Lock()
-        self._receipts: dict[str, Receipt] = {}
-
-    def add(self, frames: Iterable[str], receipt: Receipt | None) -> None:
-        """Note a write."""
-        if receipt is None:
-            return
-        state = self._feed.state
-        with self._lock:
-            for name, known in list(self._receipts.items()):
-                if state.has(known.instance, known.seq):
-                    del self._receipts[name]
-            self._receipts.update(dict.fromkeys(frames, receipt))
-
-    def has(self, frames: Iterable[str]) -> bool:
-        """Whether the mirror has all writes to these frames."""
-        state = self._feed.state
-        with self._lock:
-            awaited = [self._receipts[name] for name in frames if name in self._receipts]
-        return all(state.has(one.instance, one.seq) for one in awaited)
-
-    def wait_for(self, frames: Iterable[str]) -> None:
-        """Wait until it has them, but not for long."""
-        names = list(frames)
-        self._feed.wait(lambda: self.has(names), CATCH_UP_S)
-
-
-def look_up(
-    tree: TransformTree,
-    instance: str,
-    request: Read[T] | Rows[T],
-    interest: wire.Interest | None,
-) -> tuple[str, list[tuple[str, int]], Callable[[], T]]:
-    """Look up in a mirror's tree, with the versions that were read."""
-    found = read_tree(tree, instance, request)
-    assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
-    instance, versions, answer = found
-    if interest is not None:
-        answer = explained(answer, tree, interest)
-    return instance, list(versions), answer
 
 
 class MirrorTransaction(Transaction):
     """One attempt, which reads one copy of the tree. Thread safety: one thread at a time.
 
     A mirror's frames have the server's versions, so its reads can be the read set of a commit.
+    After a conflict it reads once the mirror has what it was in conflict with. If that takes long,
+    it reads by query.
     """
 
     def __init__(
-        self,
-        connection: Connection,
-        reads: SharedReads,
-        tree: TransformTree,
-        instance: str,
-        own_writes: OwnWrites,
-        interest: wire.Interest | None,
+        self, connection: Connection, reads: SharedReads, mirror: MirrorCopy, attempt: int
     ) -> None:
         super().__init__(connection, reads)
-        self._interest = interest
-        self._tree = tree
-        self._copy_of = instance
-        self._own_writes = own_writes
+        self._mirror = mirror
+        self._attempt = attempt
+        self._tree: TransformTree | None = None  # None: it reads by query
+        self._copy_of = ""
+
+    def __enter__(self) -> Self:
+        mirror = self._mirror
+        if not reads_by_query(mirror._interest, self._attempt) and self._has_caught_up():
+            state = mirror._feed.state
+            if state.tree is None:
+                raise ServerUnavailable("the mirror is closed")
+            self._tree, self._copy_of = state.tree, state.instance
+        return self
+
+    def _has_caught_up(self) -> bool:
+        """Wait until the mirror has what the last attempt was in conflict with."""
+        if self._attempt == 1:
+            return True
+        wanted = self._connection.last_receipt
+        try:
+            self._mirror._wait_until(wanted, CATCH_UP_S)
+        except (TimeoutException, ServerRestarted):
+            return False
+        return True
 
     def commit(self) -> None:
         super().commit()
         if self._sets:
             frames = [stamped.child_frame for stamped in self._sets]
-            self._own_writes.add(frames, self._connection.last_receipt)
+            self._mirror._own_writes.add(frames, self._connection.last_receipt)
 
     def check_reads(self, error: Exception) -> None:
         if not isinstance(error, OutsideInterest):  # which is no error of the server's tree
@@ -113,12 +69,15 @@ class MirrorTransaction(Transaction):
 
     def _reads_agree(self) -> bool:
         # Unlike at the server, a single read may be old.
-        return not self._reads
+        return super()._reads_agree() if self._tree is None else not self._reads
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
-        found = look_up(self._tree, self._copy_of, request, self._interest)
+        tree, mirror = self._tree, self._mirror
+        if tree is None:
+            return super()._read_versions(request)
+        found = look_up(tree, self._copy_of, request, mirror._interest)
         frames = [name for name, _ in found[1]]
-        if self._own_writes.has(frames):
+        if mirror._own_writes.has(frames):
             return found
-        self._own_writes.wait_for(frames)
-        return look_up(self._tree, self._copy_of, request, self._interest)
+        mirror._own_writes.wait_for(frames)
+        return look_up(tree, self._copy_of, request, mirror._interest)

@@ -18,7 +18,7 @@ from zenoh_tf.errors import (
     ServerUnavailable,
 )
 
-from .mirror import Mirror
+from .copy import MirrorCopy
 
 #: Bounds of `heartbeat_s`.
 _SHORTEST_S: Final = 0.01
@@ -92,7 +92,7 @@ def _angle(p: tuple[float, ...], q: tuple[float, ...]) -> float:
 class Watching:
     """Compares what a mirror has now with what was told last."""
 
-    def __init__(self, mirror: Mirror, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: MirrorCopy, target: str, source: str, terms: Terms) -> None:
         self._mirror = mirror
         self._pair = (target, source)
         self._terms = terms
@@ -110,7 +110,7 @@ class Watching:
         pose: LatestTransform | None = None
         failed: LookupException | ConnectivityException | None = None
         try:
-            pose = self._mirror.lookup_latest_transform_xact(*self._pair)
+            pose = self._mirror._tree.lookup_latest_transform_xact(*self._pair)
         except (LookupException, ConnectivityException) as error:
             failed = error.with_traceback(None)  # its frames would keep all of this alive
         except ServerUnavailable:

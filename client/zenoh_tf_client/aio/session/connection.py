@@ -161,7 +161,7 @@ class Connection:
             self.mapped.close()
             then()
 
-        await in_thread(close, undo=lambda _: None)
+        await in_thread(close)
 
     def _check_loop(self) -> None:
         if asyncio.get_running_loop() is not self._loop:

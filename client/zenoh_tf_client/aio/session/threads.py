@@ -17,7 +17,7 @@ T = TypeVar("T")
 _Job = Callable[[], object]
 
 
-async def in_thread(call: Callable[[], T], undo: Callable[[T], object]) -> T:
+async def in_thread(call: Callable[[], T], undo: Callable[[T], object] = lambda _: None) -> T:
     """Return what `call` returns, or raise its error.
 
     A caller that is cancelled does not wait for the call to return; `undo` then gets its result.
