@@ -8,6 +8,7 @@ FILES = {
     **{name: name for name in ("transaction", "batch")},
     "broadcaster": "publish/broadcaster",
     "mirror": "mirror/mirror",
+    "watch": "mirror/watch",
     "mirror_transaction": "mirror/transaction",
 }
 #: Modules that are written for each client: by asynchronous module the synchronous one.
@@ -16,6 +17,7 @@ MODULES = {"aio.gate": "zenoh_tf.gate"}
 NAMES = {
     "__aenter__": "__enter__",
     "__aexit__": "__exit__",
+    "__aiter__": "__iter__",
 }
 #: Functions that wait.
 CALLS = {
@@ -35,6 +37,15 @@ SENTENCES = {
 }
 #: By file, each there once.
 OWN_SENTENCES = {
+    "watch": {
+        "An asynchronous context manager": "A context manager",
+        """\
+    Concurrency: all methods, from any task of the client's event loop. Each event goes to one of
+    the tasks that wait.
+""": """\
+    Thread safety: all methods. Each event goes to one of the threads that wait.
+""",
+    },
     "mirror": {
         """\
     Its lookups are as fast as those of an embedded tree, and send no message. They are

@@ -45,7 +45,7 @@ def put(tf: TransformClient, x: float = 0.0, yaw: float = 0.0) -> None:
 
 def assert_told(watch: Watch, tf: TransformClient, reason: str | None) -> None:
     """What the watch says of all that was written until now; None: nothing."""
-    watch._mirror.wait_for(tf.last_receipt, DEADLINE_S)
+    watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
     if reason is None:
         with pytest.raises(TimeoutException):
             watch.get(timeout_s=0)

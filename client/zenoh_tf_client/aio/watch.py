@@ -1,9 +1,10 @@
-"""`AsyncWatch`: follows the pose of a pair of frames, for asyncio."""
+"""`AsyncWatch`: follows the pose of a pair of frames."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Self
@@ -13,13 +14,17 @@ from zenoh_tf.text import quoted
 
 from ..mirror.copy import MirrorCopy
 from ..mirror.watching import PoseEvent, Terms, Watching
+from ..session.calls import raise_if_forked
 from .session.threads import in_thread
+from .session.wake import Alarm
 
 
 class AsyncWatch:
     """Tells how the pose of a pair of frames changes; made by `AsyncTransformClient.watch`.
 
-    As `Watch`, on an event loop. An asynchronous context manager, which closes itself at the end.
+    The server pushes the changes into a mirror of the pair, and does its part once for all who
+    watch the same pair at the same rate. Nothing queues up: each event is made when it is taken,
+    and has the newest pose. An asynchronous context manager, which closes itself at the end.
 
     Concurrency: all methods, from any task of the client's event loop. Each event goes to one of
     the tasks that wait.
@@ -38,9 +43,10 @@ class AsyncWatch:
         self.source = source
         self._mirror = mirror
         self._watching = Watching(mirror, target, source, terms)
-        alarm = _Alarm()  # the feed must not keep the watch alive
-        self._changed = alarm.event
-        mirror._feed.on_change = alarm.send
+        if True:  # asynchronous
+            alarm = Alarm()  # the feed must not keep the watch alive
+            self._changed = alarm.event
+            mirror._feed.on_change = alarm.send
 
     def __repr__(self) -> str:
         state = "closed" if self._mirror._feed.closed else "open"
@@ -59,8 +65,9 @@ class AsyncWatch:
 
     async def __aiter__(self) -> AsyncIterator[PoseEvent]:
         """Iterate over events, until the watch or its client is closed."""
-        while event := await self._next():
-            yield event
+        while not self._mirror._feed.closed:
+            if event := await self._next(None):
+                yield event
 
     async def get(self, timeout_s: float | None = None) -> PoseEvent:
         """Return the next event: at once, if the pose has changed enough since the last one.
@@ -75,48 +82,45 @@ class AsyncWatch:
             TimeoutException: There was none in time.
             ServerUnavailable: The watch or its client is closed.
         """
-        try:
-            async with asyncio.timeout(timeout_s):
-                event = await self._next()
-        except TimeoutError:
-            raise TimeoutException(f"the pose has not changed within {timeout_s:g} s") from None
-        if event is None:
+        event = await self._next(timeout_s)
+        if event is not None:
+            return event
+        if self._mirror._feed.closed:
             raise ServerUnavailable("the watch is closed")
-        return event
+        raise TimeoutException(f"the pose has not changed within {timeout_s:g} s")
 
     async def close(self) -> None:
         """Stop following. Iterations end, and `get` raises an error. May be called again."""
         await in_thread(self._mirror._end)
 
-    async def _next(self) -> PoseEvent | None:
-        """The next event; None at the end."""
-        while not self._mirror._feed.closed:
-            # Before the look: what comes from now on wakes this task again. Other tasks that wait
-            # were woken with it.
-            self._changed.clear()
-            if event := self._watching.look():
-                return event
+    async def _next(self, timeout_s: float | None) -> PoseEvent | None:
+        """The next event; None if there is none in time, or at the end."""
+        raise_if_forked()
+        feed, watching = self._mirror._feed, self._watching
+        if True:  # asynchronous
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(self._watching.heartbeat_in_s):
-                    await self._changed.wait()
-        return None
+                async with asyncio.timeout(timeout_s):
+                    while not feed.closed:
+                        # Before the look: what comes from now on wakes this task again. Other
+                        # tasks that wait were woken with it.
+                        self._changed.clear()
+                        if told := watching.look():
+                            return told
+                        with contextlib.suppress(TimeoutError):
+                            async with asyncio.timeout(watching.heartbeat_in_s):
+                                await self._changed.wait()
+            return None
+        else:
+            deadline_s = float("inf") if timeout_s is None else time.monotonic() + timeout_s
+            event: PoseEvent | None = None
 
+            def look() -> bool:  # under the feed's lock: one thread at a time
+                nonlocal event
+                if event is None:
+                    event = watching.look()
+                return event is not None
 
-class _Alarm:
-    """Sets an event of the running loop from another thread."""
-
-    def __init__(self) -> None:
-        self.event = asyncio.Event()
-        self._loop = asyncio.get_running_loop()
-        self._is_sent = False
-
-    def send(self) -> None:
-        """Set the event soon. While the loop is busy, further calls add nothing to its queue."""
-        if not self._is_sent:
-            self._is_sent = True
-            with contextlib.suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(self._set)
-
-    def _set(self) -> None:
-        self._is_sent = False  # first: what comes from now on sets it again
-        self.event.set()
+            while not feed.wait(look, min(watching.heartbeat_in_s, deadline_s - time.monotonic())):
+                if feed.closed or time.monotonic() >= deadline_s:
+                    return None
+            return event

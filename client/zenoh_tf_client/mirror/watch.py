@@ -1,5 +1,7 @@
 """`Watch`: follows the pose of a pair of frames."""
 
+# Made from aio/watch.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 import time
@@ -11,7 +13,7 @@ from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
 from ..session.calls import raise_if_forked
-from .mirror import Mirror
+from .copy import MirrorCopy
 from .watching import PoseEvent, Terms, Watching
 
 
@@ -32,7 +34,7 @@ class Watch:
         source: The frame whose pose is followed.
     """
 
-    def __init__(self, mirror: Mirror, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: MirrorCopy, target: str, source: str, terms: Terms) -> None:
         """Use `TransformClient.watch` instead."""
         self.target = target
         self.source = source
@@ -82,9 +84,10 @@ class Watch:
 
     def close(self) -> None:
         """Stop following. Iterations end, and `get` raises an error. May be called again."""
-        self._mirror.close()
+        self._mirror._end()
 
     def _next(self, timeout_s: float | None) -> PoseEvent | None:
+        """The next event; None if there is none in time, or at the end."""
         raise_if_forked()
         feed, watching = self._mirror._feed, self._watching
         deadline_s = float("inf") if timeout_s is None else time.monotonic() + timeout_s
