@@ -10,6 +10,7 @@ FILES = {
     "mirror": "mirror/mirror",
     "watch": "mirror/watch",
     "mirror_transaction": "mirror/transaction",
+    "client": "client",
 }
 #: Modules that are written for each client: by asynchronous module the synchronous one.
 MODULES = {"aio.gate": "zenoh_tf.gate"}
@@ -23,11 +24,13 @@ NAMES = {
 CALLS = {
     "asyncio.sleep": "time.sleep",
     "connection.opened": "connection",  # what calls of a thread use
+    "self._connection.opened": "self._connection",
 }
 #: What they make a thread call, the synchronous client calls itself.
 IN_THREAD = ("in_thread", "self._connection.run")
 #: Anywhere in docstrings, comments and messages.
 SENTENCES = {
+    "An `Async": "A `",
     "A coroutine function that reads": "Reads",
     "in an ``async with`` block": "in a ``with`` block",
     "`zenoh_tf.Dropped`. On the event loop.": (
@@ -37,6 +40,79 @@ SENTENCES = {
 }
 #: By file, each there once.
 OWN_SENTENCES = {
+    "client": {
+        """\
+    It has the methods of `TransformClient` as coroutines, with the same arguments, results and
+    errors. Lookups, and sets of one authority, that are made in one turn of the event loop travel
+    in one message. 4,000 calls and 2,000 waiting lookups may be under way; further callers wait
+    for room. A cancelled call leaves nothing behind. If a write was sent before it was cancelled,
+    the cause of the CancelledError is OutcomeUnknown. ``X_target_source`` maps coordinates in
+    source to coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a
+    lost connection the client reconnects by itself. An asynchronous context manager, which closes
+    itself at the end.
+
+    Concurrency: all methods, from any task of the event loop that made the client. Any other loop
+    gets RuntimeError, and needs a client of its own.
+
+""": """\
+    It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
+    and adds the errors of the service. ``X_target_source`` maps coordinates in source to
+    coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a lost
+    connection the client reconnects by itself. A context manager, which closes itself at the end.
+    A process that is forked after the first connection cannot connect, and every call raises
+    ServerUnavailable: start such processes with multiprocessing's "spawn" method.
+
+    Thread safety: all methods.
+
+""",
+        """\
+        ``"shared"``: from the server's memory, without suspending the caller. ``"query"``: by a
+        query of the server, as long as its memory cannot be read. This changes by itself, for
+        example when the server restarts; `stats` has the reasons, under names with ``reads_``.
+""": """\
+        ``"shared"``: from the server's memory, in well under a microsecond. ``"query"``: by a query
+        of the server, as long as its memory cannot be read. This changes by itself, for example
+        when the server restarts; `stats` has the reasons, under names with ``reads_``.
+""",
+        """\
+                ``"query"``: by queries. Both give the same answers and errors.
+""": """\
+                ``"query"``: by queries. Both give the same answers and errors. With ``"query"``
+                everything goes over Zenoh; else writes, and lookups that the memory cannot
+                answer, go through a socket of the server, if it is on this host.
+""",
+        "def __init__(self, connection: Connection)": (
+            'def __init__(self, connection: Connection, reads: Mode = "auto")'
+        ),
+        """\
+            connection: The open connection to use.
+""": """\
+            connection: The open connection to use.
+            reads: As in `connect`.
+""",
+        ", for asyncio; made by": "; made by",
+        "use await ": "use ",
+        """\
+SharedReads(connection)
+        connection.mapped.attach(self)
+""": """\
+SharedReads(connection, reads)
+        self._reads.attach(self)
+""",
+        "open client of the running event loop": "open client",
+        "Calls of other tasks that wait for a reply fail at once.": (
+            "Calls of other threads that wait for a reply fail soon."
+        ),
+        "exists. Not a coroutine.": "exists.",
+        ": ``await tf.instance``.": ".",
+        "self._connection.instance()": "self._connection.instance",
+        " Not a coroutine, as it only records.": "",
+        """\
+        Not a coroutine, as it does not ask the server.
+
+""": "",
+        "An `AsyncWatch`, for ``async with`` and ``async for``": "A `Watch`, for `with` and `for`",
+    },
     "watch": {
         "An asynchronous context manager": "A context manager",
         """\
@@ -48,9 +124,9 @@ OWN_SENTENCES = {
     },
     "mirror": {
         """\
-    Its lookups are as fast as those of an embedded tree, and send no message. They are
-    coroutines only with a `max_age_s`, as the server may be asked. The others answer from memory,
-    without suspending the caller; a `timeout_s` would block the event loop. What they read is
+    Its lookups are as fast as those of an embedded tree, and send no message. Those
+    with a `max_age_s` are coroutines, as they may ask it. The others answer without suspending the
+    caller; a `timeout_s` would block the event loop. What they read is
     always""": """\
     Its lookups are as fast as those of an embedded tree, and send no message. What they read is
     always""",

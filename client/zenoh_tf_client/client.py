@@ -1,14 +1,17 @@
 """`TransformClient`: the methods of the embedded tree, on a connection to a server."""
 
+# Made from aio/client.py by scripts/sync_client.py: edit that file.
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
-from zenoh_tf import Dropped, Gate
+from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
+from zenoh_tf.gate import Gate
 
 from .batch import Batch
 from .introspection import Introspection
@@ -20,14 +23,8 @@ from .mirror.watching import Terms
 from .publish.broadcaster import Broadcaster
 from .requests.receipt import Receipt
 from .sensor_data import SensorData
-from .session import shared_reads
-from .session.connection import (
-    DEFAULT_ENDPOINT,
-    DEFAULT_TIMEOUT_S,
-    DEFAULT_TREE,
-    Connection,
-)
-from .session.shared_reads import Mode, SharedReads
+from .session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE, Connection
+from .session.shared_reads import Mode, SharedReads, check
 from .transaction import Transaction, run_transaction
 from .writes import Writes
 
@@ -47,7 +44,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
     Thread safety: all methods.
 
     Example:
-        ``with TransformClient.connect() as tf: print(tf.lookup_transform("map", "base"))``
+        ``with TransformClient.connect() as tf: print(tf.frames())``
     """
 
     def __init__(self, connection: Connection, reads: Mode = "auto") -> None:
@@ -107,7 +104,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         Example:
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
-        shared_reads.check(reads)
+        check(reads)
         local = reads != "query"
         return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
@@ -137,9 +134,12 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         the server does not take it within two seconds. A program that ends closes its clients by
         itself.
         """
-        # The connection first: a thread that is inside `send` may hold its broadcaster for long.
+        # The connection first: a thread inside `send` may hold its broadcaster for long.
         self._connection.close()
         self._reads.close()
+        self._close_broadcasters()
+
+    def _close_broadcasters(self) -> None:
         for broadcaster in list(self._broadcasters):
             broadcaster._end()
 
@@ -163,6 +163,51 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         """
         return self._reads.way
 
+    def gate(
+        self,
+        target: str,
+        *,
+        queue_size: int = 100,
+        timeout_s: float = 1.0,
+        on_drop: Callable[[Dropped[Any]], object] | None = None,
+    ) -> Gate:
+        """Make a gate, which holds sensor data until its transform exists.
+
+        Args:
+            target: Frame to express coordinates in.
+            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
+                nobody has taken yet. It drops further ones as `"full"`.
+            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
+            on_drop: Called with each item that is dropped, and the reason; see
+                `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.
+
+        Returns:
+            A `Gate`, to be used in a ``with`` block.
+
+        Raises:
+            InvalidArgumentException: An argument makes no sense.
+
+        Example:
+            ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
+        """
+        return Gate(self, target, queue_size, timeout_s, on_drop)
+
+    @property
+    def replica_age_s(self) -> float | None:
+        """Returns how old the last answer of the service may be, in seconds.
+
+        It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
+        """
+        return self._connection.replica_age_s
+
+    @property
+    def last_receipt(self) -> Receipt | None:
+        """Returns the `Receipt` of this client's last write that the server has replied to.
+
+        None if there is none yet. See `Mirror.wait_for`.
+        """
+        return self._connection.last_receipt
+
     @property
     def instance(self) -> str:
         """Returns the id of the server that answered last; a restarted server has a new one.
@@ -179,7 +224,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         """Start a batch: many operations in one round trip.
 
         Returns:
-            An empty `Batch`, to be used in a `with` block.
+            An empty `Batch`, to be used in a ``with`` block.
 
         Example:
             ``with tf.batch() as batch: base = batch.lookup_transform("map", "base")``
@@ -190,7 +235,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         """Start one attempt at a read-modify-write; `run_transaction` repeats attempts.
 
         Returns:
-            An empty `Transaction`, to be used in a `with` block.
+            An empty `Transaction`, to be used in a ``with`` block.
 
         Example:
             ``with tf.transaction() as tx: tx.set_transform(stamped)``
@@ -204,7 +249,8 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         else it counts as a conflict.
 
         Args:
-            function: Reads and sets through the transaction. It may be called several times.
+            function: Reads and sets through the transaction. It may be
+                called several times.
             attempts: How often to call it at most.
 
         Returns:
@@ -215,7 +261,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             TransformException: `function` or the commit failed; see `Transaction.commit`.
 
         Example:
-            ``tf.run_transaction(lambda tx: tx.set_transform(lifted(tx)))``
+            ``tf.run_transaction(lift)``
         """
         return run_transaction(self._connection, self._reads, function, attempts)
 
@@ -247,7 +293,8 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             timeout_s: How long to wait for the first copy, in seconds.
 
         Returns:
-            A `Mirror`, to be used in a `with` block. It is closed with the client, if not before.
+            A `Mirror`, to be used in a ``with`` block. It is closed with the client,
+            if not before.
 
         Raises:
             ServerUnavailable: No server answered in time, or the client is closed.
@@ -260,7 +307,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             ProtocolError: A reply is malformed.
 
         Example:
-            ``with tf.mirror([("map", "gripper")]) as m: m.lookup_transform("map", "gripper")``
+            ``with tf.mirror() as m: print(m.lookup_transform("map", "base"))``
         """
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
         return Mirror(self._connection, self._reads, timeout_s, interest)
@@ -290,7 +337,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             heartbeat_s: Tell the pose after so many seconds without an event, from 0.01 to 3600.
 
         Returns:
-            A `Watch`, for `with` and `for`; closed with the client, if not before.
+            A `Watch`, for `with` and `for`; closed with the client.
 
         Raises:
             ServerUnavailable: As for `mirror`, and so for the others.
@@ -302,56 +349,11 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             ProtocolError: A reply is malformed.
 
         Example:
-            ``for event in tf.watch("map", "base", min_translation_m=0.1): print(event.pose)``
+            ``for event in tf.watch("map", "base"): print(event.pose)``
         """
         terms = Terms(min_translation_m, min_rotation_rad, heartbeat_s)
         mirror = self.mirror([(target, source)], max_rate_hz=max_rate_hz)
         return Watch(mirror, target, source, terms)
-
-    @property
-    def replica_age_s(self) -> float | None:
-        """Returns how old the last answer of the service may be, in seconds.
-
-        It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
-        """
-        return self._connection.replica_age_s
-
-    def gate(
-        self,
-        target: str,
-        *,
-        queue_size: int = 100,
-        timeout_s: float = 1.0,
-        on_drop: Callable[[Dropped[Any]], object] | None = None,
-    ) -> Gate:
-        """Make a gate, which holds sensor data until its transform exists.
-
-        Args:
-            target: Frame to express coordinates in.
-            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has taken yet. It drops further ones as `"full"`.
-            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
-            on_drop: Called with each item that is dropped, and the reason; see
-                `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.
-
-        Returns:
-            A `zenoh_tf.Gate`, to be used in a `with` block.
-
-        Raises:
-            InvalidArgumentException: An argument makes no sense.
-
-        Example:
-            ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns); print(gate.get())``
-        """
-        return Gate(self, target, queue_size, timeout_s, on_drop)
-
-    @property
-    def last_receipt(self) -> Receipt | None:
-        """Returns the `Receipt` of this client's last write that the server has replied to.
-
-        None if there is none yet. See `Mirror.wait_for`.
-        """
-        return self._connection.last_receipt
 
     def broadcaster(self, authority: str) -> Broadcaster:
         """Make a publisher of transforms, which sends without waiting for a reply.
@@ -368,6 +370,6 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             AccessDenied: The server's access rules do not allow to publish as `authority`.
 
         Example:
-            ``tf.broadcaster("wheels").send(StampedTransform("odom", "base", now_ns, X_odom_base))``
+            ``wheels = tf.broadcaster("wheels")``
         """
         return Broadcaster(self._connection, authority, self._broadcasters)

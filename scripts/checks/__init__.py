@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from . import (
-    both_clients,
     clocks,
     core_rooms,
     docstrings,
     documented,
+    made_files,
     monitoring,
     packaging,
     pages,
@@ -20,9 +20,8 @@ from .repository import Repository, Violation
 
 CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     *(docstrings.docstrings, docstrings.references),
-    *(both_clients.both_clients, both_clients.made_files),
     *(source_rules.imports, source_rules.sizes, source_rules.actors, source_rules.configurations),
-    *(source_rules.lock_order, core_rooms.core_rooms),
+    *(source_rules.lock_order, core_rooms.core_rooms, made_files.made_files),
     *(packaging.make_targets, packaging.readme, packaging.metadata, packaging.extras),
     *(pages.links, pages.named_files, pages.architecture, pages.shown_examples),
     *(pages.api_reference, pages.made_pages, pages.measured_numbers, pages.documented_calls),

@@ -1,4 +1,4 @@
-"""`AsyncTransformClient`: the methods of `TransformClient` as coroutines, for asyncio."""
+"""`AsyncTransformClient`: the methods of the embedded tree, on a connection to a server."""
 
 from __future__ import annotations
 
@@ -106,7 +106,11 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ``tf = await AsyncTransformClient.connect("tcp/robot:7447", tree="main")``
         """
         check(reads)
-        return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
+        if True:  # asynchronous
+            return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
+        else:
+            local = reads != "query"
+            return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
         connection = self._connection
@@ -134,7 +138,13 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         the server does not take it within two seconds. A program that ends closes its clients by
         itself.
         """
-        await self._connection.close(self._close_broadcasters)
+        if True:  # asynchronous
+            await self._connection.close(self._close_broadcasters)
+        else:
+            # The connection first: a thread inside `send` may hold its broadcaster for long.
+            self._connection.close()
+            self._reads.close()
+            self._close_broadcasters()
 
     def _close_broadcasters(self) -> None:
         for broadcaster in list(self._broadcasters):
@@ -175,7 +185,8 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
                 nobody has taken yet. It drops further ones as `"full"`.
             timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
-            on_drop: Called with each item that is dropped, and the reason; see `zenoh_tf.Dropped`.
+            on_drop: Called with each item that is dropped, and the reason; see
+                `zenoh_tf.Dropped`. On the event loop.
 
         Returns:
             A `AsyncGate`, to be used in an ``async with`` block.
@@ -249,8 +260,8 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         else it counts as a conflict.
 
         Args:
-            function: A coroutine function that reads and sets through the transaction, whose reads
-                are coroutines. It may be called several times.
+            function: A coroutine function that reads and sets through the transaction. It may be
+                called several times.
             attempts: How often to call it at most.
 
         Returns:
@@ -293,8 +304,8 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             timeout_s: How long to wait for the first copy, in seconds.
 
         Returns:
-            An `AsyncMirror`, for an ``async with`` block. It is closed with the client, if not
-            before.
+            An `AsyncMirror`, to be used in an ``async with`` block. It is closed with the client,
+            if not before.
 
         Raises:
             ServerUnavailable: No server answered in time, or the client is closed.
@@ -352,7 +363,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ProtocolError: A reply is malformed.
 
         Example:
-            ``async with await tf.watch("map", "base") as watch: print(await watch.get())``
+            ``async for event in await tf.watch("map", "base"): print(event.pose)``
         """
         terms = Terms(min_translation_m, min_rotation_rad, heartbeat_s)
         mirror = await self.mirror([(target, source)], max_rate_hz=max_rate_hz)

@@ -26,9 +26,9 @@ T = TypeVar("T")
 class AsyncMirror(MirrorCopy):
     """A copy of the server's tree in this process; made by `AsyncTransformClient.mirror`.
 
-    Its lookups are as fast as those of an embedded tree, and send no message. They are
-    coroutines only with a `max_age_s`, as the server may be asked. The others answer from memory,
-    without suspending the caller; a `timeout_s` would block the event loop. What they read is
+    Its lookups are as fast as those of an embedded tree, and send no message. Those
+    with a `max_age_s` are coroutines, as they may ask it. The others answer without suspending the
+    caller; a `timeout_s` would block the event loop. What they read is
     always a state that the server's tree has had: the commits up to `seq`, each as a whole, and
     none after it. `age_s` says how old that state may be. Several lookups may see several such
     states, but never go back while the same server runs. Writes go to the server, as always.
