@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 #: How to write a time, for help texts.
 LIVE_TIMES: Final = "2026-01-31T12:00:00Z, 1700000000.5s, now, now-2s, or -2s for short"
@@ -40,11 +40,6 @@ _ISO: Final = re.compile(
     re.ASCII,
 )
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_ORIGINS: Final[dict[str, Literal["zero", "first", "last"]]] = {
-    "": "zero",
-    "+": "first",
-    "-": "last",
-}
 #: What a number without a unit may mean.
 _LENGTHS: Final = "{0} seconds or {0} milliseconds; write {0}s or {0}ms"
 #: The last time that a stamp can say.
@@ -55,35 +50,29 @@ class RecordedTime(NamedTuple):
     """A time of a recording, as written."""
 
     text: str
-    origin: Literal["first", "last", "zero"]  # the recording's first or last stamp, or the clock's
+    sign: str  # "+" counts from the first stamp, "-" from the last one, "" is a stamp
     offset_ns: int
 
     def stamp_ns(self, first_ns: int, last_ns: int) -> int:
         """The time in nanoseconds, in a recording with this first and last stamp."""
-        return {"first": first_ns, "last": last_ns, "zero": 0}[self.origin] + self.offset_ns
+        return {"+": first_ns, "-": last_ns, "": 0}[self.sign] + self.offset_ns
 
 
 def live_time(text: str) -> int:
     """A time of a running tree, in nanoseconds; a sign counts from now."""
     if text == "now":
         return time.time_ns()
-    offset = text.removeprefix("now")
-    if offset != text and offset[0] not in "+-":
-        raise _no_time(text, LIVE_TIMES)
-    sign, ns = _time(offset, "the stamp {0} s or the stamp {0} ns; write {0}s or {0}ns")
-    if ns is None:
-        raise _no_time(text, LIVE_TIMES)
+    offset = text.removeprefix("now") if text.startswith(("now+", "now-")) else text
+    bare = "the stamp {0} s or the stamp {0} ns; write {0}s or {0}ns"
+    sign, ns = _time(offset, bare, LIVE_TIMES)
     return _checked(time.time_ns() + ns if sign else ns, text)
 
 
 def recorded_time(text: str) -> RecordedTime:
     """A time of a recording; a sign counts from its first or its last stamp."""
-    sign, ns = _time(
-        text, "{0} s after the recording's first stamp, or the stamp {0} s; write +{0}s or {0}s"
-    )
-    if ns is None:
-        raise _no_time(text, RECORDED_TIMES)
-    return RecordedTime(text, _ORIGINS[sign], _checked(ns, text))
+    bare = "{0} s after the recording's first stamp, or the stamp {0} s; write +{0}s or {0}s"
+    sign, ns = _time(text, bare, RECORDED_TIMES)
+    return RecordedTime(text, sign, _checked(ns, text))
 
 
 def duration(
@@ -141,26 +130,44 @@ def whole(low: int, high: int = 10**9) -> Callable[[str], int]:
     return parse
 
 
-def _time(text: str, readings: str) -> tuple[str, int | None]:
-    """The sign that a time begins with, and its nanoseconds with this sign; None for no time.
+def size(low: int = 1) -> Callable[[str], int]:
+    """A type for a number of bytes of at least `low`, such as 512MB or 4G; a K is 1024 bytes."""
 
-    Raises ArgumentTypeError with the `readings` of a number that has neither sign nor unit.
+    def parse(text: str) -> int:
+        match = re.fullmatch(r"(\d{1,20})([KMG]?)B?", text.upper(), re.ASCII)
+        value = int(match[1]) << {"": 0, "K": 10, "M": 20, "G": 30}[match[2]] if match else 0
+        if not low <= value < 1 << 62:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is not a number of bytes of at least {low:,}, such as 512MB or 4G"
+            )
+        return value
+
+    return parse
+
+
+def _time(text: str, bare: str, forms: str) -> tuple[str, int]:
+    """The sign that a time begins with, and its nanoseconds with this sign.
+
+    Args:
+        text: The time.
+        bare: What it may mean without a sign and a unit, for the error.
+        forms: What a time is, for the error.
     """
     sign = text[0] if text[:1] in ("+", "-") else ""
     match = _LENGTH.fullmatch(text.removeprefix(sign))
     if match is None:
-        return sign, None if sign else _iso_ns(text)
+        return sign, _iso_ns(text, forms)
     if match["unit"] is None:
-        raise _ambiguous(text, _LENGTHS if sign else readings)
+        raise _ambiguous(text, _LENGTHS if sign else bare)
     ns = int(_length_ns(match))
     return sign, -ns if sign == "-" else ns
 
 
-def _iso_ns(text: str) -> int | None:
-    """A time of ISO 8601 in nanoseconds; None if it is none."""
+def _iso_ns(text: str, forms: str) -> int:
+    """A time of ISO 8601 in nanoseconds."""
     match = _ISO.fullmatch(text)
     if match is None:
-        return None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time; give {forms}")
     if match["zone"] is None:
         raise argparse.ArgumentTypeError(
             f"{text!r} is ambiguous: it has no time zone; append Z for UTC, or one such as +02:00"
@@ -176,21 +183,6 @@ def _iso_ns(text: str) -> int | None:
 def _length_ns(match: re.Match[str]) -> Decimal:
     # Decimal, because a double is too coarse for nanoseconds since 1970.
     return Decimal(match["number"]) * _UNITS[match["unit"] or "s"]
-
-
-def size(low: int = 1) -> Callable[[str], int]:
-    """A type for a number of bytes of at least `low`, such as 512MB or 4G; a K is 1024 bytes."""
-
-    def parse(text: str) -> int:
-        match = re.fullmatch(r"(\d{1,20})([KMG]?)B?", text.upper(), re.ASCII)
-        value = int(match[1]) << {"": 0, "K": 10, "M": 20, "G": 30}[match[2]] if match else 0
-        if not low <= value < 1 << 62:
-            raise argparse.ArgumentTypeError(
-                f"{text!r} is not a number of bytes of at least {low:,}, such as 512MB or 4G"
-            )
-        return value
-
-    return parse
 
 
 def _in_range(
@@ -212,7 +204,3 @@ def _checked(stamp_ns: int, text: str) -> int:
 
 def _ambiguous(text: str, readings: str) -> argparse.ArgumentTypeError:
     return argparse.ArgumentTypeError(f"{text!r} is ambiguous: {readings.format(text)}")
-
-
-def _no_time(text: str, forms: str) -> argparse.ArgumentTypeError:
-    return argparse.ArgumentTypeError(f"{text!r} is not a time; give {forms}")

@@ -69,7 +69,7 @@ def stamp_ns(
             f"{option} {time.text}: {seconds(stamp)} s does not fit in 64 bits of nanoseconds; "
             "give a time nearer to the recording"
         )
-    if inside and time.origin == "zero" and not first_ns <= stamp <= last_ns:
+    if inside and not time.sign and not first_ns <= stamp <= last_ns:
         raise CommandError(
             f"{option} {time.text} is the stamp {seconds(stamp)} s, but the recording is from "
             f"{seconds(first_ns)} s to {seconds(last_ns)} s; +10s and -2s count from there"
