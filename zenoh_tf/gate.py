@@ -22,6 +22,8 @@ from zenoh_tf.gate_queue import (
     portions,
 )
 
+from . import threads
+
 log = logging.getLogger("zenoh_tf")
 
 #: After an error of the service, the next attempt.
@@ -135,11 +137,8 @@ class Gate:
         with self._changed:
             # The thread starts under the lock: else others might put, and rely on it.
             if self._queue.put(item, frame, stamp_ns, time.monotonic()):
-                thread = threading.Thread(
-                    target=self._serve, args=(frame,), name="gate", daemon=True
-                )
                 try:
-                    thread.start()
+                    threads.start("gate", self._serve, frame)
                 except BaseException:
                     self._queue.not_begun(frame)
                     raise

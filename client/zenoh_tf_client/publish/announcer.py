@@ -22,7 +22,7 @@ from typing import Any, Final
 import zenoh
 from zenoh.handlers import RingChannel
 
-from zenoh_tf import StampedTransform
+from zenoh_tf import StampedTransform, threads
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
@@ -69,12 +69,7 @@ class Announcer:
                     keys.servers(connection.tree), RingChannel(_QUEUED_REPORTS), history=True
                 )
             )
-        threading.Thread(
-            target=_follow,
-            args=(weakref.ref(self), self._closed),
-            name="announce statics",
-            daemon=True,
-        ).start()
+        threads.start("announce statics", _follow, weakref.ref(self), self._closed)
 
     def __len__(self) -> int:
         return len(self._statics)

@@ -19,7 +19,7 @@ import threading
 import weakref
 from typing import Any, Final, Literal, Protocol, TypeVar, cast
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import NotTrusted
 from zenoh_tf.errors import InvalidArgumentException, TransformException
@@ -281,12 +281,7 @@ class SharedReads:
             if self._follows or self._closed.is_set():
                 return
             self._follows = True
-        threading.Thread(
-            target=_follow,
-            args=(weakref.ref(self), self._wanted, self._closed),
-            name="shared reads",
-            daemon=True,
-        ).start()
+        threads.start("shared reads", _follow, weakref.ref(self), self._wanted, self._closed)
 
 
 def read_tree(

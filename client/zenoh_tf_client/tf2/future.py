@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import threading
 import time
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, InvalidStateError
 from typing import Any
 
+from zenoh_tf import threads
 from zenoh_tf.errors import (
     ConnectivityException,
     ExtrapolationException,
@@ -43,7 +43,7 @@ class TransformFuture(Future[TransformStamped]):
         """
         super().__init__()
         # A daemon, so that a script may end while lookups wait.
-        threading.Thread(target=self._run, args=(lookup,), name="tf2 wait", daemon=True).start()
+        threads.start("tf2 wait", self._run, lookup)
 
     def __await__(self) -> Generator[Any, None, TransformStamped]:
         try:

@@ -11,6 +11,7 @@ from collections.abc import Coroutine
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
+from zenoh_tf import threads
 from zenoh_tf.errors import ServerUnavailable
 from zenoh_tf_client.aio.client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import Connection
@@ -33,9 +34,7 @@ class WaitLoop:
         self._end = asyncio.Event()
         started: Future[asyncio.AbstractEventLoop] = Future()
         # A daemon, so that a script may end while lookups wait.
-        threading.Thread(
-            target=lambda: asyncio.run(self._main(started)), name="tf2 waits", daemon=True
-        ).start()
+        threads.start("tf2 waits", lambda: asyncio.run(self._main(started)))
         self._loop = started.result()
 
     @property

@@ -13,7 +13,7 @@ Thread safety: `JointTransforms` is used by one thread at a time.
 
 from __future__ import annotations
 
-from collections import OrderedDict
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -91,7 +91,7 @@ class JointTransforms:
         self._joints = robot.of_kind(*MOVING)
         self._known = {joint.name for joint in robot.joints}
         self._frame = frame
-        self._plans: OrderedDict[tuple[str, ...], _Plan] = OrderedDict()
+        self._plan = functools.lru_cache(_MAX_PLANS)(self._make_plan)
         self.counts = Counts()
         #: The first joint that was counted, by the name of the counter.
         self.first: dict[str, str] = {}
@@ -158,14 +158,6 @@ class JointTransforms:
 
     def _names(self, rows: NDArray[np.intp]) -> list[str]:
         return [self._joints[row].name for row in rows]
-
-    def _plan(self, names: tuple[str, ...]) -> _Plan:
-        plan = self._plans.get(names)
-        if plan is None:
-            plan = self._plans[names] = self._make_plan(names)
-            if len(self._plans) > _MAX_PLANS:
-                self._plans.popitem(last=False)
-        return plan
 
     def _make_plan(self, names: tuple[str, ...]) -> _Plan:
         place = {name: at for at, name in enumerate(names)}

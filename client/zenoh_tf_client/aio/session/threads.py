@@ -6,11 +6,12 @@ The threads are daemons: a program that ends does not wait for what they wait fo
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import TypeVar
+
+from zenoh_tf import threads
 
 T = TypeVar("T")
 
@@ -36,7 +37,7 @@ async def in_thread(call: Callable[[], T], undo: Callable[[T], object] = lambda 
         else:
             undo(result)
 
-    threading.Thread(target=run, name="zenoh-tf", daemon=True).start()
+    threads.start("zenoh-tf", run)
     return await asyncio.wrap_future(future)
 
 
@@ -61,9 +62,7 @@ class Worker:
         """Let the thread make a call that raises nothing."""
         if not self._is_started:
             self._is_started = True
-            threading.Thread(
-                target=_work, args=(self._jobs,), name="zenoh-tf send", daemon=True
-            ).start()
+            threads.start("zenoh-tf send", _work, self._jobs)
         self._begun += 1
 
         def counted() -> None:
