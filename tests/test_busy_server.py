@@ -22,6 +22,7 @@ from .conftest import StartServer
 from .ports import free_endpoint
 
 QUERY: Any = None  # lanes never look at it
+LIMITS = {"message_bytes": 1 << 20, "rows": 1000}  # what `hello` says
 
 
 def request(client: str, size: int = 0, name: str = "lookup") -> Request[Any]:
@@ -145,7 +146,7 @@ def test_the_sdk_gives_up_when_its_time_is_over() -> None:
         request = wire.unpack(query.payload.to_bytes())
         with query:
             if request.get("what") == "hello":
-                value = {"instance": "busy", "clock_ns": time.monotonic_ns(), "limits": {}}
+                value = {"instance": "busy", "clock_ns": time.monotonic_ns(), "limits": LIMITS}
                 reply = {"v": 1, "instance": "busy", "value": value}
                 query.reply(query.key_expr, wire.pack(reply))
             else:
@@ -179,7 +180,7 @@ def test_a_call_whose_time_is_over_asks_nothing_more() -> None:
     def answer_hello(query: zenoh.Query) -> None:
         nonlocal hellos
         hellos += 1
-        value = {"instance": "slow", "clock_ns": time.monotonic_ns(), "limits": {}}
+        value = {"instance": "slow", "clock_ns": time.monotonic_ns(), "limits": LIMITS}
         with query:
             query.reply(query.key_expr, wire.pack({"v": 1, "instance": "slow", "value": value}))
 

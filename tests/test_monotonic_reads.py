@@ -16,7 +16,7 @@ from zenoh_tf_client.session.steps import Ask
 from .conftest import ServerProcess
 from .raw import raw
 
-LIMITS = {"instance": "one", "clock_ns": 1, "limits": {}}
+LIMITS = {"instance": "one", "clock_ns": 1, "limits": {"message_bytes": 1 << 20, "rows": 1}}
 
 
 def test_the_server_says_what_a_read_may_have_seen(server: ServerProcess) -> None:
