@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import ast
 import io
+import os
 import re
 import subprocess
 import sys
@@ -50,7 +51,7 @@ def made(read: Callable[[str], str]) -> dict[str, str]:
     texts = {}
     for source, target in FILES.items():
         maker = _Maker(source, target, applied)
-        texts[f"{CLIENT}/{target}"] = maker.made(read(f"{CLIENT}/{source}"))
+        texts[os.path.normpath(f"{CLIENT}/{target}")] = maker.made(read(f"{CLIENT}/{source}"))
     rules = (*sync_texts.NAMES, *sync_texts.CALLS, *sync_texts.IN_THREAD, *sync_texts.SENTENCES)
     unused = [rule for rule in rules if not applied[rule]]
     if unused:
@@ -73,7 +74,7 @@ class _Maker:
             text = text.replace(before, after)
         text = self.code(_chosen(text))
         first = text.index("from __future__")
-        line = f"# Made from {self._source} by scripts/sync_client.py: edit that file.\n\n"
+        line = f"# Made by scripts/sync_client.py from {CLIENT}/{self._source}: edit that.\n\n"
         text = _formatted(text[:first] + line + text[first:])
         if left := LEFT.search(text):
             line_number = text.count("\n", 0, left.start()) + 1

@@ -11,6 +11,7 @@ FILES = {
     "watch": "mirror/watch",
     "mirror_transaction": "mirror/transaction",
     "client": "client",
+    "gate": "../../zenoh_tf/gate",
 }
 #: Modules that are written for each client: by asynchronous module the synchronous one.
 MODULES = {"aio.gate": "zenoh_tf.gate"}
@@ -40,6 +41,28 @@ SENTENCES = {
 }
 #: By file, each there once.
 OWN_SENTENCES = {
+    "gate": {
+        '"zenoh_tf.client"': '"zenoh_tf"',
+        "a client or a mirror.": "a tree, a client or a mirror.",
+        "`gate` of an asynchronous client or mirror.": "`gate` of a tree or a client.",
+        """\
+    Lookups wait in tasks, which end with the gate. An asynchronous context manager, which closes
+    itself at the end.
+
+    Concurrency: all methods, from any task of the client's event loop.
+""": """\
+    A context manager, which closes itself at the end.
+
+    Thread safety: all methods.
+""",
+        "Use `AsyncTransformClient.gate` instead.": (
+            "Use `TransformTree.gate` or `TransformClient.gate` instead."
+        ),
+        "; not a coroutine.": ".",
+        "No event loop runs here.": "The system has no room for a thread.",
+        "Let a task serve": "Let a thread serve",
+        "another task does it": "another thread does it",
+    },
     "client": {
         """\
     It has the methods of `TransformClient` as coroutines, with the same arguments, results and

@@ -1,19 +1,24 @@
 """`Gate`: holds sensor data until its transform exists."""
 
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/gate.py: edit that.
+
 from __future__ import annotations
 
 import logging
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Protocol, Self
 
+from zenoh_tf import threads
 from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
 from zenoh_tf.gate_queue import (
+    EARLY_S,
+    PAUSE_S,
+    FirstError,
     GateQueue,
     Held,
     OnDrop,
@@ -22,45 +27,14 @@ from zenoh_tf.gate_queue import (
     portions,
 )
 
-from . import threads
-
 log = logging.getLogger("zenoh_tf")
-
-#: After an error of the service, the next attempt.
-PAUSE_S = 0.05
-#: A lookup that ends earlier before its time-out than this can never succeed.
-EARLY_S = 0.005
-
-
-class FirstError:
-    """Turns errors that no lookup should raise into ServiceException, and logs the first one.
-
-    So a gate tries again, and reports the items whose time is over.
-    """
-
-    def __init__(self, to: logging.Logger) -> None:
-        self._log = to
-        self._is_told = False
-
-    @contextmanager
-    def converted(self) -> Iterator[None]:
-        """Raise ServiceException for any error in the block that is no TransformException."""
-        try:
-            yield
-        except TransformException:
-            raise
-        except Exception as error:
-            if not self._is_told:  # else twenty times a second
-                self._is_told = True
-                self._log.exception("a lookup of a gate has failed; the gate tries again")
-            raise ServiceException(f"the lookup has failed: {error!r}") from error
 
 
 class Source(Protocol):
     """What a gate looks up in: a tree, a client or a mirror."""
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self, target: str, source: str, stamp_ns: int, timeout_s: float
     ) -> StampedTransform: ...
     def lookup_transforms(
         self, targets: str, sources: str, stamps_ns: list[int]
@@ -98,9 +72,9 @@ class Gate:
         self._source = source
         self._on_drop = on_drop
         self._queue: GateQueue[Any] = GateQueue(target, queue_size, timeout_s)
-        self._changed = threading.Condition()
-        self._closed = threading.Event()
         self._reports = FirstError(log)
+        self._lock = threading.Condition()
+        self._closed = threading.Event()
 
     def __enter__(self) -> Self:
         return self
@@ -115,10 +89,7 @@ class Gate:
 
     def __iter__(self) -> Iterator[Passed[Any]]:
         """Iterate over items and their transforms, until the gate is closed."""
-        while True:
-            passed = self._next(None)
-            if passed is None:
-                return
+        while (passed := self._next(None)) is not None:
             yield passed
 
     def put(self, item: Any, frame: str, stamp_ns: int) -> None:
@@ -134,11 +105,11 @@ class Gate:
             RuntimeError: The system has no room for a thread. The item is not held.
         """
         check_item(frame, stamp_ns)
-        with self._changed:
-            # The thread starts under the lock: else others might put, and rely on it.
+        with self._lock:
+            # It begins under the lock: else others might put, and rely on it.
             if self._queue.put(item, frame, stamp_ns, time.monotonic()):
                 try:
-                    threads.start("gate", self._serve, frame)
+                    self._begin(frame)
                 except BaseException:
                     self._queue.not_begun(frame)
                     raise
@@ -167,23 +138,28 @@ class Gate:
 
         `ready` items have their transforms, and wait for `get`.
         """
-        with self._changed:
+        with self._lock:
             queue = self._queue
             return dict(queue.counts) | {"held": queue.held, "ready": len(queue.ready)}
 
     def close(self) -> None:
         """Drop what has not been handed over. Iterations end. May be called again."""
-        with self._changed:
+        with self._lock:
             self._queue.close()
             self._closed.set()
-            self._changed.notify_all()
+            self._wake()
         self._tell()
 
     def _next(self, timeout_s: float | None) -> Passed[Any] | None:
+        """The next item; None if there is none in time, or at the end."""
         queue = self._queue
-        with self._changed:
-            self._changed.wait_for(lambda: queue.ready or queue.closed, timeout_s)
+        with self._lock:
+            self._lock.wait_for(lambda: queue.ready or queue.closed, timeout_s)
             return queue.ready.popleft() if queue.ready else None
+
+    def _begin(self, frame: str) -> None:
+        """Let a thread serve a frame."""
+        threads.start("gate", self._serve, frame)
 
     def _serve(self, frame: str) -> None:
         """Serve the items of a frame until none waits, or another thread does it."""
@@ -193,8 +169,8 @@ class Gate:
                     with self._reports.converted():
                         self._look_up(frame)
                 except TransformException:
-                    self._closed.wait(PAUSE_S)
-                with self._changed:
+                    self._pause(PAUSE_S)
+                with self._lock:
                     wait = self._queue.begin_wait(frame, time.monotonic())
                 self._tell()
                 if wait is None:
@@ -205,46 +181,51 @@ class Gate:
 
     def _look_up(self, frame: str) -> None:
         """Look up the items of a frame, from the oldest on, as long as any is found."""
-        with self._changed:
+        with self._lock:
             items = self._queue.oldest(frame)
         for portion in portions(items):
             stamps = [held.stamp_ns for held in portion]
             answers = self._source.lookup_transforms(self.target, frame, stamps)
-            with self._changed:
-                found = self._queue.looked_up(portion, answers)
-                if found:
-                    self._changed.notify_all()
-            if not found:
-                return
+            with self._lock:
+                if not self._queue.looked_up(portion, answers):
+                    return
+                self._wake()
 
     def _wait(self, held: Held[Any], timeout_s: float) -> None:
         """Wait for the transform of the oldest item of a frame."""
         begin_s = time.monotonic()
-        error: TransformException | None = None
         try:
             with self._reports.converted():
                 found = self._source.lookup_transform(
                     self.target, held.frame, held.stamp_ns, timeout_s
                 )
-        except ServiceException as failure:
-            error = failure
-            self._closed.wait(min(PAUSE_S, timeout_s))
-        except TransformException as failure:
-            error = failure
-        early = time.monotonic() < begin_s + timeout_s - EARLY_S
-        with self._changed:
-            self._queue.end_wait(held)
-            if error is None:
+        except ServiceException as error:
+            with self._lock:
+                self._queue.failed(held, error, for_good=False)
+            self._pause(min(PAUSE_S, timeout_s))
+        except TransformException as error:
+            early = time.monotonic() < begin_s + timeout_s - EARLY_S
+            with self._lock:
+                self._queue.failed(held, error, for_good=early)
+        else:
+            with self._lock:
                 self._queue.passed(held, found.transform)
-                self._changed.notify_all()
-            else:
-                for_good = early and not isinstance(error, ServiceException)
-                self._queue.failed(held, error, for_good=for_good)
+                self._wake()
+        finally:
+            with self._lock:
+                self._queue.end_wait(held)
+
+    def _wake(self) -> None:
+        """Let callers of `get` look again. Requires the lock."""
+        self._lock.notify_all()
+
+    def _pause(self, seconds: float) -> None:
+        self._closed.wait(seconds)
 
     def _tell(self) -> None:
         """Report the drops, without the lock."""
         while True:
-            with self._changed:
+            with self._lock:
                 if not self._queue.drops:
                     return
                 dropped = self._queue.drops.popleft()

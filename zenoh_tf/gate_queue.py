@@ -12,8 +12,10 @@ Thread safety: none; the gate locks.
 from __future__ import annotations
 
 import itertools
+import logging
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Literal, NamedTuple, TypeVar
 
@@ -23,6 +25,7 @@ from zenoh_tf.errors import (
     BackwardExtrapolationException,
     InvalidArgumentException,
     LookupException,
+    ServiceException,
     TransformException,
 )
 
@@ -31,6 +34,10 @@ T = TypeVar("T")
 Reason = Literal["too_old", "full", "timeout", "unknown_frame", "closed"]
 REASONS: Final[tuple[Reason, ...]] = ("too_old", "full", "timeout", "unknown_frame", "closed")
 
+#: After an error of the service, the next attempt.
+PAUSE_S: Final = 0.05
+#: A lookup that ends earlier before its time-out than this can never succeed.
+EARLY_S: Final = 0.005
 #: Most frames whose items wait at once: each takes a thread or a task, and at times a second one.
 MAX_FRAMES: Final = 64
 MAX_QUEUE_SIZE: Final = 100_000
@@ -272,6 +279,30 @@ def check_item(frame: object, stamp_ns: object) -> None:
         raise InvalidArgumentException(
             f"stamp_ns must be an int of nanoseconds, not {stamp_ns!r}", field="stamp_ns"
         )
+
+
+class FirstError:
+    """Turns errors that no lookup should raise into ServiceException, and logs the first one.
+
+    So a gate tries again, and reports the items whose time is over.
+    """
+
+    def __init__(self, to: logging.Logger) -> None:
+        self._log = to
+        self._is_told = False
+
+    @contextmanager
+    def converted(self) -> Iterator[None]:
+        """Raise ServiceException for any error in the block that is no TransformException."""
+        try:
+            yield
+        except TransformException:
+            raise
+        except Exception as error:
+            if not self._is_told:  # else twenty times a second
+                self._is_told = True
+                self._log.exception("a lookup of a gate has failed; the gate tries again")
+            raise ServiceException(f"the lookup has failed: {error!r}") from error
 
 
 OnDrop = Callable[[Dropped[Any]], object]

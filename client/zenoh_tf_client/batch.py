@@ -6,7 +6,7 @@ with tf.batch() as batch:
 camera.result(), stored.result()
 """
 
-# Made from aio/batch.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/batch.py: edit that.
 
 from __future__ import annotations
 

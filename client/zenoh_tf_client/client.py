@@ -1,6 +1,6 @@
 """`TransformClient`: the methods of the embedded tree, on a connection to a server."""
 
-# Made from aio/client.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/client.py: edit that.
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The methods of `TransformClient` that describe the tree."""
 
-# Made from aio/introspection.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/introspection.py: edit that.
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The lookups of `TransformClient`."""
 
-# Made from aio/lookups.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/lookups.py: edit that.
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The methods of `TransformClient` for sensor data: point clouds."""
 
-# Made from aio/sensor_data.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/sensor_data.py: edit that.
 
 from __future__ import annotations
 

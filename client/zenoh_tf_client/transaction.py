@@ -12,7 +12,7 @@ applies the write set atomically, or answers TransactionConflict. `run_transacti
 again; ``with tf.transaction() as tx:`` tries once.
 """
 
-# Made from aio/transaction.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/transaction.py: edit that.
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The writes of `TransformClient`."""
 
-# Made from aio/writes.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/writes.py: edit that.
 
 from __future__ import annotations
 

@@ -1,18 +1,31 @@
-"""`AsyncGate`: holds sensor data until its transform exists, for asyncio."""
+"""`AsyncGate`: holds sensor data until its transform exists."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import threading
 import time
 from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from zenoh_tf import StampedTransform, TransformArray
+from zenoh_tf import threads
+from zenoh_tf._core import StampedTransform
+from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
-from zenoh_tf.gate import EARLY_S, PAUSE_S, FirstError
-from zenoh_tf.gate_queue import GateQueue, Held, OnDrop, Passed, check_item, portions
+from zenoh_tf.gate_queue import (
+    EARLY_S,
+    PAUSE_S,
+    FirstError,
+    GateQueue,
+    Held,
+    OnDrop,
+    Passed,
+    check_item,
+    portions,
+)
 
 log = logging.getLogger("zenoh_tf.client")
 
@@ -29,10 +42,14 @@ class Source(Protocol):
 
 
 class AsyncGate:
-    """Holds items until their transforms exist; made by `AsyncTransformClient.gate`.
+    """Holds items until their transforms exist; made by `gate` of an asynchronous client or mirror.
 
-    As `zenoh_tf.Gate`, on an event loop: lookups wait in tasks, which end with the gate. An
-    asynchronous context manager, which closes itself at the end.
+    Put images, clouds or detections in as they arrive, each with its frame and stamp. The gate
+    hands each over together with `X_target_frame` at its stamp, from the one lookup that found it:
+    so no later lookup can fail. What it cannot hand over it drops, and says why. A lookup that
+    waits costs nothing until a write may have made it possible, and items of one frame share it.
+    Lookups wait in tasks, which end with the gate. An asynchronous context manager, which closes
+    itself at the end.
 
     Concurrency: all methods, from any task of the client's event loop.
 
@@ -44,12 +61,7 @@ class AsyncGate:
     """
 
     def __init__(
-        self,
-        source: Source,
-        target: str,
-        queue_size: int,
-        timeout_s: float,
-        on_drop: OnDrop | None,
+        self, source: Source, target: str, queue_size: int, timeout_s: float, on_drop: OnDrop | None
     ) -> None:
         """Use `AsyncTransformClient.gate` instead.
 
@@ -61,9 +73,14 @@ class AsyncGate:
         self._source = source
         self._on_drop = on_drop
         self._queue: GateQueue[Any] = GateQueue(target, queue_size, timeout_s)
-        self._changed = asyncio.Event()
-        self._tasks: set[asyncio.Task[None]] = set()
         self._reports = FirstError(log)
+        if True:  # asynchronous
+            self._lock = contextlib.nullcontext()
+            self._changed = asyncio.Event()
+            self._tasks: set[asyncio.Task[None]] = set()
+        else:
+            self._lock = threading.Condition()
+            self._closed = threading.Event()
 
     async def __aenter__(self) -> Self:
         return self
@@ -78,7 +95,7 @@ class AsyncGate:
 
     async def __aiter__(self) -> AsyncIterator[Passed[Any]]:
         """Iterate over items and their transforms, until the gate is closed."""
-        while (passed := await self._next()) is not None:
+        while (passed := await self._next(None)) is not None:
             yield passed
 
     def put(self, item: Any, frame: str, stamp_ns: int) -> None:
@@ -94,15 +111,14 @@ class AsyncGate:
             RuntimeError: No event loop runs here. The item is not held.
         """
         check_item(frame, stamp_ns)
-        if self._queue.put(item, frame, stamp_ns, time.monotonic()):
-            try:
-                loop = asyncio.get_running_loop()
-            except RuntimeError:
-                self._queue.not_begun(frame)
-                raise
-            task = loop.create_task(self._serve(frame))
-            self._tasks.add(task)  # the loop alone would not keep it alive
-            task.add_done_callback(self._tasks.discard)
+        with self._lock:
+            # It begins under the lock: else others might put, and rely on it.
+            if self._queue.put(item, frame, stamp_ns, time.monotonic()):
+                try:
+                    self._begin(frame)
+                except BaseException:
+                    self._queue.not_begun(frame)
+                    raise
         self._tell()
 
     async def get(self, timeout_s: float | None = None) -> Passed[Any]:
@@ -117,11 +133,7 @@ class AsyncGate:
         Raises:
             TimeoutException: None came in time, or the gate is closed.
         """
-        try:
-            async with asyncio.timeout(timeout_s):
-                passed = await self._next()
-        except TimeoutError:
-            passed = None
+        passed = await self._next(timeout_s)
         if passed is None:
             what = "the gate is closed" if self._queue.closed else "no item has passed the gate"
             raise TimeoutException(what)
@@ -132,23 +144,46 @@ class AsyncGate:
 
         `ready` items have their transforms, and wait for `get`.
         """
-        queue = self._queue
-        return dict(queue.counts) | {"held": queue.held, "ready": len(queue.ready)}
+        with self._lock:
+            queue = self._queue
+            return dict(queue.counts) | {"held": queue.held, "ready": len(queue.ready)}
 
     def close(self) -> None:
         """Drop what has not been handed over. Iterations end. May be called again."""
-        self._queue.close()
-        self._changed.set()
-        for task in self._tasks:
-            task.cancel()
+        with self._lock:
+            self._queue.close()
+            if True:  # asynchronous
+                for task in self._tasks:
+                    task.cancel()
+            else:
+                self._closed.set()
+            self._wake()
         self._tell()
 
-    async def _next(self) -> Passed[Any] | None:
+    async def _next(self, timeout_s: float | None) -> Passed[Any] | None:
+        """The next item; None if there is none in time, or at the end."""
         queue = self._queue
-        while not queue.ready and not queue.closed:
-            self._changed.clear()
-            await self._changed.wait()
-        return queue.ready.popleft() if queue.ready else None
+        if True:  # asynchronous
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s):
+                    while not queue.ready and not queue.closed:
+                        self._changed.clear()
+                        await self._changed.wait()
+                    return queue.ready.popleft() if queue.ready else None
+            return None
+        else:
+            with self._lock:
+                self._lock.wait_for(lambda: queue.ready or queue.closed, timeout_s)
+                return queue.ready.popleft() if queue.ready else None
+
+    def _begin(self, frame: str) -> None:
+        """Let a task serve a frame."""
+        if True:  # asynchronous
+            task = asyncio.get_running_loop().create_task(self._serve(frame))
+            self._tasks.add(task)  # the loop alone would not keep it alive
+            task.add_done_callback(self._tasks.discard)
+        else:
+            threads.start("gate", self._serve, frame)
 
     async def _serve(self, frame: str) -> None:
         """Serve the items of a frame until none waits, or another task does it."""
@@ -158,8 +193,9 @@ class AsyncGate:
                     with self._reports.converted():
                         await self._look_up(frame)
                 except TransformException:
-                    await asyncio.sleep(PAUSE_S)
-                wait = self._queue.begin_wait(frame, time.monotonic())
+                    await self._pause(PAUSE_S)
+                with self._lock:
+                    wait = self._queue.begin_wait(frame, time.monotonic())
                 self._tell()
                 if wait is None:
                     return
@@ -169,12 +205,15 @@ class AsyncGate:
 
     async def _look_up(self, frame: str) -> None:
         """Look up the items of a frame, from the oldest on, as long as any is found."""
-        for portion in portions(self._queue.oldest(frame)):
+        with self._lock:
+            items = self._queue.oldest(frame)
+        for portion in portions(items):
             stamps = [held.stamp_ns for held in portion]
             answers = await self._source.lookup_transforms(self.target, frame, stamps)
-            if not self._queue.looked_up(portion, answers):
-                return
-            self._changed.set()
+            with self._lock:
+                if not self._queue.looked_up(portion, answers):
+                    return
+                self._wake()
 
     async def _wait(self, held: Held[Any], timeout_s: float) -> None:
         """Wait for the transform of the oldest item of a frame."""
@@ -185,21 +224,41 @@ class AsyncGate:
                     self.target, held.frame, held.stamp_ns, timeout_s
                 )
         except ServiceException as error:
-            self._queue.failed(held, error, for_good=False)
-            await asyncio.sleep(min(PAUSE_S, timeout_s))
+            with self._lock:
+                self._queue.failed(held, error, for_good=False)
+            await self._pause(min(PAUSE_S, timeout_s))
         except TransformException as error:
             early = time.monotonic() < begin_s + timeout_s - EARLY_S
-            self._queue.failed(held, error, for_good=early)
+            with self._lock:
+                self._queue.failed(held, error, for_good=early)
         else:
-            self._queue.passed(held, found.transform)
-            self._changed.set()
+            with self._lock:
+                self._queue.passed(held, found.transform)
+                self._wake()
         finally:
-            self._queue.end_wait(held)
+            with self._lock:
+                self._queue.end_wait(held)
+
+    def _wake(self) -> None:
+        """Let callers of `get` look again. Requires the lock."""
+        if True:  # asynchronous
+            self._changed.set()
+        else:
+            self._lock.notify_all()
+
+    async def _pause(self, seconds: float) -> None:
+        if True:  # asynchronous
+            await asyncio.sleep(seconds)
+        else:
+            self._closed.wait(seconds)
 
     def _tell(self) -> None:
-        """Report the drops."""
-        while self._queue.drops:
-            dropped = self._queue.drops.popleft()
+        """Report the drops, without the lock."""
+        while True:
+            with self._lock:
+                if not self._queue.drops:
+                    return
+                dropped = self._queue.drops.popleft()
             if self._on_drop is not None:
                 try:
                     self._on_drop(dropped)

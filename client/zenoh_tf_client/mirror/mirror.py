@@ -1,6 +1,6 @@
 """`Mirror`: a copy of the server's tree in this process, kept up to date by its stream."""
 
-# Made from aio/mirror.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/mirror.py: edit that.
 
 from __future__ import annotations
 

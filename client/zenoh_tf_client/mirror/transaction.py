@@ -1,6 +1,6 @@
 """`MirrorTransaction`: a transaction whose reads are in a mirror."""
 
-# Made from aio/mirror_transaction.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/mirror_transaction.py: edit that.
 
 from __future__ import annotations
 

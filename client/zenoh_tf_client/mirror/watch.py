@@ -1,6 +1,6 @@
 """`Watch`: follows the pose of a pair of frames."""
 
-# Made from aio/watch.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/watch.py: edit that.
 
 from __future__ import annotations
 

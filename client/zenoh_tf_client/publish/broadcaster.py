@@ -1,6 +1,6 @@
 """`Broadcaster`: publishes transforms without waiting for a reply, as sensors need it."""
 
-# Made from aio/broadcaster.py by scripts/sync_client.py: edit that file.
+# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/broadcaster.py: edit that.
 
 from __future__ import annotations
 
