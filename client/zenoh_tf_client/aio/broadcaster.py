@@ -8,7 +8,8 @@ from typing import Self
 
 from zenoh_tf import StampedTransform
 
-from ..publish.publishing import Publishing
+from ..publish.publisher import message
+from ..publish.publishing import Publishing, rows_of
 from .session.connection import Connection
 
 
@@ -71,7 +72,7 @@ class AsyncBroadcaster(Publishing):
         Example:
             ``await wheels.send(StampedTransform("odom", "base", time.time_ns(), X_odom_base))``
         """
-        await self._connection.run(lambda: self._put(stampeds))
+        await self._connection.run(lambda: self._dynamic_publisher.put(message(rows_of(stampeds))))
 
     async def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms that hold at all times, now and to every new server later.
@@ -90,7 +91,7 @@ class AsyncBroadcaster(Publishing):
         Example:
             ``await wheels.send_static(StampedTransform("base", "camera", 0, X_base_camera))``
         """
-        await self._connection.run(lambda: self._put_static(stampeds))
+        await self._connection.run(lambda: self._put_static(rows_of(stampeds)))
 
     async def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""

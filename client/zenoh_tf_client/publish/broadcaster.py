@@ -11,7 +11,8 @@ from typing import Self
 from zenoh_tf import StampedTransform
 
 from ..session.connection import Connection
-from .publishing import Publishing
+from .publisher import message
+from .publishing import Publishing, rows_of
 
 
 class Broadcaster(Publishing):
@@ -71,7 +72,7 @@ class Broadcaster(Publishing):
         Example:
             ``wheels.send(StampedTransform("odom", "base", time.time_ns(), X_odom_base))``
         """
-        self._put(stampeds)
+        self._dynamic_publisher.put(message(rows_of(stampeds)))
 
     def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms that hold at all times, now and to every new server later.
@@ -90,7 +91,7 @@ class Broadcaster(Publishing):
         Example:
             ``wheels.send_static(StampedTransform("base", "camera", 0, X_base_camera))``
         """
-        self._put_static(stampeds)
+        self._put_static(rows_of(stampeds))
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""

@@ -17,7 +17,7 @@ from zenoh_tf.errors import ServerUnavailable
 from ..session.calls import is_forked, raise_if_forked
 from ..session.connection import Connection
 from .announcer import Announcer
-from .publisher import Publisher, message
+from .publisher import Publisher
 
 
 class Publishing:
@@ -56,12 +56,8 @@ class Publishing:
         """Returns the name that this broadcaster publishes as."""
         return self._authority
 
-    def _put(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
-        self._dynamic_publisher.put(message(_rows(stampeds)))
-
-    def _put_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
+    def _put_static(self, rows: list[StampedTransform]) -> None:
         raise_if_forked()
-        rows = _rows(stampeds)
         with self._lock:
             if self._closed:
                 raise ServerUnavailable("the broadcaster is closed")
@@ -92,5 +88,6 @@ class Publishing:
         return Publisher(self._opened, key)
 
 
-def _rows(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
+def rows_of(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
+    """The rows of one message."""
     return [stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds)
