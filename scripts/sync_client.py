@@ -18,6 +18,7 @@ anywhere is an error, as is anything asynchronous that is left.
 from __future__ import annotations
 
 import ast
+import functools
 import io
 import os
 import re
@@ -52,7 +53,10 @@ def made(read: Callable[[str], str]) -> dict[str, str]:
     for source, target in FILES.items():
         maker = _Maker(source, target, applied)
         texts[os.path.normpath(f"{CLIENT}/{target}")] = maker.made(read(f"{CLIENT}/{source}"))
-    rules = (*sync_texts.NAMES, *sync_texts.CALLS, *sync_texts.IN_THREAD, *sync_texts.SENTENCES)
+    rules = (
+        *(*sync_texts.NAMES, *sync_texts.CALLS, *sync_texts.IN_THREAD, *sync_texts.SENTENCES),
+        *(*sync_texts.MODULES, *(sync_texts.OWN_TEXTS.keys() - sync_texts.FILES.keys())),
+    )
     unused = [rule for rule in rules if not applied[rule]]
     if unused:
         raise Unmade(f"scripts/sync_texts.py: these rules apply nowhere: {unused}")
@@ -68,7 +72,7 @@ class _Maker:
         self._applied = applied
 
     def made(self, text: str) -> str:
-        for before, after in sync_texts.OWN_SENTENCES.get(Path(self._source).stem, {}).items():
+        for before, after in sync_texts.OWN_TEXTS.get(Path(self._source).stem, {}).items():
             if text.count(before) != 1:
                 raise Unmade(f"{self._source} must have this text once: {before!r}")
             text = text.replace(before, after)
@@ -186,6 +190,7 @@ class _Maker:
         above = Path(self._source).parts[: -node.level]
         parts = [*above, *(node.module.split(".") if node.module else [])]
         moved = sync_texts.MODULES.get(".".join(parts))
+        self._applied[".".join(parts)] += 1
         if moved is None and parts[0] == "aio":
             name = "/".join(parts[1:])
             moved = sync_texts.FILES.get(name, name).replace("/", ".")
@@ -271,6 +276,7 @@ def _chosen(text: str) -> str:
     return text
 
 
+@functools.cache
 def _formatted(text: str) -> str:
     ruff = Path(sys.executable).with_name("ruff")
     for command in (["check", "--select", "I,F401", "--fix", "--quiet"], ["format"]):

@@ -39,8 +39,8 @@ SENTENCES = {
     ),
     "Concurrency: one task at a time": "Thread safety: one thread at a time",
 }
-#: By file, each there once.
-OWN_SENTENCES = {
+#: By file, anything that is there once.
+OWN_TEXTS = {
     "gate": {
         '"zenoh_tf.client"': '"zenoh_tf"',
         "a client or a mirror.": "a tree, a client or a mirror.",
