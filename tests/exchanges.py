@@ -23,6 +23,7 @@ Reply = Callable[[str, wire.Message], Any]
 
 def hello(instance: str = "one", **limits: int) -> wire.Message:
     clock_ns = time.monotonic_ns() + SERVER_AHEAD_NS
+    limits = {"message_bytes": wire.MAX_MESSAGE_BYTES, "rows": 100_000} | limits
     value = {"tree": "main", "instance": instance, "clock_ns": clock_ns, "limits": limits}
     return {"v": 1, "instance": instance, "value": value}
 
