@@ -71,7 +71,7 @@ void Tree::drop_samples(const FrameList& frames, bool keep_static, FrameList& dr
   }
 }
 
-// Updates the topology index once the samples of `dropped` are. It takes the cheaper way: to cut
+// Updates the topology index once the samples of `dropped` are. It does what is cheaper: to cut
 // their links, or to link what is left. Requires the topology mutex.
 void Tree::cut_links(const FrameList& dropped) noexcept {
   const auto parent_of = [&](FrameId id) {

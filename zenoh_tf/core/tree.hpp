@@ -123,7 +123,7 @@ class Tree {
   // Returns the frame's id; 0 if no frame has that name.
   [[nodiscard]] FrameId find(std::string_view name) const noexcept { return names_.find(name); }
   using FrameRef = NameTable::Ref;
-  // The same, so that is_current() can tell after a read whether the id still belonged to the name.
+  // The same, so that is_current() shows after a read whether the id still belonged to the name.
   // A lookup's answer belongs to the names if their Refs were found before the lookup and are
   // current after it; if not, look the names up again. It succeeds unless one of them was removed.
   [[nodiscard]] FrameRef find_ref(std::string_view name) const noexcept {
@@ -134,7 +134,7 @@ class Tree {
   [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
   // Calls read() until no id passed to another name, or authority, during the call. So all ids
   // that it reads belong to the names that it finds for them. For short reads: it costs them less
-  // than is_current(), but begins again whichever id has passed on. After so many attempts it takes
+  // than is_current(), but retries whichever id has passed on. After so many attempts it takes
   // the result as it is.
   template <class Read>
   auto read_names(Read&& read, int attempts = std::numeric_limits<int>::max()) const {
@@ -176,7 +176,7 @@ class Tree {
   // Reads all that the answer rests on in one transaction.
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
   // Copies the motion of one frame in another, in one transaction. If the lookup at one of the
-  // query's times fails, `answer` has the failure, and the rest means nothing. Throws bad_alloc.
+  // query's times fails, `answer` has the failure, and the rest is unspecified. Throws bad_alloc.
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const;
 
   // Sets `frames` to those from target to source over their common ancestor.
@@ -250,7 +250,7 @@ class Tree {
   // The file descriptor of the tree's region, which belongs to the tree; -1 without
   // Options::shared.
   [[nodiscard]] int descriptor() const noexcept { return region_.descriptor(); }
-  // Begins a lease of that length from now: until its end, readers in other processes believe what
+  // Begins a lease of that length from now: until its end, readers in other processes trust what
   // they read. Requires that no other server has taken over. 0 ends the lease.
   void begin_lease(std::int64_t duration_ns) noexcept;
   // Moves the end of the lease, unless it has lapsed: then returns false, as another server may

@@ -53,7 +53,7 @@ class Interest {
 };
 
 // Returns the indices of those that have changed, at once or as soon as there is one; none when the
-// time is up. It looks at the frames' versions once in every `period_s`: so commits need not tell.
+// time is up. It compares the frames' versions once every `period_s`, so commits need not notify.
 nb::list wait_for_changes(const nb::list& interests, double period_s, double timeout_s) {
   using Seconds = std::chrono::duration<double>;
   std::vector<const Interest*> watched;

@@ -10,7 +10,7 @@
 //
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
-// 1. After a retry all steps run again and decide anew.
+// 1. After a retry all steps run again.
 // 2. Planning changes nothing that readers can see. It notes late samples (FrameEvents), also for a
 //    commit that is then rejected. It changes the topology index, until undo_links().
 #pragma once

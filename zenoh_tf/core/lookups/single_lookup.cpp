@@ -64,7 +64,7 @@ class Writer {
   std::string out_;
 };
 
-// Reads one part after the other. False: the message goes on in another way.
+// Reads one part after the other. False: the message has other fields, and the slow path parses it.
 class MessageReader {
  public:
   explicit MessageReader(std::string_view data) : rest_(data) {}

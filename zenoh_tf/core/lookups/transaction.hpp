@@ -19,7 +19,7 @@ namespace ztf {
 // WalkGuard. If all fail, or for a longer transaction, Tree::read() makes 64 with an
 // OptimisticGuard. Then it locks frames (LockingGuard), which always ends.
 constexpr int kOptimisticAttempts = 64;
-// Two-phase locking: after so many attempts a reader no longer gives way to a starving writer.
+// Two-phase locking: after so many attempts a reader no longer yields to a starving writer.
 constexpr int kHeedWantedAttempts = 8;
 
 template <class Guard>

@@ -1,4 +1,4 @@
-// What a tree of this process and a mapped one of another read in the same way.
+// What is read alike from a tree of this process and from a mapped one of another.
 //
 // Thread safety: as a Reader's. What the functions of one frame return is valid only if the frame's
 // version has not changed meanwhile.

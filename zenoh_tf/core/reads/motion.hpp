@@ -2,7 +2,7 @@
 //
 // A reader copies the samples of that span in one transaction, which takes microseconds. All poses
 // are then computed from the copy, however many they are: of one state of the tree, and without
-// standing in a writer's way.
+// blocking a writer.
 //
 // Thread safety: a motion belongs to one thread. What copy() gives is meaningful only after the
 // guard has validated the chain (reads/guards.hpp).

@@ -64,8 +64,8 @@ struct MotionQuery {
 // What lookup_motion() has found, if it has not failed.
 enum class MotionResult : std::uint8_t {
   copied,
-  // The frames may be connected in different ways at different times. The caller looks up each time
-  // by itself.
+  // The frames may be connected by different paths at different times. The caller looks up each
+  // time by itself.
   varies,
 };
 

@@ -2,7 +2,7 @@
 //
 // Every query is answered in the same steps: find the chain of links between the two frames,
 // compute the answer from the chain, and let the guard validate what was read. A failure is an
-// answer, too, and is validated in the same way.
+// answer, too, and is validated alike.
 //
 // Thread safety: a reader belongs to one thread and one transaction.
 #pragma once
@@ -89,7 +89,7 @@ class Reader {
       for (std::uint32_t depth = 0; id != 0 && depth <= max_depth_; ++depth) {
         if (!seen.insert(id).second) break;
         const Frame& frame = *access_.frame(id);
-        id = id_of(&frame);  // of mapped memory that makes no sense it is another one
+        id = id_of(&frame);  // of corrupt mapped memory it is another one
         PathStep step{&frame, 0, {}};
         if (!guard_.read_version(frame, step.version)) return false;
         FrameId parent = 0;

@@ -46,7 +46,7 @@ struct alignas(128) RegionHeader {
   std::uint64_t layout_version;  // kLayoutVersion
   std::uint64_t layout_hash;     // kLayoutHash
   std::uint64_t bytes;           // to map: the most that the file may have; it grows
-  char boot_id[40];              // of the host: a clock of another boot means nothing
+  char boot_id[40];              // of the host: a clock of another boot cannot be compared
   std::uint64_t time_namespace;  // its inode: CLOCK_MONOTONIC may differ between two; 0: unknown
   char instance[64];             // which server this is; ends with a zero byte
   std::uint64_t cache_ns;
@@ -56,7 +56,7 @@ struct alignas(128) RegionHeader {
 
   // The end of the arena's used part, as a distance from the header. It only grows, after the file.
   alignas(64) std::atomic<std::uint64_t> used;
-  // The time of CLOCK_MONOTONIC, in ns, up to which readers of other processes may believe what
+  // The time of CLOCK_MONOTONIC, in ns, up to which readers of other processes may trust what
   // they have read. The owner moves it ahead as long as it lives; 0 if it has not begun, or ended.
   alignas(64) std::atomic<std::int64_t> lease_ns;
   // What walks and names rest on.

@@ -182,7 +182,7 @@ int Region::try_allocate(std::uint64_t begin, std::uint64_t end) noexcept {
 
 void Region::unmap_region() noexcept {
   if (region_ && owner_ == ::getpid()) {
-    // Readers that have mapped the region keep its memory, and must not believe in it any more.
+    // Readers that have mapped the region keep its memory, and must not trust it any more.
     if (header_) header_->lease_ns.store(0, std::memory_order_seq_cst);
     ::munmap(region_, bytes_);
   }

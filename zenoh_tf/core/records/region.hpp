@@ -8,7 +8,7 @@
 //
 // Readers get a descriptor that is only for reading: with it nobody can write, allocate (fallocate)
 // or change the size. The file is sealed against shrinking and against further writable mappings. A
-// process of the same user, or root, could still open it anew, or use a debugger. A forked child
+// process of the same user, or root, could still open it again, or use a debugger. A forked child
 // does not have the region, and must not use its copy of the tree.
 //
 // The owner takes the memory of a page from the host before it writes to it (fallocate): where the

@@ -137,7 +137,7 @@ TopologyIndex::Halves TopologyIndex::split_after(FrameId id) noexcept {
 }
 
 // Splits what is above `id` between the two halves, of which one has `id` on top, and the other
-// what was a child of it. All the way up, the depths of both are relative to the node's that was
+// what was a child of it. Up to the root, the depths of both are relative to the node's that was
 // reached last.
 TopologyIndex::Halves TopologyIndex::split_above(FrameId id, FrameId before,
                                                  FrameId after) noexcept {

@@ -22,14 +22,14 @@ void InterestReader::find_frames(std::size_t max_frames) {
     new_refs_.push_back(tree_.find_ref(source));
   }
   for (std::size_t i = 0; i < new_refs_.size() && frames_.size() <= max_frames; i += 2)
-    add_ways(new_refs_[i].id, new_refs_[i + 1].id);
+    add_paths(new_refs_[i].id, new_refs_[i + 1].id);
   for (const FrameId id : frames_) link(id);  // also of one whose partner does not exist
   // Those above the common ancestors and the removed past parents, too: that they do not lead to
   // more frames must be the tree's state at the same instant.
   for (const auto& [id, link] : links_) reads_.push_back({id, link.version});
 }
 
-void InterestReader::add_ways(FrameId a, FrameId b) {
+void InterestReader::add_paths(FrameId a, FrameId b) {
   const auto add = [&](FrameId id) {
     if (wanted_.try_emplace(id, false).second) frames_.push_back(id);
   };
@@ -41,7 +41,7 @@ void InterestReader::add_ways(FrameId a, FrameId b) {
   list_path(a, from_a);
   list_path(b, from_b);
   // Above the common ancestor, too: at a past time its links may lead back to the pair or into a
-  // loop, and then the tree finds another chain or another failure than the links below tell.
+  // loop, and then the tree finds another chain or another failure than the links below imply.
   const auto is_reparented = [&](FrameId id) { return link(id).has_several_parents; };
   if (std::any_of(from_a.begin(), from_a.end(), is_reparented) ||
       std::any_of(from_b.begin(), from_b.end(), is_reparented)) {

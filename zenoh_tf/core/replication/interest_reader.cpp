@@ -1,4 +1,4 @@
-// How the frames on the ways are copied and told. replication/interest_paths.cpp finds them.
+// How the frames on the paths are copied and sent. replication/interest_paths.cpp finds them.
 #include "replication/interest_reader.hpp"
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace {
 constexpr int kOptimisticReads = 32;
 constexpr auto kAcquire = std::memory_order_acquire;
 // Added to a frame's version it is above all that the frame will ever have.
-constexpr Version kAfterAll = Version{1} << 40;
+constexpr Version kVersionBound = Version{1} << 40;
 
 }  // namespace
 
@@ -70,8 +70,8 @@ bool InterestReader::has_changed() const {
   const std::lock_guard lock(mutex_);
   if (pairs_.empty() || refs_.empty()) return true;
   // A frame that is removed gets another version, too.
-  for (const auto& [id, told] : told_)
-    if (tree_.version(id) != told.version) return true;
+  for (const auto& [id, sent] : sent_)
+    if (tree_.version(id) != sent.version) return true;
   for (const auto& [id, before] : watched_) {
     const Link now = read_link(id);
     if (now.parent != before.parent || now.has_several_parents ||
@@ -106,15 +106,15 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
     check_frames(max_frames);
   }
   copy_frames(with_all);
-  Result result = tell(with_all);  // before the comparison, which is for the names, too
+  Result result = make_result(with_all);  // before the comparison, which is for the names, too
   if (!is_valid()) return std::nullopt;
-  // A mirror takes changes only under a number that is new to it. All commits up to the last number
-  // that was told were told with it, those in progress included, as above. So what is new is of a
+  // A mirror applies changes only under a number that is new to it. The last read returned all
+  // commits up to its number, those in progress included, as above. So the new changes are of a
   // later commit. It drew its number before it stored anything: perhaps just after `seq_` was
-  // loaded. A thread that sees its changes sees its number, too, so the next attempt has a later
-  // one. That may be another commit's; then this commit is told early, and not told again.
-  if (!result.changes.kind.empty() && seq_ <= told_seq_) return std::nullopt;
-  remember();
+  // loaded. A thread that sees its changes also sees its number, so the next attempt has a later
+  // one. That may be another commit's; then this commit is sent early, and only once.
+  if (!result.changes.kind.empty() && seq_ <= sent_seq_) return std::nullopt;
+  keep_sent();
   return result;
 }
 
@@ -135,8 +135,8 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
   find_frames(Tree::kNoReadLimit);
   check_frames(max_frames);
   copy_frames(with_all);
-  Result result = tell(with_all);
-  remember();
+  Result result = make_result(with_all);
+  keep_sent();
   return result;
 }
 
@@ -147,7 +147,7 @@ void InterestReader::begin_attempt() {
   frames_.clear();
   reads_.clear();
   copies_.clear();
-  left_.clear();
+  removed_.clear();
   new_refs_.clear();
 }
 
@@ -156,7 +156,7 @@ void InterestReader::begin_attempt() {
 void InterestReader::check_frames(std::size_t max_frames) const {
   if (frames_.size() <= max_frames) return;
   throw Rejected{.code = Code::limit,
-                 .message = "the ways of the interest have more than " +
+                 .message = "the paths of the interest have more than " +
                             std::to_string(max_frames) + " frames",
                  .field = "interest_frames",
                  .limit = static_cast<std::int64_t>(max_frames),
@@ -166,25 +166,25 @@ void InterestReader::check_frames(std::size_t max_frames) const {
 void InterestReader::copy_frames(bool with_all) {
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const FrameId id = frames_[i];
-    const auto at = told_.find(id);
-    const Told* told =
-        at != told_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
-    if (told && !with_all && told->version == tree_.version(id)) continue;
+    const auto at = sent_.find(id);
+    const Sent* sent =
+        at != sent_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
+    if (sent && !with_all && sent->version == tree_.version(id)) continue;
     copies_.emplace_back().id = id;
-    copy_frame(copies_.back(), told, with_all);
+    copy_frame(copies_.back(), sent, with_all);
   }
   ever_reparented_ = tree_.ever_reparented_.load();
 }
 
-void InterestReader::copy_frame(Copy& copy, const Told* told, bool with_all) {
+void InterestReader::copy_frame(Copy& copy, const Sent* sent, bool with_all) {
   const Frame& frame = tree_.frames_[copy.id];
-  copy.is_new = !told;
+  copy.is_new = !sent;
   if (copy.is_new) {
     copy.name = tree_.name(copy.id);
     copy.ref = tree_.find_ref(copy.name);
   }
   std::vector<CopiedSample>& samples = copy.samples;
-  std::size_t room = told && !with_all ? 8 : 16;
+  std::size_t room = sent && !with_all ? 8 : 16;
   do {
     samples.resize(room);
     frame.version.read_consistent([&](Version version) noexcept {
@@ -195,7 +195,7 @@ void InterestReader::copy_frame(Copy& copy, const Told* told, bool with_all) {
       copy.edits = tree_.edits_[copy.id].load(kAcquire);
       copy.count = frame.count.load(kAcquire);
       copy.is_static = frame.is_static.load(kAcquire);
-      copy.is_append = told && copy.edits == told->edits;
+      copy.is_append = sent && copy.edits == sent->edits;
       copy.first_new = 0;
       copy.fits = true;
       if (copy.is_static || copy.count == 0) {
@@ -208,10 +208,10 @@ void InterestReader::copy_frame(Copy& copy, const Told* told, bool with_all) {
       if (!ring) return 0;  // a torn read
       const std::uint32_t first = frame.first.load(kAcquire);
       const bool has_parents = frame.parent_changes.load(kAcquire) != 0;
-      std::uint32_t begin = copy.count;  // of those that were not told
+      std::uint32_t begin = copy.count;  // of those that were not sent
       if (copy.is_append)
         while (begin > 0 && copy.count - begin < ring.capacity() &&
-               ring.stamp(first + begin - 1) > told->newest)
+               ring.stamp(first + begin - 1) > sent->newest)
           --begin;
       else
         begin = 0;
@@ -249,54 +249,54 @@ bool InterestReader::is_valid() const {
 }
 
 // Makes the result of a read, which may turn out to be invalid.
-InterestReader::Result InterestReader::tell(bool with_all) {
+InterestReader::Result InterestReader::make_result(bool with_all) {
   Result result{seq_, ever_reparented_, {}, {}};
   Rows changes(tree_, result.changes), all(tree_, result.all);
   const std::unordered_set<FrameId> present(frames_.begin(), frames_.end());
-  for (const auto& [id, told] : told_)
-    if (!present.contains(id) || !tree_.is_current(told.ref)) {
-      left_.push_back(id);
+  for (const auto& [id, sent] : sent_)
+    if (!present.contains(id) || !tree_.is_current(sent.ref)) {
+      removed_.push_back(id);
       // The frame may come back with the version that it has now.
-      changes.add(ChangeKind::removed, changes.name(told.name), told.version + kAfterAll);
+      changes.add(ChangeKind::removed, changes.name(sent.name), sent.version + kVersionBound);
     }
   // Beside changes of theirs, because the first reparenting gives all frames a new version.
-  if (ever_reparented_ && !told_reparented_ && !copies_.empty())
+  if (ever_reparented_ && !sent_reparented_ && !copies_.empty())
     changes.add(ChangeKind::new_version, changes.name(copies_.front().id), copies_.front().version);
   for (const Copy& copy : copies_) {
-    const auto at = told_.find(copy.id);
-    if (copy.is_new || at->second.version != copy.version) tell_frame(copy, false, changes);
-    if (with_all) tell_frame(copy, true, all);
+    const auto at = sent_.find(copy.id);
+    if (copy.is_new || at->second.version != copy.version) add_frame(copy, false, changes);
+    if (with_all) add_frame(copy, true, all);
   }
   return result;
 }
 
-// Remembers what the last tell() has told.
-void InterestReader::remember() {
-  for (const FrameId id : left_) told_.erase(id);
+// Records what the last make_result() has returned.
+void InterestReader::keep_sent() {
+  for (const FrameId id : removed_) sent_.erase(id);
   for (Copy& copy : copies_) {
-    Told& told = told_[copy.id];
+    Sent& sent = sent_[copy.id];
     if (copy.is_new) {
-      told.name = std::move(copy.name);
-      told.ref = copy.ref;
+      sent.name = std::move(copy.name);
+      sent.ref = copy.ref;
     }
-    told.version = copy.version;
-    told.edits = copy.edits;
-    if (!copy.samples.empty()) told.newest = copy.samples.back().stamp;
+    sent.version = copy.version;
+    sent.edits = copy.edits;
+    if (!copy.samples.empty()) sent.newest = copy.samples.back().stamp;
   }
-  told_reparented_ |= ever_reparented_ && !copies_.empty();
-  told_seq_ = seq_;
+  sent_reparented_ |= ever_reparented_ && !copies_.empty();
+  sent_seq_ = seq_;
   refs_ = new_refs_;
   watched_.clear();
   for (const auto& [id, link] : links_)
     if (!wanted_.contains(id)) watched_.emplace_back(id, link);
-  told_frames_.store(told_.size(), std::memory_order_relaxed);
+  sent_frames_.store(sent_.size(), std::memory_order_relaxed);
 }
 
-void InterestReader::tell_frame(const Copy& copy, bool all, Rows& rows) const {
+void InterestReader::add_frame(const Copy& copy, bool all, Rows& rows) const {
   const std::uint32_t frame = rows.name(copy.id);
   if (!all && !copy.is_new && !copy.is_append) {
     // Newest samples alone are kept if they may still belong to the history.
-    const Stamp before = told_.at(copy.id).newest;
+    const Stamp before = sent_.at(copy.id).newest;
     const bool goes_on = newest_only_ && !copy.is_static && !copy.samples.empty() &&
                          copy.oldest <= before && copy.samples.back().stamp >= before;
     if (!goes_on) rows.add(ChangeKind::cleared, frame, copy.version);

@@ -17,12 +17,12 @@ namespace ztf {
 
 class LeaseKeeper {
  public:
-  // Readers of other processes believe the tree for so long after the last sign of life.
+  // Readers of other processes trust the tree for so long after the last heartbeat.
   static constexpr std::chrono::milliseconds kDuration{250};
   static constexpr std::chrono::milliseconds kPeriod{50};
 
   // Begins the lease. Requires that no other process can take over while this one lives, even if
-  // it is stopped for long: after a pause the lease begins anew. The tree must outlive the keeper.
+  // it is stopped for long: after a pause it begins a new lease. The tree must outlive the keeper.
   explicit LeaseKeeper(Tree& tree) : tree_(tree) {
     tree_.begin_lease(kDurationNs);
     thread_ = std::thread([this] { run(); });

@@ -3,7 +3,7 @@
 //
 // The owner may die, stop or be damaged at any instant. So ids and distances are checked before
 // they are followed, and all waiting and repeating has an end. What these checks refuse was never
-// stored by an owner in its right mind.
+// stored by a correct owner.
 //
 // Thread safety: constant, but for Attempt and Patience, which live on one reader's stack.
 #pragma once
@@ -20,7 +20,7 @@ struct Unanswered {
     busy,        // writers changed what was read again and again, or one stopped while it wrote
     lapsed,      // the owner has not extended its lease: it has ended, or stopped
     waiting,     // the answer is not there yet, and the caller wants to wait for it
-    unreadable,  // what the region holds makes no sense
+    unreadable,  // the region's content is corrupt
     absent,      // no tree is mapped; for callers, as a tree never throws it
   };
   Reason reason;
@@ -30,11 +30,12 @@ struct Unanswered {
 //
 // The mapping is longer than the file, which grows: to touch a page behind its end would end the
 // process (SIGBUS), while a page within it can be read from the moment on at which the file has it,
-// through the same mapping. So readers touch only what lies before a size that the system has told,
-// and never rely on the header for that. The file is sealed against shrinking, so a size that was
-// told once holds for the mapping's life, for all threads and whenever they use it. The owner lets
-// the file grow before it moves RegionHeader::used ahead. So if that lies beyond the size known
-// here, it is enough to ask the system again; if it is still beyond, the header is wrong.
+// through the same mapping. So readers touch only what lies before a size that the system has
+// reported, and never rely on the header for that. The file is sealed against shrinking, so a size
+// that was reported once holds for the mapping's life, for all threads and whenever they use it.
+// The owner lets the file grow before it moves RegionHeader::used ahead. So if that lies beyond the
+// size known here, it is enough to ask the system again; if it is still beyond, the header is
+// wrong.
 class MappedFile {
  public:
   // Keeps a descriptor of its own, which it closes.
@@ -97,7 +98,7 @@ struct Attempt {
 };
 
 // FrameAccess with bounds. What is out of bounds is replaced by something harmless, and the attempt
-// is marked: its result means nothing.
+// is marked: its result is unspecified.
 class MappedFrames {
  public:
   MappedFrames(const Frame* frames, Attempt& attempt) noexcept
