@@ -117,7 +117,7 @@ mutants: native ## changes decisions of the core one by one; each must fail a C+
 
 MUTATED := build/mutants-client
 # Prints how many percent survive; build/mutants-client/survivors.txt has each survivor.
-mutants-client: native ## the same of the client's exchange, by cosmic-ray and tests/test_exchange*.py
+mutants-client: native ## the same of the client's exchange, by cosmic-ray and tests/client/test_exchange.py
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "cosmic-ray>=8.4"
 	@rm -rf $(MUTATED) && mkdir -p $(MUTATED)
 	@cp client/zenoh_tf_client/session/exchange.py $(MUTATED)

@@ -13,13 +13,12 @@ from typing import Any
 import pytest
 import uvloop
 
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import Pool, ServerProcess, starts
+from tests.support.both_clients import Blocking, LoopThread
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.shared_reads import Mode
-
-from .both_clients import Blocking, LoopThread
-from .ports import free_endpoint
-from .servers import Pool, ServerProcess, starts
 
 __all__ = ["ServerProcess", "free_endpoint"]
 

@@ -1,7 +1,7 @@
 """Rules that no compiler and no linter knows: ``python -m scripts.checks``, part of ``make lint``.
 
 Prints each violation with its file and line, and ends with status 1 if there is one. Each function
-in `CHECKS` has a planted violation in ``tests/test_checks.py`` that it must find.
+in `CHECKS` has a planted violation in ``tests/project/test_checks.py`` that it must find.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import zenoh_tf_client
 from bench import numbers
 from bench.results import Results
 from scripts import rooms
-from tests import fault_page
+from tests.mutation import fault_page
 from zenoh_tf.doctor import __main__ as doctor
 from zenoh_tf_server import limits
 from zenoh_tf_server.monitoring import metric_table
@@ -119,7 +119,7 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
         ("docs/limits.md", list(limits.page()), "zenoh_tf_server.limits"),
         ("docs/metrics.md", list(metric_table.page()), "zenoh_tf_server.monitoring.metric_table"),
         ("docs/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
-        ("docs/faults.md", list(fault_page.page()), "tests.fault_page"),
+        ("docs/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
         ("docs/rooms.svg", list(rooms.picture()), "scripts.rooms"),
     ):
         there = repository.text(page).splitlines()

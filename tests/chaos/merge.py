@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..history.history import COMMITTED, CONFLICT, FROM_A_MIRROR, INCONSISTENT, History
+from tests.history.history import COMMITTED, CONFLICT, FROM_A_MIRROR, INCONSISTENT, History
+
 from . import links
 from .client import TIMEOUT_S
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import zenoh
 
+from tests.attack import messages
 from zenoh_tf import Transform, wire
 from zenoh_tf.errors import (
     ServerBusy,
@@ -24,7 +25,6 @@ from zenoh_tf.errors import (
     TransformException,
 )
 
-from ..attack import messages
 from . import links
 from .client import TIMEOUT_S, Client
 

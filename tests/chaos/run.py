@@ -17,11 +17,11 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from tests.attack.processes import ROOT, Process, free_endpoint
+from tests.processes.tcp_proxy import TcpProxy
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import TransformClient
 
-from ..attack.processes import ROOT, Process, free_endpoint
-from ..tcp_proxy import TcpProxy
 from . import links
 from .client import TIMEOUT_S
 from .merge import Merged, Start, merge

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ..history.checker import describe, find_anomaly
-from ..history.history import COMMITTED, History, Liveliness, liveliness
-from ..seed import seed
+from tests.history.checker import describe, find_anomaly
+from tests.history.history import COMMITTED, History, Liveliness, liveliness
+from tests.support.seed import seed
+
 from .faults import FAULTS, Fault, faulty_server, faulty_text
 from .merge import Merged
 from .run import WAYS, Chaos

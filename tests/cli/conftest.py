@@ -14,13 +14,12 @@ from typing import Any
 
 import pytest
 
+from tests.processes import forks
+from tests.processes.servers import Pool, ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session import environment
 from zenoh_tf_tools.cli.main import main
-
-from .. import forks
-from ..servers import Pool, ServerProcess
 
 Done = subprocess.CompletedProcess[str]
 Run = Callable[..., Done]

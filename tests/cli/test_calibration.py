@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.setup import calibration_diff, calibration_files
 
-from ..servers import ServerProcess
 from .conftest import Run, document, refusal, succeeds
 
 PAGE = (Path(__file__).parents[2] / "docs/calibration.md").read_text()

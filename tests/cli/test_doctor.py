@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.recorded import RUN, needs_recording
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from ..recorded import RUN, needs_recording
 from .conftest import Run, document, refusal, succeeds
 
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
+from tests.processes import forks
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from .. import forks
 from .conftest import Run, document, refusal, succeeds
 
 

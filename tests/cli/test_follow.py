@@ -10,12 +10,12 @@ import time
 
 import pytest
 
+from tests.conftest import StartServer
+from tests.processes import forks
+from tests.processes.ports import free_endpoint
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from .. import forks
-from ..conftest import StartServer
-from ..ports import free_endpoint
 from .conftest import MODULE, Run
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.recordings.files import Log, write
+from tests.support.recorded import RUN, needs_recording
 from zenoh_tf_tools.cli.main import main
 
-from ..recorded import RUN, needs_recording
-from ..recordings.files import Log, write
 from .conftest import Run, document, refusal, succeeds
 
 

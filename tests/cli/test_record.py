@@ -16,16 +16,16 @@ import numpy as np
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
+from tests.conftest import StartServer
+from tests.processes import forks
+from tests.processes.servers import ServerProcess
+from tests.recordings.readers import read_with_foxglove, read_with_rosbags, rows
+from tests.recordings.test_from_recording import ask
+from tests.support.recorded import RUN, needs_recording, questions
 from zenoh_tf import LatestTransform, LookupException, StampedTransform, Transform, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
 from zenoh_tf_client import TransformClient
 
-from .. import forks
-from ..conftest import StartServer
-from ..recorded import RUN, needs_recording, questions
-from ..recordings.readers import read_with_foxglove, read_with_rosbags, rows
-from ..recordings.test_from_recording import ask
-from ..servers import ServerProcess
 from .conftest import Run, document, refusal
 
 TIMEOUT_S = 40.0

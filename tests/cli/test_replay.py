@@ -17,12 +17,11 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from tests.processes import forks
+from tests.recordings.files import Log, write
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.recordings.ingest import Feed
-
-from .. import forks
-from ..recordings.files import Log, write
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from ..servers import ServerProcess
 from .conftest import Run
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/troubleshooting.md"

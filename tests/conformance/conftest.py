@@ -12,6 +12,8 @@ from typing import Any, Literal, cast
 
 import pytest
 
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import count_start
 from zenoh_tf import TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
@@ -19,8 +21,6 @@ from zenoh_tf_server.process.sharing import Settings as Sharing
 from zenoh_tf_server.server import Server
 from zenoh_tf_server.settings import Settings
 
-from ..ports import free_endpoint
-from ..servers import count_start
 from .shorthand import MODES, Tree
 
 Concurrency = Literal["optimistic", "2pl", "giant"]

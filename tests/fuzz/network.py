@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import zenoh
 
+from tests.attack import messages
+from tests.attack.processes import Server
 from zenoh_tf import wire
 from zenoh_tf._net import keys
 
-from ..attack import messages
-from ..attack.processes import Server
 from .seeds import Mutator
 
 _IN_FLIGHT = 64

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import msgpack
 
+from tests.attack import messages
 from zenoh_tf import wire
-
-from ..attack import messages
 
 _WRITE = {"id": bytes(16), "expires_ns": 1 << 62, "instance": "0123456789abcdef"}
 _READS = {"read_names": ["a", "b"], "read_versions": bytes(16)}

@@ -11,8 +11,9 @@ import sys
 
 import pytest
 
-from ..attack.processes import Server
-from ..seed import seed
+from tests.attack.processes import Server
+from tests.support.seed import seed
+
 from .corpus import first_inputs, kept, mutated
 from .network import play
 from .targets import TARGETS

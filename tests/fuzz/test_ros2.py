@@ -14,15 +14,15 @@ import time
 import pytest
 import zenoh
 
+from tests.attack.processes import Server
+from tests.ros2.conftest import message_of
+from tests.support.seed import seed
 from zenoh_tf._net import zenoh_config
 from zenoh_tf.ros2 import attachment
 from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_data
 from zenoh_tf_client import TransformClient
 
-from ..attack.processes import Server
-from ..ros2.conftest import message_of
-from ..seed import seed
 from .seeds import Mutator
 
 LONG = int(os.environ.get("FUZZ", "0"))

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from mcap.writer import Writer as McapWriter
 
+from tests.support.recorded import RUN, Question, needs_recording, questions
 from zenoh_tf import LimitExceeded, TransformException, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
 
-from ..recorded import RUN, Question, needs_recording, questions
 from .files import KINDS, LOG, TF, Log, malformed_cdr, write
 
 S = 10**9

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.processes import forks
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_tools.cli.main import _parser
 
-from .. import forks
 from .files import Log, write
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.processes import forks
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import START_TIMEOUT_S, ServerProcess
 from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf_client import TransformClient
-
-from .. import forks
-from ..ports import free_endpoint
-from ..servers import START_TIMEOUT_S, ServerProcess
 
 #: No rotation, one metre ahead.
 AHEAD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.client.test_client_recorded import answer, ask
+from tests.conftest import StartServer
+from tests.processes.servers import ServerProcess
+from tests.support.recorded import needs_recording, questions, transforms
 from zenoh_tf_client import TransformClient
 
-from ..conftest import StartServer
-from ..recorded import needs_recording, questions, transforms
-from ..servers import ServerProcess
-from ..test_client_recorded import answer, ask
 from .conftest import AHEAD, Peer, StartPeer, authorities, make_server, position, wait_for
 
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import pytest
 
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 
-from ..servers import ServerProcess
 from .conftest import AHEAD, Peer, make_server, position, wait_for, wait_for_authority
 
 OLD = "1.5.1"  # the Zenoh of ROS 2 Jazzy's and Kilted's first packages

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._core import TransformRows
 from zenoh_tf.ros2.cdr import JointState, TfMessage, encode_joint_state, encode_tf_message
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE
 from zenoh_tf_client import TransformClient
 
-from ..conftest import StartServer
-from ..ports import free_endpoint
-from ..servers import ServerProcess
 from .conftest import (
     AHEAD,
     Peer,

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
+from tests.conftest import StartServer
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.ros2 import attachment
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_publisher
 from zenoh_tf_client import TransformClient
 
-from ..conftest import StartServer
-from ..servers import ServerProcess
 from .conftest import AHEAD, Peer, StartPeer, make_server, position, wait_for
 
 TURNED = Transform((1, 2, 3), (0, 0, 1, 0))

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
+from tests.processes import forks
+from tests.processes.servers import ServerProcess
+from tests.programs.test_demo import endpoint_of, processes_of
 from zenoh_tf_server import flags
 
-from .. import forks
-from ..servers import ServerProcess
-from ..test_demo import endpoint_of, processes_of
 from .conftest import make_server, position
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import ServerProcess
 from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_client.session.shared_reads import Mode
 from zenoh_tf_tools.cli.setup import certificate_files
-
-from ..ports import free_endpoint
-from ..servers import ServerProcess
 
 CLIENTS = (
     *("reader", "listener", "wheels", "arm"),

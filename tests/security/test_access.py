@@ -13,13 +13,13 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied
 from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_client.requests import columns as client_columns
 
-from ..servers import ServerProcess
 from .conftest import Files, Serve, connect
 
 LINK = StampedTransform("map", "base", 1, Transform())

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import AccessDenied
 from zenoh_tf_client import Credentials
 
-from ..conftest import StartServer
 from .conftest import PASSWORDS, Files, Serve, connect
 
 #: For all clients, and for one user with one certificate.

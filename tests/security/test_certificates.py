@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from .. import forks
-from ..conftest import StartServer
+from tests.conftest import StartServer
+from tests.processes import forks
+
 from .conftest import tls_endpoint
 
 pytest.importorskip("cryptography")

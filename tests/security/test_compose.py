@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from .. import forks
-from ..conftest import StartServer
+from tests.conftest import StartServer
+from tests.processes import forks
+
 from .conftest import tls_endpoint
 
 DOCKER = Path(__file__).resolve().parents[2] / "docker"

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
+from tests.processes import forks
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf_server import config_file, flags
-
-from .. import forks
-from ..conftest import StartServer
 
 
 def parse(tmp_path: Path, text: str, *arguments: str) -> argparse.Namespace:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import pytest
 import zenoh
 
+from tests.conftest import ServerProcess, free_endpoint
+from tests.processes.replicas import reads_near, seen, step, wait
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied
 from zenoh_tf_client import Credentials, TransformClient
 
-from ..conftest import ServerProcess, free_endpoint
-from ..replicas import reads_near, seen, step, wait
 from .conftest import PASSWORDS, Files, Serve, tls_endpoint
 
 RULES = """

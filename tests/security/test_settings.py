@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
+from tests.processes import forks
+from tests.processes.ports import free_endpoint
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_client import Credentials, TransformClient
@@ -16,9 +19,6 @@ from zenoh_tf_server.security.access_control import KEYED, READS
 from zenoh_tf_server.security.access_rules import AccessRule, authority_chunk, granted
 from zenoh_tf_server.security.settings import Security
 
-from .. import forks
-from ..conftest import StartServer
-from ..ports import free_endpoint
 from .conftest import Files
 
 TLS = "tls/0.0.0.0:1"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
 from zenoh_tf.errors import AccessDenied
 
-from ..conftest import StartServer
 from .conftest import Files, connect, tls_endpoint
 
 RULES = """

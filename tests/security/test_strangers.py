@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
+from tests.processes import forks
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import ServerProcess
 from zenoh_tf.errors import (
     AccessDenied,
     InvalidArgumentException,
@@ -19,10 +23,6 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf_client import Credentials, TransformClient
 
-from .. import forks
-from ..conftest import StartServer
-from ..ports import free_endpoint
-from ..servers import ServerProcess
 from .conftest import PASSWORDS, Files, Serve, connect, tls_endpoint
 
 TIMEOUT_S = 1.5

@@ -14,11 +14,10 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 
+from tests.attack import messages
+from tests.fuzz.seeds import Mutator
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import Broadcaster, Transaction, TransformClient
-
-from ..attack import messages
-from ..fuzz.seeds import Mutator
 
 _REPORT_S = 2.0
 _LIVE_FRAMES = 50

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes.servers import ServerProcess
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
-
-from ..servers import ServerProcess
 
 #: Modules with ROS's names and plain classes, for the scripts of these tests.
 FAKE_ROS = Path(__file__).with_name("fake_ros")

@@ -9,9 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tests.processes import forks
 from zenoh_tf import StampedTransform, Transform
-
-from .. import forks
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/from-tf2.md").read_text()

@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from .. import forks
+from tests.processes import forks
+
 from .conftest import FAKE_ROS
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples/tf2_tutorials"

@@ -11,11 +11,10 @@ from typing import Any
 
 import pytest
 
+from tests.processes import forks
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import ServerProcess
 from zenoh_tf_client import TransformClient
-
-from .. import forks
-from ..ports import free_endpoint
-from ..servers import ServerProcess
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 FLOATING = b"""<robot name="hover"><link name="world"/><link name="base"/><link name="mast"/>

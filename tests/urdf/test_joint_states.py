@@ -23,14 +23,13 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
+from tests.processes import forks
+from tests.processes.servers import ServerProcess
 from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.urdf import reader
 from zenoh_tf_tools.urdf.joint_states import JointStateFeed
 from zenoh_tf_tools.urdf.kinematics import JointTransforms
-
-from .. import forks
-from ..servers import ServerProcess
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 CASES: list[dict[str, Any]] = json.loads(Path(__file__).with_name("poses.json").read_text())

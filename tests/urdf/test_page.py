@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from .. import forks
-from ..servers import ServerProcess
+from tests.processes import forks
+from tests.processes.servers import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/urdf.md").read_text()

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ..ports import free_port
-from ..recordings.files import write
+from tests.processes.ports import free_port
+from tests.recordings.files import write
+
 from .test_view_command import started
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")

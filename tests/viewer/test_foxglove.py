@@ -17,13 +17,13 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
+from tests.processes.ports import free_port
+from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.main import main
 from zenoh_tf_tools.cli.show.foxglove import _EXAMPLES
 
-from ..ports import free_port
-from ..servers import ServerProcess
 from .test_view_command import PAGE, WITHOUT, run, started
 
 S = 10**9

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.processes.servers import ServerProcess
+from tests.recordings.files import write
 from zenoh_tf import LookupException, StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import TransformClient
@@ -22,8 +24,6 @@ from zenoh_tf_tools.cli.show.plot import _EXAMPLES
 from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 
-from ..recordings.files import write
-from ..servers import ServerProcess
 from .test_view_command import PAGE, WITHOUT, run
 
 S = 10**9

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.processes.ports import free_port
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_tools.viewer import scene
 from zenoh_tf_tools.viewer.panel import Panel
 from zenoh_tf_tools.viewer.source import Link
 from zenoh_tf_tools.viewer.viewer import Options, Viewer, close_server, open_server
-
-from ..ports import free_port
 
 S = 10**9
 QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)

@@ -7,15 +7,14 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.processes.servers import ServerProcess
+from tests.recordings.files import write
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import Mirror, TransformClient
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 from zenoh_tf_tools.viewer.source import Link
-
-from ..recordings.files import write
-from ..servers import ServerProcess
 
 S = 10**9
 

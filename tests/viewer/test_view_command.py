@@ -16,13 +16,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import forks
+from tests.processes.ports import free_port
+from tests.processes.servers import ServerProcess
+from tests.recordings.files import write
 from zenoh_tf_tools.cli.main import main
 from zenoh_tf_tools.cli.show.view import _EXAMPLES
-
-from .. import forks
-from ..ports import free_port
-from ..recordings.files import write
-from ..servers import ServerProcess
 
 PAGE = (Path(__file__).parents[2] / "docs/view.md").read_text()
 MODULE = ("-m", "zenoh_tf_tools")

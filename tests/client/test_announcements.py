@@ -1,0 +1,246 @@
+"""Broadcasters announce static transforms to new servers, and never undo a correction."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import StartServer
+from tests.processes.ports import free_endpoint
+from tests.processes.servers import ServerProcess
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf._net import keys
+from zenoh_tf_client import Broadcaster, TransformClient
+from zenoh_tf_client.publish.announcer import Announcer
+from zenoh_tf_client.publish.publisher import message
+
+DEADLINE_S = 30
+
+
+class ShortLease(ServerProcess):
+    """A server whose clients miss it after a second, not after ten."""
+
+    START = (
+        "-c",
+        "import sys; from zenoh_tf._net import zenoh_config\n"
+        "zenoh_config._COMMON['transport/link/tx/lease'] = 1000\n"
+        "from zenoh_tf_server.main import main; sys.exit(main())",
+    )
+
+
+@pytest.fixture
+def frozen_soon(tmp_path: Path) -> Iterator[ServerProcess]:
+    server = ShortLease(tmp_path / "log", free_endpoint(), "main", ())
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def start(start_server: StartServer, tmp_path: Path) -> Callable[..., ServerProcess]:
+    """``start(*flags)``: a server on one endpoint and folder."""
+    endpoint, folder = free_endpoint(), str(tmp_path / "state")
+    return lambda *flags: start_server("--state-dir", folder, *flags, endpoint=endpoint)
+
+
+def link(parent: str, child: str, x: float = 0.0) -> StampedTransform:
+    return StampedTransform(parent, child, 0, Transform((x, 0, 0)))
+
+
+def x_of(tf: TransformClient, child: str) -> float:
+    return float(tf.lookup_transform("base", child).transform.translation[0])
+
+
+def until(condition: Callable[[], object]) -> None:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+def announcer_of(broadcaster: Broadcaster) -> Announcer:
+    assert broadcaster._announcer is not None
+    return broadcaster._announcer
+
+
+def until_informed(broadcaster: Broadcaster, server: ServerProcess) -> None:
+    """Wait until the broadcaster has announced its statics to this server instance."""
+    until(lambda: (announcer_of(broadcaster)._informed or "?") in server.greeting)
+
+
+def test_a_reconnect_to_the_same_server(frozen_soon: ServerProcess) -> None:
+    server = frozen_soon
+    with server.connect() as tf, tf.broadcaster("urdf") as urdf:
+        urdf.send_static([link("base", "camera", 1), link("base", "lidar", 1)])
+        assert tf.can_transform("camera", "lidar", timeout_s=10)
+        tf.set_transform(link("base", "camera", 2), authority="urdf", static=True)
+        tf.remove_frame("lidar")
+        puts = tf.stats()["puts"]
+        announcer = announcer_of(urdf)
+        until(lambda: announcer._present)
+        server.freeze()
+        until(lambda: not announcer._present)
+        server.send_signal(signal.SIGCONT)
+        until(lambda: announcer._present)
+        announcer.look()
+        until(lambda: not announcer._may_be_new)
+        urdf.send_static(link("base", "radar", 3))
+        assert tf.can_transform("base", "radar", timeout_s=10)
+        assert sorted(tf.frames()) == ["base", "camera", "radar"]
+        assert x_of(tf, "camera") == 2
+        assert tf.stats()["puts"] == puts + 1
+
+
+def test_statics_sent_while_no_server_is_there(start: Callable[..., ServerProcess]) -> None:
+    server = start()
+    with server.connect(20) as tf, tf.broadcaster("urdf") as urdf:
+        urdf.send_static([link("base", "camera", 1), link("base", "lidar", 1)])
+        assert tf.can_transform("camera", "lidar", timeout_s=10)
+        for child in ("camera", "lidar"):
+            tf.set_transform(link("base", child, 2), authority="operator", static=True)
+        server.kill()
+        until(lambda: urdf._announcer and not urdf._announcer._present)
+        urdf.send_static(link("base", "camera", 3))  # newer than the correction
+        server = start()
+        until_informed(urdf, server)
+        until(lambda: x_of(tf, "camera") == 3)
+        assert x_of(tf, "lidar") == 2
+
+
+def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) -> None:
+    server = start()
+    with server.connect(20) as tf, tf.broadcaster("urdf") as urdf:
+        names = ["camera", "lidar", "radar", "imu", "own"]
+        urdf.send_static([link("base", name, 1) for name in names])
+        assert tf.can_transform("base", "own", timeout_s=10)
+        tf.set_transform(link("base", "camera", 2), authority="operator", static=True)
+        tf.set_transform(link("base", "imu", 2), authority="urdf", static=True)
+        tf.remove_frame("lidar")
+        tf.set_transform(link("base", "radar", 2), authority="slam")
+        for _ in range(2):
+            server.kill()
+            server = start()
+            # As if the sensor had not come back before these.
+            until_informed(urdf, server)
+            until(lambda: tf.stats()["puts"] == 1)
+            assert sorted(tf.frames()) == ["base", "camera", "imu", "own", "radar"]
+            assert (x_of(tf, "camera"), tf.frame("camera").authority) == (2, "operator")
+            assert (x_of(tf, "imu"), tf.frame("imu").authority) == (2, "urdf")
+            assert x_of(tf, "own") == 1
+            assert "statics of 'urdf': announced again, but 3 left out" in server.log
+            tf.set_transform(link("base", "radar", 2), authority="slam")
+        tf.reset()  # as new: the next server takes all
+        server.kill()
+        server = start()
+        until_informed(urdf, server)
+        until(lambda: len(tf.frames()) == 6)
+
+
+def test_many_statics_and_small_limits(start_server: StartServer) -> None:
+    endpoint = free_endpoint()
+    server = start_server(endpoint=endpoint)
+    with server.connect(20) as tf, tf.broadcaster("urdf") as urdf:
+        urdf.send_static([link("base", f"{'x' * 100} {number}") for number in range(500)])
+        assert tf.can_transform("base", f"{'x' * 100} 499", timeout_s=10)
+        server.kill()
+        flags = ("--limit", "rows=50", "--limit", "message_bytes=4096")
+        server = start_server(*flags, endpoint=endpoint)
+        until_informed(urdf, server)
+        until(lambda: len(tf.frames()) == 501)
+        assert tf.stats()["bad_puts"] == 0
+
+
+def test_an_error_does_not_end_announcing(
+    start_server: StartServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    server = start_server()
+    with server.connect(20) as tf, tf.broadcaster("urdf") as urdf:
+        urdf.send_static(link("base", "camera", 1))
+        announcer = announcer_of(urdf)
+        failures = iter([ValueError("one"), OSError("two")])
+        send = announcer._send_to_server
+
+        def fail_twice() -> bool:
+            for error in failures:
+                raise error
+            return send()
+
+        monkeypatch.setattr(announcer, "_send_to_server", fail_twice)
+        server.kill()
+        server = start_server(endpoint=server.endpoint)
+        until_informed(urdf, server)
+        assert tf.can_transform("base", "camera", timeout_s=10)
+        for error in ("ValueError: one", "OSError: two"):
+            assert error in caplog.text
+
+
+def test_closed_broadcasters_are_let_go(client: TransformClient) -> None:
+    with client.broadcaster("a") as a:
+        a.send_static(link("base", "a"))
+        b = client.broadcaster("b")
+        assert client._broadcasters == {a, b}
+    assert client._broadcasters == {b}
+    b.close()
+    b.close()
+    assert client._broadcasters == set()
+
+
+def test_which_announcements_are_applied(server: ServerProcess, client: TransformClient) -> None:
+    tf = client
+
+    def put(*rows: StampedTransform, announce: bool = True) -> None:
+        """Put an announcement, or new transforms, and wait until the server has taken it."""
+        puts = sum(tf.stats()[name] for name in ("puts", "bad_puts"))
+        key = keys.put("main", "urdf", static=True)
+        tf._connection.session.put(key, message(rows, announce=announce))
+        until(lambda: sum(tf.stats()[name] for name in ("puts", "bad_puts")) == puts + 1)
+
+    put(link("base", "own", 1))
+    tf.set_transform(link("base", "corrected", 1), authority="urdf", static=True)
+    tf.set_transform(link("base", "other", 1), authority="operator", static=True)
+    tf.set_transform(link("base", "dynamic", 1), authority="urdf")
+    tf.set_transforms_xact([link("base", "gone", 1), link("gone", "below", 1)], static=True)
+    tf.remove_frame("gone", subtree=True)
+    names = ["own", "corrected", "other", "dynamic", "gone", "below", "new"]
+    put(*[link("base", name, 2) for name in names])
+    assert {name: x_of(tf, name) for name in names if name in tf.frames()} == {
+        "own": 2,
+        "corrected": 1,
+        "other": 1,
+        "dynamic": 1,
+        "new": 2,
+    }
+    assert not tf.frame("dynamic").static
+    assert "announced again, but 5 left out, 'corrected' first" in server.log
+
+    # A new transform ends a removal and a correction; a link that is cleared is removed.
+    put(link("base", "gone", 3), link("base", "corrected", 3), announce=False)
+    put(link("base", "gone", 4), link("base", "corrected", 4))
+    assert (x_of(tf, "gone"), x_of(tf, "corrected")) == (4, 4)
+    tf.clear(keep_static=False)
+    put(link("base", "gone", 5), link("base", "newer", 5))
+    assert tf.can_transform("base", "newer")
+    assert not tf.can_transform("base", "gone")
+
+    # One link that is refused keeps no other back.
+    put(link("newer", "base", 6), link("base", "newest", 6), link("base", "newer", 7))
+    assert (x_of(tf, "newest"), x_of(tf, "newer")) == (6, 7)
+    assert "announced statics of 'urdf': some refused: " in server.log
+
+
+def test_removals_are_forgotten_at_the_limit(start_server: StartServer) -> None:
+    server = start_server("--limit", "removed_statics=2")
+    with server.connect() as tf:
+        names = ["a", "b", "c"]
+        for name in names:
+            tf.set_transform(link("base", name), static=True)
+            tf.remove_frame(name)
+        rows = [link("base", name) for name in names]
+        tf._connection.session.put(
+            keys.put("main", "urdf", static=True), message(rows, announce=True)
+        )
+        assert tf.can_transform("base", "a", timeout_s=10)
+        assert sorted(tf.frames()) == ["a", "base"]

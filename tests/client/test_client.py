@@ -1,0 +1,395 @@
+"""The SDK against a real server: every method, and results equal to the embedded tree's."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import StartServer
+from tests.processes.servers import ServerProcess
+from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf.errors import (
+    ConnectivityException,
+    ExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    ServerBusy,
+    ServerUnavailable,
+    TransformException,
+)
+from zenoh_tf_client import Broadcaster, TransformClient
+
+pytestmark = pytest.mark.usefixtures("either_client")
+
+S = 1_000_000_000
+
+
+def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
+    half = np.sqrt(0.5)
+    return StampedTransform(
+        parent, child, stamp_ns, Transform((x, 1.0, 2.0), (0.0, 0.0, half, half))
+    )
+
+
+LINKS = [
+    link("map", "odom", 1 * S, 1.0),
+    link("map", "odom", 3 * S, 3.0),
+    link("odom", "base", 2 * S, 0.5),
+    link("odom", "base", 4 * S, 0.7),
+    link("island", "shore", 1 * S),
+]
+
+
+def fill(tf: TransformClient | TransformTree) -> None:
+    for stamped in LINKS:
+        assert tf.set_transform(stamped) is True
+    tf.set_transforms_xact([link("base", "camera", 0), link("base", "arm", 0)], "urdf", static=True)
+
+
+QUESTIONS: dict[str, Callable[[Any], Any]] = {
+    "common": lambda tf: tf.lookup_transform("map", "base"),
+    "at": lambda tf: tf.lookup_transform("map", "camera", 5 * S // 2),
+    "itself": lambda tf: tf.lookup_transform("map", "map"),
+    "full": lambda tf: tf.lookup_transform_full("odom", 1 * S, "odom", 3 * S, "map"),
+    "full without times": lambda tf: tf.lookup_transform_full("arm", None, "odom", None, "map"),
+    "latest": lambda tf: tf.lookup_latest_transform("map", "base"),
+    "latest xact": lambda tf: tf.lookup_latest_transform_xact("camera", "map"),
+    "latest many": lambda tf: tf.lookup_latest_transforms_xact([("map", "base"), ("arm", "odom")]),
+    "latest none": lambda tf: tf.lookup_latest_transforms_xact([]),
+    "can": lambda tf: tf.can_transform("map", "base", 5 * S // 2),
+    "cannot": lambda tf: tf.can_transform("map", "base", 9 * S),
+    "cannot, unknown": lambda tf: tf.can_transform("map", "nowhere"),
+    "common time": lambda tf: tf.latest_common_time("map", "base"),
+    "common time, static": lambda tf: tf.latest_common_time("camera", "arm"),
+    "chain": lambda tf: tf.chain("camera", "odom"),
+    "chain at": lambda tf: tf.chain("map", "base", 2 * S),
+    "explain": lambda tf: tf.explain("camera", "odom"),
+    "explain a failure": lambda tf: tf.explain("map", "base", 9 * S),
+    "explain an unknown name": lambda tf: tf.explain("map", "bass"),
+    "explain what is unconnected": lambda tf: tf.explain("map", "shore"),
+    "frames": lambda tf: sorted(tf.frames()),
+    "parent": lambda tf: tf.parent("base"),
+    "parent at": lambda tf: tf.parent("base", 3 * S),
+    "parent of root": lambda tf: tf.parent("map"),
+    "unknown": lambda tf: tf.lookup_transform("map", "nowhere"),
+    "unknown frame": lambda tf: tf.frame("nowhere"),
+    "unconnected": lambda tf: tf.lookup_transform("map", "shore"),
+    "unconnected latest": lambda tf: tf.lookup_latest_transform_xact("map", "shore"),
+    "too new": lambda tf: tf.lookup_transform("map", "base", 9 * S),
+    "too old": lambda tf: tf.lookup_transform("map", "base", 1),
+    "single sample": lambda tf: tf.lookup_transform("island", "shore", 2 * S),
+    "empty name": lambda tf: tf.lookup_transform("", "base"),
+    "long name": lambda tf: tf.set_transform(link("map", "x" * 256, 1 * S)),
+    "self": lambda tf: tf.set_transform(link("map", "map", 1 * S)),
+    "cycle": lambda tf: tf.set_transform(link("camera", "map", 1 * S)),
+    "one bad of two": lambda tf: tf.set_transforms_xact(
+        [link("map", "new", 1 * S), link("new2", "new2", 1 * S)]
+    ),
+}
+
+
+def ask(tf: Any, question: Callable[[Any], Any]) -> Any:
+    try:
+        return question(tf)
+    except TransformException as error:
+        return type(error), str(error), error.facts
+
+
+def test_every_answer_is_the_embedded_trees(any_server: ServerProcess) -> None:
+    tree = TransformTree()
+    with any_server.connect() as tf:
+        fill(tree)
+        fill(tf)
+        for name, question in QUESTIONS.items():
+            mine, theirs = ask(tf, question), ask(tree, question)
+            if isinstance(mine, StampedTransform):
+                assert type(mine) is type(theirs), name
+                assert (mine.parent_frame, mine.child_frame, mine.stamp_ns) == (
+                    theirs.parent_frame,
+                    theirs.child_frame,
+                    theirs.stamp_ns,
+                ), name
+                assert mine.transform.pose() == pytest.approx(theirs.transform.pose(), abs=1e-15)
+            elif name == "empty name":  # a row of a column is not called by the argument's name
+                assert mine[0] is theirs[0] is InvalidArgumentException
+            else:
+                assert mine == theirs, name
+
+
+def test_errors_carry_their_facts(client: TransformClient) -> None:
+    fill(client)
+    with pytest.raises(ForwardExtrapolationException) as caught:
+        client.lookup_transform("map", "base", 9 * S)
+    error = caught.value
+    assert isinstance(error, ExtrapolationException)
+    assert (error.target_frame, error.source_frame) == ("map", "base")
+    assert error.stamp_ns == 9 * S
+    assert (error.frame, error.newest_stamp_ns) in (("base", 4 * S), ("odom", 3 * S))
+    assert error.parent_frame and error.oldest_stamp_ns
+
+
+def test_arrays(client: TransformClient) -> None:
+    fill(client)
+    stamps = np.linspace(2 * S, 3 * S, 1000).astype(np.int64)
+    many = client.sample("map", "base", stamps)
+    assert many.status.tolist() == [0] * 1000
+    assert many.stamps_ns.tolist() == stamps.tolist()
+    one = client.lookup_transform("map", "base", int(stamps[500]))
+    assert many.translations[500] == pytest.approx(one.transform.translation, abs=1e-15)
+    assert many.rotations[500] == pytest.approx(one.transform.rotation, abs=1e-15)
+
+    mixed = client.lookup_transforms(["map", "map", "x"], ["base", "shore", "base"], None)
+    assert mixed.status.tolist() == [0, ConnectivityException.code, LookupException.code]
+    assert mixed.stamps_ns[0] == 3 * S
+    single = client.lookup_transforms("map", ["base", "odom"], 5 * S // 2)
+    assert single.status.tolist() == [0, 0]
+    assert client.lookup_transforms([], [], None).status.size == 0
+    with pytest.raises(InvalidArgumentException):
+        client.lookup_transforms(["map"], ["base", "odom"], None)
+    with pytest.raises(InvalidArgumentException):
+        client.sample("map", "base", [0.5])
+    for stamp_ns in (0.5, "now", 1 << 63, -(1 << 63)):
+        with pytest.raises(InvalidArgumentException) as caught:
+            client.lookup_transform("map", "base", stamp_ns)  # type: ignore[arg-type]
+        assert caught.value.field == "stamp_ns"
+
+
+@pytest.mark.parametrize("stamp_ns", [1 << 63, -(1 << 63), 1 << 64, 1 << 70, -(1 << 70)])
+def test_no_stamp_is_wrapped_or_taken_for_none(client: TransformClient, stamp_ns: int) -> None:
+    """-2^63 stands for "no time given" in a message, so no caller may pass it."""
+    fill(client)
+    calls: list[tuple[str, Callable[[], object]]] = [
+        ("stamps_ns", lambda: client.sample("map", "base", [stamp_ns])),
+        ("stamps_ns", lambda: client.lookup_transforms(["map"], "base", [stamp_ns])),
+        ("stamps_ns", lambda: client.lookup_transforms("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.lookup_transform("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.lookup_velocity("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.parent("base", stamp_ns)),
+        ("stamp_ns", lambda: client.chain("map", "base", stamp_ns)),
+        (
+            "target_stamp_ns",
+            lambda: client.lookup_transform_full("map", stamp_ns, "base", 2 * S, "odom"),
+        ),
+        (
+            "source_stamp_ns",
+            lambda: client.lookup_transform_full("map", 2 * S, "base", stamp_ns, "odom"),
+        ),
+    ]
+    for field, call in calls:
+        with pytest.raises(InvalidArgumentException) as caught:
+            call()
+        assert caught.value.field == field
+
+
+def test_unsigned_stamps_that_fit(client: TransformClient) -> None:
+    fill(client)
+    for kind in (np.uint64, np.uint32, np.int64):
+        many = client.sample("map", "base", np.array([2 * S, 3 * S], kind))
+        assert many.status.tolist() == [0, 0]
+        assert many.stamps_ns.tolist() == [2 * S, 3 * S]
+    limits = client.sample("map", "base", [(1 << 63) - 1, -(1 << 63) + 1])
+    assert all(limits.status)
+    for stamps_ns in (np.array([2 * S, 1 << 63], np.uint64), np.array([-(1 << 63), 2 * S])):
+        with pytest.raises(InvalidArgumentException, match=r"-2\^63 \+ 1") as caught:
+            client.sample("map", "base", stamps_ns)
+        assert caught.value.field == "stamps_ns"
+
+
+def test_an_endpoint_is_no_connection() -> None:
+    with pytest.raises(TypeError, match=r"use TransformClient\.connect\(") as caught:
+        TransformClient("tcp/127.0.0.1:7447")  # type: ignore[arg-type]
+    assert "'tcp/127.0.0.1:7447'" in str(caught.value)
+
+
+def test_reprs(server: ServerProcess) -> None:
+    where = f"{server.endpoint}, tree 'main'"
+    with server.connect() as tf:
+        assert repr(tf) == f"<TransformClient {where}, server {tf.instance}, open>"
+        sensor = tf.broadcaster("lidar")
+        sensor.send_static(link("base", "lidar", 0))
+        assert repr(sensor) == f"<Broadcaster 'lidar' at {where}, 1 static, open>"
+        with tf.transaction() as tx:
+            tx.can_transform("map", "base")
+            seen = f"<Transaction of 1 reads and 0 sets at {where}, server {tf.instance}, open>"
+            assert repr(tx) == seen
+        with tf.batch() as batch:
+            unknown, can = batch.frame("base 2"), batch.can_transform("map", "base")
+            assert repr(batch) == f"<Batch of 2 operations for {where}, open>"
+            assert repr(can) == "<Handle: not sent>"
+        assert repr(can) == "<Handle: False>"
+        assert repr(unknown).startswith("<Handle: LookupException(")
+        sensor.close()
+        assert repr(sensor).endswith("closed>")
+    for closed in (tf, tx, batch):
+        assert repr(closed).endswith("closed>")
+
+
+def test_a_closed_client_says_so(server: ServerProcess) -> None:
+    tf = server.connect()
+    sensor = tf.broadcaster("lidar")
+    tf.close()
+    tf.close()
+    sensor.close()
+    for call in (tf.frames, lambda: sensor.send(link("a", "b", 1)), lambda: tf.broadcaster("b")):
+        with pytest.raises(ServerUnavailable, match="is closed"):
+            call()
+
+
+def test_dropped_and_cleared(start_server: StartServer) -> None:
+    with start_server("--cache-time", "5s").connect() as tf:
+        assert tf.set_transform(link("map", "base", 100 * S)) is True
+        assert tf.set_transform(link("map", "base", 1 * S)) is False
+        tf.set_transform(link("base", "arm", 0), static=True)
+        assert tf.frame("base").newest_stamp_ns == 100 * S
+        assert tf.frame("arm").static is True
+        tf.clear()
+        with pytest.raises(TransformException):
+            tf.lookup_transform("map", "base")
+        assert tf.can_transform("base", "arm")
+
+
+def test_any_utf8_name(start_server: StartServer) -> None:
+    server = start_server(tree="a/b %*@机")
+    with server.connect() as tf, tf.broadcaster("lidar/front #1") as sensor:
+        tf.set_transform(link("a//b", "**", 1 * S), authority="$*")
+        assert tf.lookup_transform("a//b", "**").child_frame == "**"
+        assert tf.frame("**").authority == "$*"
+        sensor.send(link("🤖", "e\u0301\0", 1 * S))
+        assert tf.can_transform("🤖", "e\u0301\0", timeout_s=5.0)
+        assert tf.frame("e\u0301\0").authority == "lidar/front #1"
+        with pytest.raises(InvalidArgumentException):
+            tf.lookup_transform("\ud800", "x")
+
+
+@pytest.mark.parametrize("method", ["send", "send_static"])
+def test_a_broadcaster_is_closed_while_another_thread_sends(
+    client: TransformClient, method: str
+) -> None:
+    """Each message before is sent, the first after it is refused, and close() does not fail."""
+
+    def send_until_refused(broadcaster: Broadcaster, sent: threading.Event) -> int:
+        for n in range(1_000_000):
+            try:
+                getattr(broadcaster, method)(link("map", "base", n))
+            except ServerUnavailable:
+                return n
+            sent.set()
+        raise AssertionError("never refused")
+
+    with ThreadPoolExecutor(4) as threads:
+        for _ in range(20):
+            broadcaster = client.broadcaster("sensor")
+            events = [threading.Event() for _ in range(4)]
+            senders = [threads.submit(send_until_refused, broadcaster, sent) for sent in events]
+            assert all(sent.wait(10) for sent in events)
+            broadcaster.close()
+            assert all(sender.result(10) > 0 for sender in senders)
+
+
+def test_batch(client: TransformClient) -> None:
+    fill(client)
+    with client.batch() as batch:
+        first = batch.lookup_transform("map", "base")
+        unknown = batch.lookup_transform("map", "nowhere")
+        latest = batch.lookup_latest_transform("map", "base")
+        common = batch.latest_common_time("map", "base")
+        stored = batch.set_transform(link("map", "odom", 5 * S, 5.0))
+        refused = batch.set_transforms_xact([link("a", "a", 1)])
+        after = batch.lookup_transform("map", "odom")
+        can = batch.can_transform("map", "nowhere")
+        array = batch.sample("map", "odom", [3 * S, 4 * S])
+        full = batch.lookup_transform_full("odom", 1 * S, "odom", 3 * S, "map")
+        record = batch.frame("odom")
+        chain = batch.chain("map", "base")
+        with pytest.raises(RuntimeError):
+            first.result()
+    assert first.result().stamp_ns == 3 * S
+    assert isinstance(unknown.exception(), LookupException)
+    with pytest.raises(LookupException):
+        unknown.result()
+    assert latest.result().newest_stamp_ns == 4 * S
+    assert common.result() == 3 * S
+    assert stored.result() is True
+    assert isinstance(refused.exception(), InvalidArgumentException)
+    assert after.result().stamp_ns == 5 * S
+    assert can.result() is False
+    assert array.result().status.tolist() == [0, 0]
+    assert full.result().parent_frame == "odom"
+    assert record.result().parent == "map"
+    assert chain.result() == client.chain("map", "base")
+
+
+def test_a_batch_that_is_left_by_an_error_is_not_sent(client: TransformClient) -> None:
+    with pytest.raises(KeyError), client.batch() as batch:
+        batch.set_transform(link("map", "base", 1 * S))
+        raise KeyError
+    assert client.frames() == []
+
+
+def test_a_batch_that_writes_and_waits(client: TransformClient) -> None:
+    with client.batch() as batch:
+        stored = batch.set_transform(link("map", "base", 1))
+        refused = batch.lookup_transform("map", "late", timeout_s=5.0)
+    assert stored.result() is True
+    assert isinstance(refused.exception(), InvalidArgumentException)
+    with client.batch() as batch:
+        now = batch.lookup_transform("map", "base", timeout_s=5.0)
+        unknown = batch.lookup_transform("map", "late", timeout_s=0.1)
+    assert now.result().stamp_ns == 1
+    assert isinstance(unknown.exception(), LookupException)
+
+
+def test_waiting_lookups(any_server: ServerProcess) -> None:
+    import threading  # noqa: PLC0415
+
+    with any_server.connect() as tf, any_server.connect() as other:
+        fill(tf)
+        answers: list[Any] = []
+        waiting = [
+            threading.Thread(
+                target=lambda row=row: answers.append(
+                    tf.lookup_transform("map", f"late{row % 4}", timeout_s=20.0)
+                )
+            )
+            for row in range(20)  # more than the server has workers
+        ]
+        for thread in waiting:
+            thread.start()
+        while other.stats()["waiters"] < 20:
+            pass
+        assert other.can_transform("map", "base")  # a worker is free
+        other.set_transforms_xact([link("map", f"late{row}", 1 * S) for row in range(4)])
+        for thread in waiting:
+            thread.join(10)
+        assert sorted(answer.child_frame for answer in answers) == sorted(
+            ["late0", "late1", "late2", "late3"] * 5
+        )
+        assert other.stats()["waiters"] == 0
+        with pytest.raises(LookupException):
+            tf.lookup_transform("map", "nowhere", timeout_s=0.2)
+        assert not tf.can_transform("map", "base", 9 * S, timeout_s=0.2)
+        with pytest.raises(ExtrapolationException):
+            tf.lookup_transform_full("map", 9 * S, "base", 2 * S, "odom", timeout_s=0.2)
+
+
+def test_more_waiters_than_allowed(start_server: StartServer) -> None:
+    server = start_server("--limit", "waiters=1")
+    import threading  # noqa: PLC0415
+
+    with server.connect() as tf:
+        waiting = threading.Thread(target=lambda: tf.can_transform("a", "b", timeout_s=60.0))
+        waiting.start()
+        while tf.stats()["waiters"] < 1:
+            pass
+        with pytest.raises(ServerBusy) as caught:
+            tf.lookup_transform("a", "b", timeout_s=0.1)
+        assert (caught.value.field, caught.value.limit) == ("waiters", 1)
+        tf.set_transform(link("a", "b", 1 * S))
+        waiting.join(10)
+        assert not waiting.is_alive()

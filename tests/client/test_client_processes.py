@@ -1,0 +1,143 @@
+"""Concurrent client processes: no lost update, no torn read."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.conftest import StartServer
+from tests.processes import forks
+from tests.processes.servers import ServerProcess
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+COUNTER = """
+import json, sys
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+attempts = 0
+
+def add(tx):
+    global attempts
+    attempts += 1
+    x = tx.lookup_latest_transform_xact("map", "counter").transform.translation[0]
+    tx.set_transform(StampedTransform("map", "counter", 1, Transform((x + 1, 0, 0))))
+
+with TransformClient.connect(sys.argv[1]) as tf:
+    print("ready", flush=True)
+    sys.stdin.readline()
+    for _ in range(int(sys.argv[2])):
+        tf.run_transaction(add, attempts=1000)
+print(json.dumps(attempts))
+"""
+
+CHAIN = """
+import json, random, sys, time
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import TransformClient
+
+LINKS = 8
+
+def write(tf):
+    # One time for all: of two transactions one is then the newer on every link.
+    now = time.time_ns()
+    steps = [random.randrange(-1000, 1000) for _ in range(LINKS - 1)]
+    tf.set_transforms_xact([
+        StampedTransform(f"l{i}", f"l{i + 1}", now, Transform((x, 0, 0)))
+        for i, x in enumerate([*steps, -sum(steps)])
+    ])
+
+def read(tf):
+    if tf.lookup_latest_transform_xact("l0", f"l{LINKS}").transform.translation[0] != 0:
+        raise SystemExit("torn")
+
+with TransformClient.connect(sys.argv[1]) as tf:
+    print("ready", flush=True)
+    sys.stdin.readline()
+    end = time.monotonic() + float(sys.argv[2])
+    calls = 0
+    while time.monotonic() < end:
+        globals()[sys.argv[3]](tf)
+        calls += 1
+print(json.dumps(calls))
+"""
+
+
+def run_together(code: str, *arguments: tuple[str, ...]) -> list[int]:
+    """Run a client process per tuple of arguments, all at once; return what they print."""
+    processes = [
+        forks.Popen(
+            [sys.executable, "-c", code, *args],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        for args in arguments
+    ]
+    try:
+        for process in processes:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+        for process in processes:
+            assert process.stdin is not None
+            process.stdin.write("go\n")
+            process.stdin.flush()
+        outputs = [process.communicate(timeout=40)[0] for process in processes]
+        assert [process.returncode for process in processes] == [0] * len(processes)
+        return [json.loads(output) for output in outputs]
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_no_update_is_lost(start_server: StartServer, concurrency: str) -> None:
+    server = start_server("--concurrency", concurrency)
+    with server.connect() as tf:
+        tf.set_transform(StampedTransform("map", "counter", 1, Transform()))
+        attempts = run_together(COUNTER, *[(server.endpoint, "100")] * 2)
+        counted = tf.lookup_latest_transform_xact("map", "counter").transform.translation[0]
+        assert counted == 200
+        assert sum(attempts) > 200, "no transaction was retried, so the test proves nothing"
+
+
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+def test_no_read_is_torn(start_server: StartServer, concurrency: str) -> None:
+    server = start_server("--concurrency", concurrency)
+    with server.connect() as tf:
+        tf.set_transforms_xact(
+            [StampedTransform(f"l{i}", f"l{i + 1}", 1, Transform()) for i in range(8)]
+        )
+    calls = run_together(CHAIN, *[(server.endpoint, "1.5", kind) for kind in ["write", "read"] * 2])
+    assert min(calls) > 50, f"too little happened: {calls}"
+
+
+def test_a_client_killed_in_a_write_leaves_no_torn_state(
+    server: ServerProcess, client: TransformClient
+) -> None:
+    client.set_transforms_xact(
+        [StampedTransform(f"l{i}", f"l{i + 1}", 1, Transform()) for i in range(8)]
+    )
+    process = forks.Popen(
+        [sys.executable, "-c", CHAIN, server.endpoint, "30", "write"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    before = client.stats()["commits"]
+    assert process.stdin is not None
+    process.stdin.write("go\n")
+    process.stdin.flush()
+    while client.stats()["commits"] < before + 20:
+        assert process.poll() is None
+    process.kill()
+    process.communicate()
+    answer = client.lookup_latest_transform_xact("l0", "l8")
+    assert answer.transform.translation[0] == 0
+    assert client.set_transform(StampedTransform("l0", "l1", time.time_ns(), Transform()))

@@ -1,0 +1,247 @@
+"""A site's server gathers the trees of robots, each with a server of its own."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import StartServer
+from tests.processes.ports import free_endpoint
+from tests.processes.replicas import wait
+from tests.processes.servers import ServerProcess
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.errors import TransformException
+from zenoh_tf_client import TransformClient
+from zenoh_tf_server import flags
+from zenoh_tf_server.monitoring import metric_table
+
+S = 1_000_000_000
+ROBOTS = ("robot1", "robot2")
+
+
+def link(parent: str, child: str, stamp_s: int, x: float) -> StampedTransform:
+    return StampedTransform(parent, child, stamp_s * S, Transform((x, 0, 0)))
+
+
+def x_of(tf: TransformClient, target: str, source: str) -> float | None:
+    """Where `source` is in `target`; None if that is not known."""
+    try:
+        return float(tf.lookup_transform(target, source).transform.translation[0])
+    except TransformException:
+        return None
+
+
+def stats(tf: TransformClient) -> dict[str, Any]:
+    return dict(tf.stats())
+
+
+@pytest.fixture
+def robots(start_server: StartServer) -> list[ServerProcess]:
+    """Two robots whose frames have the same names."""
+    servers = [start_server(tree="main"), start_server(tree="body")]
+    for number, server in enumerate(servers, 1):
+        with server.connect() as tf:
+            tf.set_transform(link("map", "base", 1, number), authority="wheels")
+            tf.set_transform(link("base", "camera", 0, 0.5), authority="calibration", static=True)
+    return servers
+
+
+@pytest.fixture
+def start_site(start_server: StartServer) -> Callable[..., ServerProcess]:
+    def start(robots: list[ServerProcess], *more: str) -> ServerProcess:
+        links = [
+            word
+            for name, robot in zip(ROBOTS, robots, strict=False)
+            for word in ("--mirror-of", f"{name}={robot.endpoint}/{robot.tree}")
+        ]
+        return start_server(*links, "--mirror-shared", "map,world", *more, tree="site")
+
+    return start
+
+
+def arrived(tf: TransformClient, robot: str, x: float) -> None:
+    wait(lambda: x_of(tf, "map", f"{robot}/camera") == x, f"{robot} at {x}")
+
+
+def test_equal_names_become_different_and_shared_ones_stay(
+    robots: list[ServerProcess], start_site: Callable[..., ServerProcess]
+) -> None:
+    site = start_site(robots)
+    with site.connect() as tf:
+        for number, name in enumerate(ROBOTS, 1):
+            arrived(tf, name, number + 0.5)
+        assert x_of(tf, "robot1/base", "robot2/base") == 1.0
+        expected = {f"{name}/{frame}" for name in ROBOTS for frame in ("base", "camera")}
+        assert set(tf.frames()) == {"map", *expected}
+        assert tf.frame("robot1/camera").static and not tf.frame("robot1/base").static
+        assert tf.frame("robot1/base").authority == "robot1:wheels"
+        # What is committed from now on comes too, in order.
+        with robots[0].connect() as robot:
+            for stamp in range(2, 9):
+                robot.set_transform(link("map", "base", stamp, 10.0 * stamp), authority="wheels")
+            robot.set_transform(
+                link("base", "camera", 0, 0.25), authority="calibration", static=True
+            )
+        arrived(tf, "robot1", 80.25)
+        for stamp in range(1, 9):
+            found = tf.lookup_transform("map", "robot1/base", stamp * S)
+            assert found.transform.translation[0] == (1.0 if stamp == 1 else 10.0 * stamp)
+        # The site's tree is its own.
+        tf.set_transform(link("robot2/base", "sticker", 0, 7.0), static=True)
+        assert x_of(tf, "map", "sticker") == 9.0
+    with robots[1].connect() as robot:
+        assert set(robot.frames()) == {"map", "base", "camera"}
+
+
+def test_no_robot_moves_a_shared_frame_or_harms_another_one(
+    robots: list[ServerProcess], start_site: Callable[..., ServerProcess]
+) -> None:
+    long_name = "n" * 250  # with the prefix it has more bytes than a name may have
+    with robots[0].connect() as robot:
+        robot.set_transform(link("world", "map", 0, 99.0), authority="wheels", static=True)
+        robot.set_transform(link("map", long_name, 1, 1.0), authority="wheels")
+        robot.set_transform(link("map", "robot1/arm", 1, 3.0), authority="wheels")
+    site = start_site(robots)
+    with site.connect() as tf:
+        arrived(tf, "robot1", 1.5)
+        arrived(tf, "robot2", 2.5)
+        wait(lambda: x_of(tf, "map", "robot1/arm") == 3.0, "a frame with the prefix already")
+        assert tf.frame("map").parent is None
+        wait(lambda: stats(tf)["robot_refused/robot1"] == 1, "the refusal is counted")
+        found = stats(tf)
+        assert found["robot_left_out/robot1"] == 1
+        assert found["robot_refused/robot2"] == found["robot_left_out/robot2"] == 0
+        assert found["robot_stored/robot2"] == found["robot_received/robot2"] == 2
+        assert found["robot_connected/robot1"] == 1
+        assert found["robot_age_s/robot1"] >= 0
+        of_robots = {key.partition("/")[0] for key in found if "/" in key}
+        assert of_robots == metric_table.FROM_ROBOTS.keys()
+
+
+def test_a_robot_is_killed_and_comes_back(
+    robots: list[ServerProcess],
+    start_site: Callable[..., ServerProcess],
+    start_server: StartServer,
+) -> None:
+    site = start_site(robots)
+    with site.connect() as tf, robots[1].connect() as second:
+        arrived(tf, "robot1", 1.5)
+        robots[0].kill()
+        second.set_transform(link("map", "base", 2, 22.0), authority="wheels")
+        arrived(tf, "robot2", 22.5)
+        wait(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is away")
+        assert x_of(tf, "map", "robot1/camera") == 1.5
+        again = start_server(tree="main", endpoint=robots[0].endpoint)
+        with again.connect() as first:
+            first.set_transform(link("map", "base", 3, 33.0), authority="wheels")
+            arrived(tf, "robot1", 33.5)
+            wait(lambda: stats(tf)["robot_connected/robot1"] == 1, "robot1 is back")
+            first.set_transform(link("map", "base", 4, 44.0), authority="wheels")
+            arrived(tf, "robot1", 44.5)
+
+
+def test_a_frozen_robot_holds_nobody_up(
+    robots: list[ServerProcess], start_site: Callable[..., ServerProcess]
+) -> None:
+    site = start_site(robots)
+    with site.connect() as tf, robots[1].connect() as second:
+        arrived(tf, "robot1", 1.5)
+        robots[0].freeze()
+        for stamp in range(2, 30):
+            second.set_transform(link("map", "base", stamp, stamp), authority="wheels")
+        arrived(tf, "robot2", 29.5)
+        tf.set_transform(link("map", "own", 1, 4.0))
+        assert x_of(tf, "robot1/base", "own") == 3.0
+        wait(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is silent")
+        robots[0].send_signal(signal.SIGCONT)
+        with robots[0].connect() as first:
+            first.set_transform(link("map", "base", 2, 12.0), authority="wheels")
+        arrived(tf, "robot1", 12.5)
+
+
+def test_a_site_starts_without_its_robots(
+    start_site: Callable[..., ServerProcess], start_server: StartServer
+) -> None:
+    endpoint = free_endpoint()
+    site = start_server("--mirror-of", f"robot1={endpoint}", tree="site")
+    with site.connect() as tf:
+        assert stats(tf)["robot_connected/robot1"] == 0
+        with start_server(endpoint=endpoint).connect() as robot:
+            robot.set_transform(link("map", "base", 1, 1.0))
+            wait(lambda: x_of(tf, "robot1/map", "robot1/base") == 1.0, "the robot's frames")
+
+
+def test_a_site_shows_robots_who_it_is(start_server: StartServer, tmp_path: Path) -> None:
+    users, password = tmp_path / "users", tmp_path / "password"
+    users.write_text("site:secret\n")
+    password.write_text("secret\n")
+    for file in (users, password):
+        file.chmod(0o600)
+    robot = start_server("--users", str(users))
+    where = ("--mirror-of", f"robot1={robot.endpoint}")
+    stranger = start_server(*where)
+    site = start_server(*where, "--user", "site", "--password-file", str(password))
+    with site.connect() as tf:
+        wait(lambda: stats(tf)["robot_connected/robot1"] == 1, "the user may connect")
+    with stranger.connect() as tf:
+        stranger.wait_for_log("cannot be reached")
+        assert stats(tf)["robot_connected/robot1"] == 0
+
+
+def test_a_tree_that_is_not_there_is_named(
+    robots: list[ServerProcess], start_server: StartServer
+) -> None:
+    site = start_server("--mirror-of", f"robot1={robots[0].endpoint}/other", tree="site")
+    site.wait_for_log("the server of robot 'robot1'")
+    assert "robot 'robot1' has not told its tree yet" in site.log
+
+
+def test_a_site_does_not_gather_itself(start_server: StartServer) -> None:
+    endpoint = free_endpoint()
+    site = start_server("--mirror-of", f"me={endpoint}/main", endpoint=endpoint)
+    with site.connect() as tf:
+        tf.set_transform(link("map", "base", 1, 1.0))
+        site.wait_for_log("leads to this very server")
+        assert set(tf.frames()) == {"map", "base"}
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("--mirror-of tcp/h:1", "is not NAME=PROTOCOL/HOST:PORT/TREE"),
+        ("--mirror-of a/b=tcp/h:1", "a name has no '/'"),
+        ("--mirror-of a=tcp/h", "is not NAME=PROTOCOL/HOST:PORT/TREE"),
+        ("--mirror-of a=http/h:1", "unknown protocol"),
+        ("--mirror-of a=tcp/h:1 --mirror-of a=tcp/h:2", "2 robots are called 'a'"),
+        ("--mirror-shared map", "--mirror-shared needs --mirror-of"),
+        ("--mirror-of a=tcp/h:1 --mirror-shared map,,world", "is not a list of frames"),
+        ("--mirror-of a=tcp/h:1 --replica-of tcp/h:1", "exclude each other"),
+    ],
+)
+def test_wrong_flags_are_explained(
+    line: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        flags.parse(line.split())
+    assert message in capsys.readouterr().err
+
+
+def test_a_link_names_an_endpoint_and_a_tree() -> None:
+    texts = (
+        "r1=tcp/[::1]:7447/main,max-frames=500",
+        "r2=tls/host:1/a/b",
+        "r3=tcp/h:1,max-frames=7",
+        "r4=tcp/h:1",
+    )
+    line = [word for text in texts for word in ("--mirror-of", text)]
+    links = flags.parse(line).mirror_of
+    assert [(each.name, each.endpoint, each.tree, each.max_frames) for each in links] == [
+        ("r1", "tcp/[::1]:7447", "main", 500),
+        ("r2", "tls/host:1", "a/b", None),
+        ("r3", "tcp/h:1", "main", 7),
+        ("r4", "tcp/h:1", "main", None),
+    ]

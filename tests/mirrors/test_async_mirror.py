@@ -1,0 +1,160 @@
+"""Mirrors of the asynchronous client: lookups that do not suspend, and coroutines that wait."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from tests.processes.servers import ServerProcess
+from tests.processes.tcp_proxy import TcpProxy
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.errors import ServerUnavailable, TimeoutException
+from zenoh_tf_client import (
+    AsyncMirror,
+    AsyncTransaction,
+    AsyncTransformClient,
+    Mirror,
+    OutsideInterest,
+    Receipt,
+)
+
+DEADLINE_S = 30.0
+
+
+def run(server: ServerProcess, test: Callable[[AsyncTransformClient], Awaitable[None]]) -> None:
+    async def main() -> None:
+        async with await AsyncTransformClient.connect(server.endpoint, reads="query") as tf:
+            await test(tf)
+
+    asyncio.run(main())
+
+
+def stamped(child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
+    return StampedTransform("map", child, stamp_ns, Transform((x, 0, 0)))
+
+
+def test_lookups_and_own_writes(server: ServerProcess) -> None:
+    async def test(tf: AsyncTransformClient) -> None:
+        await tf.set_transform(stamped("base", 1, 5))
+        async with await tf.mirror() as m:
+            assert m.lookup_transform("map", "base") == await tf.lookup_transform("map", "base")
+            latest = await tf.lookup_latest_transform("map", "base")
+            assert await m.lookup_latest_transform("map", "base") == latest
+            for stamp in range(2, 20):
+                await tf.set_transform(stamped("base", stamp))
+                await m.wait_for()
+                assert m.lookup_transform("map", "base").stamp_ns == stamp
+            assert m.instance == await tf.instance
+            with pytest.raises(TimeoutException):
+                await m.wait_for(Receipt(m.instance, m.seq + 1000), timeout_s=0.1)
+        with pytest.raises(ServerUnavailable):
+            m.frames()
+
+    run(server, test)
+
+
+def test_transactions_lose_no_update(server: ServerProcess) -> None:
+    async def step(tx: AsyncTransaction) -> None:
+        found = await tx.lookup_latest_transform_xact("map", "a")
+        x = found.transform.translation[0] + 1
+        tx.set_transform(stamped("a", found.stamp_ns + 1, x))
+
+    async def test(tf: AsyncTransformClient) -> None:
+        await tf.set_transform(stamped("a", 1))
+
+        async def increment(m: AsyncMirror) -> None:
+            for _ in range(20):
+                await m.run_transaction(step, attempts=1000)
+
+        mirrors = [await tf.mirror(), await tf.mirror([("map", "a")], max_delay_s=0)]
+        await asyncio.gather(*map(increment, [*mirrors, await tf.mirror(max_rate_hz=50)]))
+        found = await tf.lookup_transform("map", "a")
+        assert found.transform.translation[0] == 60
+
+    run(server, test)
+
+
+def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess) -> None:
+    async def test(tf: AsyncTransformClient) -> None:
+        ticks = 0
+
+        async def tick() -> None:
+            nonlocal ticks
+            while True:
+                ticks += 1
+                await asyncio.sleep(0)
+
+        ticking = asyncio.create_task(tick())
+        async with await tf.mirror([("map", "later")]) as m:
+            before = ticks
+            with pytest.raises(TimeoutException):
+                await m.wait_for(Receipt(m.instance, 1 << 40), timeout_s=0.2)
+            assert ticks > before
+            with pytest.raises(OutsideInterest):
+                m.lookup_transform("map", "other")
+            waiting = asyncio.create_task(m.wait_for(Receipt(m.instance, 1 << 40)))
+            await asyncio.sleep(0.05)
+            waiting.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+        ticking.cancel()
+
+    run(server, test)
+
+
+def test_a_state_that_is_too_old_is_not_read(server: ServerProcess) -> None:
+    async def main() -> None:
+        pair = ("map", "base")
+        async with await AsyncTransformClient.connect(server.endpoint) as writer:
+            await writer.set_transform(stamped("base", 1))
+            with TcpProxy(server.endpoint) as proxy:
+                async with (
+                    await AsyncTransformClient.connect(
+                        proxy.endpoint, timeout_s=1, reads="query"
+                    ) as tf,
+                    await tf.mirror() as m,
+                ):
+                    proxy.hold()
+                    while m.age_s <= 0.3:
+                        await asyncio.sleep(0.01)
+                    await writer.set_transform(stamped("base", 2))
+                    assert (await m.lookup_latest_transform(*pair)).stamp_ns == 1
+                    assert (await m.lookup_latest_transform(*pair, max_age_s=1000)).stamp_ns == 1
+                    for asking in (
+                        m.lookup_latest_transform(*pair, max_age_s=0.3),
+                        m.lookup_latest_transform_xact(*pair, max_age_s=0.3),
+                        m.lookup_latest_transforms_xact([pair], max_age_s=0.3),
+                    ):
+                        with pytest.raises(ServerUnavailable):
+                            await asking
+                    proxy.release()
+                    found = await m.lookup_latest_transform_xact(*pair, max_age_s=-1)
+                    assert found.stamp_ns == 2
+
+    asyncio.run(main())
+
+
+def test_a_gate(server: ServerProcess) -> None:
+    async def test(tf: AsyncTransformClient) -> None:
+        await tf.set_transform(stamped("base", 1))
+        async with await tf.mirror() as m, m.gate("map", timeout_s=DEADLINE_S) as gate:
+            gate.put("late", "base", 3)
+            await asyncio.sleep(0.1)
+            assert gate.stats()["held"] == 1
+            await tf.set_transform(stamped("base", 5))
+            item, transform = await gate.get(DEADLINE_S)
+            assert (item, transform) == ("late", m.lookup_transform("map", "base", 3))
+
+    run(server, test)
+
+
+def test_it_has_the_methods_of_a_mirror() -> None:
+    names = {name for name in dir(Mirror) if not name.startswith("_")}
+    assert {name for name in dir(AsyncMirror) if not name.startswith("_")} == names
+    asking = {name for name in names if name.startswith("lookup_latest_")}  # if it is too old
+    assert len(asking) == 3
+    for name in names - {"close", "wait_for", "run_transaction"} - asking:
+        assert not inspect.iscoroutinefunction(getattr(AsyncMirror, name)), name

@@ -1,0 +1,120 @@
+"""The feed of a mirror against a simulated server: what goes wrong at its owner ends nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import zenoh
+
+from tests.conftest import linux
+from tests.processes.replicas import wait
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import ChangeLog
+from zenoh_tf._net import keys
+from zenoh_tf.errors import ProtocolError
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.source import ServerStatus
+from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.process.primary import Primary
+from zenoh_tf_server.process.sharing import Settings
+from zenoh_tf_server.replica.copies import SharedCopies
+
+SETTINGS = wire.TreeSettings(10**9, 10, 10, 255, 10)
+
+
+class Server:
+    """A `Source` whose tree is empty, and which says each 10 ms that it is there."""
+
+    tree = "main"
+    calls = contextlib.nullcontext()
+
+    def __init__(self) -> None:
+        self._log = ChangeLog(TransformTree(max_log_bytes=1 << 20))
+        self._log.start()
+        self._ended = threading.Event()
+
+    def subscribe(self, channel: object) -> Any:
+        return SimpleNamespace(handler=self)
+
+    def unsubscribe(self, subscriber: object) -> bool:
+        self._ended.set()
+        return True
+
+    def recv(self) -> Any:
+        if self._ended.wait(0.01):
+            raise zenoh.ZError("undeclared")
+        message = wire.StreamMessage("i", 1, 0, time.monotonic_ns())
+        data = wire.pack(wire.stream_body(message))
+        payload = SimpleNamespace(to_bytes=lambda: data)
+        return SimpleNamespace(payload=payload, key_expr=keys.stream(self.tree, "i"))
+
+    def try_recv(self) -> None:
+        return None
+
+    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+        if "piece" in body:
+            reached, frames = self._log.read_snapshot(0, 1, 1000)
+            fields = wire.snapshot_piece_reply(wire.SnapshotPiece(0, reached, 0, frames))
+        else:
+            bounds = np.array([0, 1], np.uint32)
+            plan = wire.SnapshotPlan(0, False, bounds, SETTINGS, time.monotonic_ns())
+            fields = wire.snapshot_plan_reply(plan)
+        return wire.unpack(wire.pack({"v": wire.VERSION, "instance": "i", **fields}))
+
+    def status(self) -> ServerStatus:
+        return ServerStatus("i", time.monotonic_ns(), 0)
+
+
+def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCaptureFixture) -> None:
+    told: list[TransformTree | None] = []
+
+    def on_copy(tree: TransformTree | None, instance: str) -> None:
+        told.append(tree)
+        if len(told) <= 2:
+            raise OSError("no room")
+
+    feed = MirrorFeed(Server(), on_copy)
+    try:
+        feed.wait_for_copy(10)
+        assert feed.state.tree is told[2]
+        assert len(set(map(id, told))) == len(told) == feed.snapshots == 3
+        wait(lambda: feed.state.synced, "it does not go on")
+        assert [record.exc_text is not None for record in caplog.records] == [True, True]
+    finally:
+        feed.close()
+    assert told[3:] == [None]
+
+
+@pytest.mark.parametrize("value", [{}, {"value": 3}, {"value": {}}])
+def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
+    primary = Primary.__new__(Primary)
+    ask: Callable[..., wire.Message] = lambda *_: {"instance": "i", **value}  # noqa: E731
+    cast(Any, primary)._ask = ask
+    cast(Any, primary)._hello = {}
+    with pytest.raises(ProtocolError):
+        primary.status()
+
+
+@linux
+def test_a_copy_whose_socket_was_removed_is_not_shared(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    copies = SharedCopies(Settings(folder=tmp_path), "main", "own")
+    for is_removed in (True, False):
+        tree = copies.make_tree(SETTINGS, "i")
+        if is_removed:
+            (path,) = tmp_path.glob("*.new")
+            path.unlink()
+        assert (copies.share(tree, Limits()) is None) == is_removed
+        assert ("cannot share a copy" in caplog.text) == is_removed
+        caplog.clear()
+    copies.close()
+    assert list(tmp_path.iterdir()) == []

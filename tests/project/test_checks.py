@@ -1,0 +1,101 @@
+"""Each check of ``make lint`` finds a violation that is planted in a copy of the texts."""
+
+from __future__ import annotations
+
+import re
+
+from scripts.checks import CHECKS
+from scripts.checks.repository import Repository
+
+CLIENT, AIO = "client/zenoh_tf_client", "client/zenoh_tf_client/aio"
+CORE = "zenoh_tf/core"
+DASHBOARD = "docker/grafana/dashboard.json"
+#: Check, file, a pattern in it, what takes its place, and a part of the report.
+PLANTED: list[tuple[str, str, str, str, str]] = [
+    ("docstrings", "zenoh_tf/_core.pyi", r"\bstamp_ns: int \|", "when: int |", "explain 'when'"),
+    ("docstrings", f"{CLIENT}/lookups.py", r"Raises:", "Errors:", "list its errors"),
+    ("docstrings", f"{CLIENT}/batch.py", r'"""[^"]*?"""', "", "Batch has no docstring"),
+    ("references", f"{CLIENT}/mirror/reads.py", "As `TransformTree", "See `", "let the docstring"),
+    ("made_files", f"{AIO}/client.py", r"async def close", "async def end", "client.py:1: differs"),
+    ("made_files", f"{AIO}/watch.py", "timeout_s: float", "timeout_s: int", "watch.py:1: differs"),
+    ("made_files", f"{AIO}/mirror.py", "Those\n", "They\n", "must have this text once"),
+    ("made_files", f"{CLIENT}/batch.py", r"\Z", "x = 1\n", f"{CLIENT}/batch.py"),
+    ("made_files", f"{AIO}/batch.py", r"\Z", "x = 1\n", f"{CLIENT}/batch.py"),
+    ("made_files", f"{AIO}/batch.py", r"\Z", "_T: AsyncAny\n", f"{CLIENT}/batch.py"),
+    ("made_files", f"{AIO}/batch.py", r"\Z", "asyncio.run\n", "still have 'asyncio'"),
+    ("made_files", f"{AIO}/transaction.py", r"asyncio.sleep", "wait", "apply nowhere: ['asyncio.s"),
+    ("imports", "zenoh_tf/_net/keys.py", r"\A", "import yaml\n", "imports yaml"),
+    ("sizes", "zenoh_tf/_net/keys.py", r"\Z", 400 * "\n", "split it by subject"),
+    ("actors", "docs/clocks.md", r"\Z", "It is for" + " who reads.\n", "name the actor"),
+    ("configurations", "bench/sizing.py", r"\Z", "zenoh" + ".Config()\n", "zenoh_config.py"),
+    ("make_targets", "Makefile", r"\nnative:", "\nother: x ## y\nnative:", "explain make other"),
+    ("make_targets", ".ci/run", r"make lint", "make nonsense", "there is no make nonsense"),
+    ("make_targets", ".github/workflows/nightly.yml", "- fuzz", "- fuss", "no make fuss"),
+    ("make_targets", "docs/testing.md", "`make fuzz`", "`make fuss`", "there is no make fuss"),
+    ("readme", "README.md", r"\(docs/clocks.md\)", "(docs/clock.md)", "leads nowhere"),
+    ("metadata", "CHANGELOG.md", r"0\.1\.0", "0.0.9", "add a section"),
+    ("extras", "docs/view.md", r"\.\[viewer,", "zenoh-tf[view,", "no extra view"),
+    ("links", "docs/state.md", r"\]\([a-z]+\.md", "](nowhere.md", "nowhere.md leads nowhere"),
+    ("links", "docs/from-tf2.md", "#call-by-call", "#calls", "has no heading #calls"),
+    ("named_files", "docs/glossary.md", "`records/frame.hpp`", "`frames.hpp`", "names frames.hpp"),
+    ("architecture", "zenoh_tf/core/new.hpp", r"\Z", "// New.\n", "add zenoh_tf/core/new.hpp"),
+    ("lock_order", "zenoh_tf/core/keys.hpp", r"\Z", "  std::mutex mutex_;\n", "add keys.hpp to"),
+    (
+        "lock_order",
+        "zenoh_tf/core/records/region.hpp",
+        "see tree.hpp",
+        "the last",
+        "in zenoh_tf/core/tree",
+    ),
+    ("core_rooms", f"{CORE}/names/hash.hpp", "base/comp", 'commits/plan.hpp"//', "not commits"),
+    ("core_rooms", f"{CORE}/names/hash.hpp", "base/compiler", "compiler", "from the core's root"),
+    ("core_rooms", f"{CORE}/names/table.hpp", "The room", "A room", "one header of names/"),
+    ("core_rooms", f"{CORE}/names/table.hpp", "include base, ", "include ", "It may include base"),
+    ("core_rooms", f"{CORE}/waiting/wait_list.cpp", '#include "tree.hpp"', "", "any more"),
+    ("core_rooms", f"{CORE}/extra/new.hpp", r"\Z", "// New.\n", "extra is no room"),
+    ("shown_examples", "examples/sensor.py", "0.02", "0.03", "README.md"),
+    ("api_reference", "docs/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
+    ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:26"),
+    (
+        "measured_numbers",
+        "README.md",
+        "(bench:latest-bare-query -->)",
+        r"\g<1>9",
+        "differs from bench",
+    ),
+    ("measured_numbers", "docs/mirrors.md", r"takes (?=<!--)", "\n", "begins a line"),
+    ("documented_calls", "docs/from-tf2.md", r"tf\.can_transform\(", "tf.can(", "no method can"),
+    ("documented_calls", "docs/from-tf2.md", r"tf2 import do_\w+", "tf2 import it", "has no it"),
+    ("queries", DASHBOARD, "zenoh_tf_frames", "zenoh_tf_fames", "no metric zenoh_tf_fames"),
+    ("panels", DASHBOARD, r'"x": [1-9]\d*', '"x": 0', "overlaps"),
+    ("compose_files", "docker/compose.yaml", "pids_limit: ", "pids: ", "docker/compose.yaml"),
+    ("scraping", "docker/prometheus/prometheus.yaml", r"server:\d+", "server:1", "metrics are at"),
+    ("flags", "docs/view.md", r"zenoh-tf view ", "zenoh-tf view --loop ", "has no flag --loop"),
+    ("flags", "docs/clocks.md", "`--cache-time`", "`--cash-time`", "flag --cash-time"),
+    ("limits", "docs/state.md", "--limit frames", "--limit frame", "there is no limit frame"),
+    ("defaults", "docs/clocks.md", "default 3600", "default 60", "of --max-future-s is 3600"),
+    ("enumerations", "docs/urdf.md", "`no_stamp`", "", "docs/urdf.md"),
+    ("conformance", "tests/conformance/test_e_time.py", "test_E02_", "test_E03_", "row E02"),
+    (
+        "clocks",
+        "tests/support/torn.py",
+        r"\Z",
+        "assert time.monotonic() - begin < 5\n",
+        "compare counts",
+    ),
+    ("conformance", "docs/from-tf2.md", "99 cases", "98 cases", "suite has 99 cases"),
+]
+
+
+def test_each_check_finds_what_is_planted() -> None:
+    by_name = {check.__name__: check for check in CHECKS}
+    clean = Repository()
+    for name, path, pattern, replacement, report in PLANTED:
+        text, found = re.subn(pattern, replacement, clean.text(path), count=1)
+        assert found, f"{path} has no {pattern!r} to replace"
+        reports = [str(each) for each in by_name[name](Repository({path: text}))]
+        assert any(report in each for each in reports), (name, path, replacement, reports)
+
+
+def test_each_check_has_something_planted() -> None:
+    assert {check.__name__ for check in CHECKS} == {name for name, *_ in PLANTED}

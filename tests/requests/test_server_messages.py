@@ -1,0 +1,342 @@
+"""Raw messages to a server: repeats, expiry, limits and garbage."""
+
+from __future__ import annotations
+
+import os
+import random
+import struct
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import StartServer
+from tests.processes.servers import ServerProcess
+from tests.support.raw import Raw, raw
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._core import TransformRows
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    LimitExceeded,
+    ProtocolError,
+    ServerBusy,
+    ServerRestarted,
+    TimeoutException,
+    TransactionConflict,
+)
+from zenoh_tf_client import TransformClient
+
+pytestmark = pytest.mark.own_server
+
+OPERATIONS = ("lookup", "commit", "batch", "info", "admin")
+
+
+def commit(stamp_ns: int = 1, x: float = 0.0, child: str = "base", **more: Any) -> wire.Message:
+    return {
+        "v": 1,
+        "names": ["map", child],
+        "parent": struct.pack("<I", 0),
+        "child": struct.pack("<I", 1),
+        "stamp": struct.pack("<q", stamp_ns),
+        "pose": struct.pack("<7d", x, 0, 0, 0, 0, 0, 1),
+        **more,
+    }
+
+
+@pytest.fixture
+def wires(server: ServerProcess) -> Iterator[Raw]:
+    with raw(server.endpoint) as session:
+        yield session
+
+
+def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClient) -> None:
+    identity = os.urandom(16)
+    first = wires.query("commit", wire.pack(commit(x=1.0, id=identity)))
+    assert first["stored"] == b"\1"
+    assert wires.query("commit", wire.pack(commit(x=2.0, id=identity))) == first
+    assert client.lookup_transform("map", "base").transform.translation[0] == 1.0
+    # An error is remembered as well.
+    identity = os.urandom(16)
+    bad = wires.query("commit", wire.pack(commit(child="map", id=identity)))
+    assert wire.decode_error(bad["error"]).code == InvalidArgumentException.code
+    assert wires.query("commit", wire.pack(commit(x=3.0, id=identity))) == bad
+    # Without an id nothing is remembered.
+    wires.query("commit", wire.pack(commit(x=4.0)))
+    wires.query("commit", wire.pack(commit(x=5.0)))
+    assert client.lookup_transform("map", "base").transform.translation[0] == 5.0
+
+
+def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
+    """Each is above the one before, and conflicts tell what they were in conflict with."""
+    numbers = []
+    for stamp in (1, 2):
+        numbers.append(wires.query("commit", wire.pack(commit(stamp, 1.0)))["seq"])
+    stale: dict[str, Any] = {"read_names": ["base"], "read_versions": struct.pack("<Q", 0)}
+    conflict = wires.query("commit", wire.pack(commit(x=1.0, **stale)))
+    assert isinstance(wire.decode_error(conflict["error"]), TransactionConflict)
+    numbers.append(conflict["seq"])
+    operations = [["commit", commit(x=2.0)]]
+    batch = wires.query("batch", wire.pack({"v": 1, "operations": operations}))
+    numbers.append(batch["replies"][0]["seq"])
+    body = {"v": 1, "what": "remove_frame", "name": "base"}
+    numbers.append(wires.query("admin", wire.pack(body))["seq"])
+    assert numbers == sorted(numbers)
+    assert numbers[0] < numbers[1] <= numbers[2] < numbers[3] < numbers[4]
+    assert "seq" not in wires.query("commit", wire.pack(commit(child="map")))  # refused
+
+
+def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: TransformClient) -> None:
+    rows = 50_000
+    names = ["root", *(f"f{row}" for row in range(rows))]
+    body = wire.commit_body(
+        wire.Commit(
+            TransformRows(
+                names,
+                np.zeros(rows, np.uint32),
+                np.arange(1, rows + 1, dtype=np.uint32),
+                np.arange(rows),
+                np.tile([0.0, 0, 0, 0, 0, 0, 1], (rows, 1)),
+            )
+        ),
+        {"id": os.urandom(16)},
+    )
+    payload = wire.pack(body)
+    with ThreadPoolExecutor(8) as pool:
+        replies = list(pool.map(lambda _: wires.query("commit", payload), range(8)))
+    assert all(reply == replies[0] and len(reply["stored"]) == rows for reply in replies)
+    assert client.stats()["outcomes"] == 1
+
+
+def test_batches_and_clear_run_once_too(wires: Raw, client: TransformClient) -> None:
+    batch = wire.batch_body([("commit", commit(x=1.0))], {"id": os.urandom(16)})
+    first = wires.query("batch", wire.pack(batch))
+    assert wires.query("batch", wire.pack(batch)) == first
+    clear = wire.pack({**wire.call_body("clear"), "id": os.urandom(16)})
+    wires.query("admin", clear)
+    client.set_transform(StampedTransform("map", "base", 9, Transform()))
+    wires.query("admin", clear)
+    assert client.can_transform("map", "base")
+
+
+def test_hello_is_no_info(wires: Raw) -> None:
+    error = wires.error("info", wire.pack(wire.call_body("hello")))
+    assert isinstance(error, InvalidArgumentException)
+    assert error.field == "what"
+
+
+def test_expiry_is_in_the_servers_clock(wires: Raw, client: TransformClient) -> None:
+    clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+    identity = os.urandom(16)
+    late = wires.error("commit", wire.pack(commit(id=identity, expires_ns=clock_ns)))
+    assert isinstance(late, TimeoutException)
+    assert late.field == "expires_ns"
+    assert client.frames() == []
+    soon = commit(id=identity, expires_ns=clock_ns + 500_000_000)
+    assert wires.query("commit", wire.pack(soon))["stored"] == b"\1"
+    far = wires.error("commit", wire.pack(commit(expires_ns=clock_ns + 700 * 10**9)))
+    assert isinstance(far, LimitExceeded)
+    assert (far.field, far.limit) == ("expiry_s", 600)
+
+
+def test_a_write_for_another_instance_is_refused(wires: Raw, client: TransformClient) -> None:
+    error = wires.error("commit", wire.pack(commit(instance="0" * 16)))
+    assert isinstance(error, ServerRestarted)
+    assert client.frames() == []
+
+
+def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServer) -> None:
+    server = start_server("--limit", "outcomes=4")
+    with raw(server.endpoint) as wires, server.connect() as tf:
+        clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+        until = clock_ns + 6_000_000_000
+        for _ in range(2):
+            wires.query("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))
+        full = wires.error("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))
+        assert isinstance(full, ServerBusy)
+        assert (full.field, full.limit, full.value) == ("outcomes", 4, 3)
+        assert full.retry_after_s is not None and 0 < full.retry_after_s <= 6
+        # Another client has a share of its own.
+        assert tf.set_transform(StampedTransform("map", "base", 5, Transform()))
+        deadline = time.monotonic() + 30
+        while "error" in wires.query("commit", wire.pack(commit(id=os.urandom(16)))):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+
+def test_limits_name_themselves(start_server: StartServer) -> None:
+    server = start_server(
+        "--limit", "rows=10", "--limit", "message_bytes=2000", "--limit", "name_bytes=8",
+        "--limit", "frames=4",
+    )  # fmt: skip
+    with raw(server.endpoint) as wires, server.connect() as tf:
+        link = StampedTransform("map", "base", 1, Transform())
+        cases = {
+            "rows": lambda: tf.sample("map", "base", np.arange(11)),
+            "message_bytes": lambda: tf.lookup_transform("map", "x" * 3000),
+        }
+        for name, call in cases.items():
+            with pytest.raises(LimitExceeded) as caught:
+                call()
+            assert caught.value.field == name, name
+            assert caught.value.limit in (10, 2000)
+        with tf.batch() as batch:
+            half = batch.sample("map", "base", np.arange(6))
+            rest = batch.sample("map", "base", np.arange(6))
+        assert half.exception() is None
+        error = rest.exception()
+        assert isinstance(error, LimitExceeded) and error.field == "rows"
+        big = wires.error("lookup", b"x" * 2001)
+        assert isinstance(big, LimitExceeded) and big.field == "message_bytes"
+        with pytest.raises(LimitExceeded):
+            tf.set_transform(StampedTransform("map", "123456789", 1, Transform()))
+        with pytest.raises(LimitExceeded):
+            tf.set_transforms_xact(
+                [StampedTransform("map", f"f{row}", 1, Transform()) for row in range(5)]
+            )
+        assert tf.frames() == []
+        tf.set_transform(link)
+        many = tf.broadcaster("many")
+        many.send([link] * 11)
+        _wait(tf, "bad_puts", 1)
+        assert "the limit is 10 (--limit rows=N)" in server.log
+
+
+def _wait(tf: TransformClient, counter: str, value: int) -> None:
+    deadline = time.monotonic() + 10
+    while (seen := tf.stats()[counter]) < value:
+        assert time.monotonic() < deadline, f"{counter} is {seen}, not {value}"
+        time.sleep(0.01)
+
+
+def garbage(seed: int) -> Iterator[bytes]:
+    """Random bytes, truncated and damaged messages, and headers that claim gigabytes."""
+    rng = random.Random(seed)
+    lookup = wire.pack(wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP))
+    real = [
+        lookup,
+        wire.pack(commit(id=os.urandom(16))),
+        wire.pack(wire.batch_body([("commit", commit()), ("lookup", wire.unpack(lookup))])),
+        wire.pack(wire.call_body("chain", target="a", source="b")),
+    ]
+    yield b""
+    yield b"\xdd\xff\xff\xff\xff"
+    yield b"\xdf\xff\xff\xff\xff"
+    yield b"\xc6\xff\xff\xff\xff"
+    yield b"\x91" * 50_000
+    yield b"\xdc\xff\xff" * 1000
+    for message in real:
+        yield message[: rng.randrange(1, len(message))]
+        for _ in range(6):
+            damaged = bytearray(message)
+            for _ in range(rng.randrange(1, 4)):
+                damaged[rng.randrange(len(damaged))] = rng.randrange(256)
+            yield bytes(damaged)
+    for _ in range(6):
+        yield rng.randbytes(rng.randrange(1, 300))
+
+
+def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: TransformClient) -> None:
+    client.set_transform(StampedTransform("map", "truth", 1, Transform()))
+    seed = random.randrange(1 << 32)
+    print("seed", seed)
+    for payload in garbage(seed):
+        for operation in OPERATIONS[:-1]:
+            wires.query(operation, payload)  # any reply will do
+        wires.put("broken", payload)
+        wires.put("broken", payload, static=True)
+    assert isinstance(wires.error("lookup", None), ProtocolError)
+    assert isinstance(
+        wires.error("admin", wire.pack(wire.call_body("drop"))), InvalidArgumentException
+    )
+    assert isinstance(
+        wires.error("info", wire.pack(wire.call_body("gold"))), InvalidArgumentException
+    )
+    assert client.lookup_transform("map", "truth").stamp_ns == 1
+    assert client.stats()["bad_puts"] > 10
+    assert "put of 'broken': ProtocolError" in server.log
+    assert server.log.count("put of 'broken'") < 10  # a bounded rate
+    assert "internal error" not in server.log
+    assert "Traceback" not in server.log
+
+
+def test_a_bad_put_names_authority_and_field(
+    server: ServerProcess, wires: Raw, client: TransformClient
+) -> None:
+    wires.put("lidar/1", wire.pack(commit() | {"pose": b"short"}))
+    _wait(client, "bad_puts", 1)
+    assert "put of 'lidar/1': ProtocolError: field 'pose' must be" in server.log
+    wires.session.put("tf/v1/main/set/%2f", wire.pack(commit()))  # not the escape of '/'
+    _wait(client, "bad_puts", 2)
+    assert client.frames() == []
+
+
+def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient) -> None:
+    """In transforms, with the last reason, and also for authorities with nothing but refusals."""
+    two_rows = {
+        **commit(child="map"),
+        "parent": struct.pack("<2I", 0, 0),
+        "child": struct.pack("<2I", 1, 1),
+        "stamp": struct.pack("<2q", 1, 2),
+        "pose": struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1) * 2,
+    }
+    wires.put("good", wire.pack(commit()))
+    wires.put("mixed", wire.pack(two_rows))
+    wires.put("mixed", wire.pack(commit(child="arm")))
+    wires.put("mixed", wire.pack(two_rows))
+    wires.put("mixed", b"garbage")
+    wires.put("bad", wire.pack(two_rows), static=True)
+    wires.put("", wire.pack(two_rows))
+    wires.session.put("tf/v1/main/set/%2f", wire.pack(two_rows))  # not an escaped name
+    _wait(client, "bad_puts", 6)
+    records = {record.name: record for record in client.authorities()}
+    assert set(records) == {"good", "mixed", "bad", ""}
+    assert (records["good"].refused, records["good"].last_refusal) == (0, None)
+    mixed, bad = records["mixed"], records["bad"]
+    assert (mixed.commits, mixed.stored, mixed.refused) == (1, 1, 5)
+    assert mixed.last_refusal is not None and mixed.last_refusal.startswith("ProtocolError: ")
+    assert (bad.frames, bad.commits, bad.stored, bad.refused) == (0, 0, 0, 2)
+    assert bad.last_refusal is not None and "own parent" in bad.last_refusal
+    # A call that is refused raises, and is not counted.
+    with pytest.raises(InvalidArgumentException):
+        client.set_transform(StampedTransform("x", "x", 1, Transform()), authority="good")
+    assert {record.name: record.refused for record in client.authorities()}["good"] == 0
+
+
+def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartServer) -> None:
+    server = start_server("--limit", "refused_authorities=2")
+    with raw(server.endpoint) as wires, server.connect() as tf:
+        wires.put("good", wire.pack(commit()))
+        wires.put("good", b"garbage")
+        for count, name in enumerate(("a", "b", "a", "c"), 2):
+            wires.put(name, b"garbage")
+            _wait(tf, "bad_puts", count)  # puts of two authorities may overtake each other
+        refused = {record.name: record.refused for record in tf.authorities()}
+        assert refused == {"good": 1, "a": 2, "c": 1}  # b was refused longest ago
+
+
+def test_one_put_is_all_or_nothing(wires: Raw, client: TransformClient) -> None:
+    two = {
+        "v": 1,
+        "names": ["map", "a", "b"],
+        "parent": struct.pack("<2I", 0, 2),
+        "child": struct.pack("<2I", 1, 2),  # b is its own parent
+        "stamp": struct.pack("<2q", 1, 1),
+        "pose": struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1) * 2,
+    }
+    wires.put("sensor", wire.pack(two))
+    _wait(client, "bad_puts", 1)
+    assert client.frames() == []
+    wires.put("sensor", wire.pack(two | {"parent": struct.pack("<2I", 0, 1)}))
+    _wait(client, "puts", 1)
+    assert sorted(client.frames()) == ["a", "b", "map"]
+    assert client.frame("a").authority == "sensor"
+
+
+def test_poses_that_are_no_poses(wires: Raw, client: TransformClient) -> None:
+    for values in ((float("nan"),) * 7, (0, 0, 0, 0, 0, 0, 0), (float("inf"), 0, 0, 0, 0, 0, 1)):
+        body = commit() | {"pose": struct.pack("<7d", *values)}
+        assert isinstance(wires.error("commit", wire.pack(body)), InvalidArgumentException)
+    assert client.frames() == []

@@ -1,0 +1,348 @@
+"""The change log, snapshots, and their replay: a mirror is exactly the tree."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.logged_trees import FEW_FRAMES, Mirror, Writer, logged, make_tree, state
+from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows
+from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
+
+
+def drain(log: ChangeLog, replay: ChangeReplay, position: int) -> int:
+    """Apply all that is there after `position`; return the new position."""
+    while True:
+        first, last, lost, changes = log.take(1 << 14)
+        assert not lost
+        assert first == position + 1
+        if changes is not None:
+            replay.apply(last, *changes)
+        if last == position:
+            return position
+        position = last
+
+
+@pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_a_snapshot_and_the_changes_after_it_are_the_tree(
+    concurrency: str, max_frames: int
+) -> None:
+    orphans = 0
+    for seed in range(40 if max_frames == 64 else 80):
+        tree, log = logged(concurrency, max_frames)
+        writer = Writer(tree, seed, visits=max_frames == FEW_FRAMES)
+        for _ in range(seed % 7 * 30):
+            writer.write()
+        position = log.start()
+        for _ in range(30):
+            writer.write()
+        mirror = Mirror()
+
+        def pause(writer: Writer = writer) -> None:
+            for _ in range(5):
+                writer.write()
+
+        seq, complete = mirror.load(log, 256, pause)
+        assert position <= seq <= complete
+        # What was taken before the snapshot's number is in it.
+        while position < seq:
+            _, position, lost, changes = log.take(1)
+            assert not lost
+            if changes is not None:
+                orphans += len(changes[9])
+                if position > seq:
+                    mirror.replay.apply(position, *changes)
+        position = drain(log, mirror.replay, position)
+        assert state(mirror.tree) == state(tree), f"seed {seed}"
+        for _ in range(60):
+            writer.write()
+        position = drain(log, mirror.replay, position)
+        assert position == log.last
+        assert state(mirror.tree) == state(tree), f"seed {seed}"
+        for _ in range(100):
+            writer.write()
+            position = drain(log, mirror.replay, position)
+        assert state(mirror.tree) == state(tree), f"seed {seed}"
+    assert (orphans > 0) == (max_frames == FEW_FRAMES)
+
+
+def test_the_changes_before_a_snapshot_do_no_harm() -> None:
+    for seed in range(20):
+        tree, log = logged()
+        writer = Writer(tree, seed)
+        position = log.start()
+        for _ in range(100):
+            writer.write()
+        mirror = Mirror()
+        mirror.load(log, 256, writer.write)
+        drain(log, mirror.replay, position)
+        assert state(mirror.tree) == state(tree), f"seed {seed}"
+
+
+@pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> None:
+    tree, log = logged(concurrency, max_frames)
+    stop = threading.Event()
+
+    def write(seed: int) -> None:
+        writer = Writer(tree, seed, visits=max_frames == FEW_FRAMES)
+        while not stop.is_set():
+            writer.write()
+
+    position = log.start()
+    threads = [threading.Thread(target=write, args=(seed,)) for seed in range(3)]
+    for thread in threads:
+        thread.start()
+    mirrors: list[Mirror] = []
+    try:
+        for _ in range(4):
+            mirror = Mirror()
+            _, complete = mirror.load(log, 256, lambda: None)
+            mirrors.append(mirror)
+            while position < complete:
+                first, last, lost, changes = log.take(1 << 14)
+                assert not lost
+                assert first == position + 1
+                position = last
+                if changes is not None:
+                    for each in mirrors:
+                        each.replay.apply(last, *changes)
+                else:
+                    log.wait(0.1)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    while position < log.last:
+        _, position, lost, changes = log.take(1 << 14)
+        assert not lost
+        if changes is not None:
+            for each in mirrors:
+                each.replay.apply(position, *changes)
+    expected = state(tree)
+    for mirror in mirrors:
+        assert state(mirror.tree) == expected
+
+
+@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+def test_mirrors_made_while_writers_free_ids(concurrency: str) -> None:
+    """They are compared at once: the samples that lose parents are soon pruned."""
+    for seed in range(12):
+        tree, log = logged(concurrency, FEW_FRAMES)
+        stop = threading.Event()
+
+        def write(number: int, tree: TransformTree = tree, stop: threading.Event = stop) -> None:
+            writer = Writer(tree, number, visits=True)
+            while not stop.is_set():
+                writer.write()
+
+        position = log.start()
+        threads = [threading.Thread(target=write, args=(3 * seed + i,)) for i in range(3)]
+        for thread in threads:
+            thread.start()
+        mirrors = []
+        try:
+            for _ in range(6):
+                mirror = Mirror()
+                seq, _ = mirror.load(log, 256, lambda: None)
+                mirrors.append((mirror, seq))
+        finally:
+            stop.set()
+            for thread in threads:
+                thread.join()
+        while position < log.last:
+            _, position, lost, changes = log.take(1)
+            assert not lost
+            for mirror, seq in mirrors:
+                if position > seq and changes is not None:
+                    mirror.replay.apply(position, *changes)
+        expected = state(tree)
+        for mirror, _ in mirrors:
+            assert state(mirror.tree) == expected
+
+
+def test_ids_that_pass_to_new_names() -> None:
+    """The tree uses the ids of removed frames again. A mirror that has no more room begins anew."""
+    tree = make_tree(max_frames=16, max_log_bytes=1 << 20)
+    log = ChangeLog(tree)
+    mirror = Mirror(max_frames=16)
+    position = log.start()
+    mirror.load(log, 1 << 20, lambda: None)
+    snapshots = orphans = 0
+    for i in range(200):
+        stamped = StampedTransform(f"p{i}", "child", 1000 + i, Transform())
+        tree.set_transform(stamped)
+        tree.set_transform(StampedTransform(f"p{i}", f"c{i}", 1000 + i, Transform()))
+        if i > 2:
+            tree.remove_frame(f"c{i - 2}")
+            tree.remove_frame(f"p{i - 2}")
+        try:
+            first, last, lost, changes = log.take(1 << 20)
+            assert (first, lost) == (position + 1, False)
+            position = last
+            assert changes is not None
+            orphans += int(np.count_nonzero(changes[2] == 6))
+            mirror.replay.apply(last, *changes)
+        except LimitExceeded:
+            snapshots += 1
+            mirror = Mirror(max_frames=16)
+            mirror.load(log, 1 << 20, lambda: None)
+        versions = {name: tree.frame(name).version for name in tree.frames()}
+        assert versions == {name: mirror.tree.frame(name).version for name in mirror.tree.frames()}
+    assert 0 < snapshots < 100
+    assert orphans > 0
+
+
+def test_a_consumer_that_is_too_slow_learns_it() -> None:
+    tree = make_tree(max_log_bytes=1 << 12)
+    log = ChangeLog(tree)
+    writer = Writer(tree, 1)
+    log.start()
+    lost = False
+    for _ in range(200):
+        writer.write()
+    while not lost:
+        first, last, lost, _ = log.take(1 << 30)
+        assert lost or last >= first
+    assert log.bytes <= 1 << 12
+    mirror = Mirror()
+    position = log.start()
+    mirror.load(log, 1 << 20, lambda: None)
+    for _ in range(5):
+        writer.write()
+    drain(log, mirror.replay, position)
+    assert state(mirror.tree) == state(tree)
+
+
+def test_a_stopped_log_keeps_nothing() -> None:
+    tree, log = logged()
+    writer = Writer(tree, 2)
+    log.start()
+    for _ in range(50):
+        writer.write()
+    assert log.bytes > 0
+    log.stop()
+    assert log.bytes == 0
+    for _ in range(50):
+        writer.write()
+    assert log.bytes == 0
+    position = log.start()
+    assert log.take(1 << 20) == (position + 1, position, False, None)
+
+
+def test_refused_and_empty_commits_leave_empty_entries() -> None:
+    tree, log = logged()
+    position = log.start()
+    assert tree.set_transform(StampedTransform("map", "base", 1000, Transform()))
+    with pytest.raises(TransformException):
+        tree._commit_rows(
+            TransformRows.of([StampedTransform("map", "base", 2000, Transform())]),
+            read_names=["base"],
+            read_versions=np.array([400], np.uint64),
+        )
+    assert not tree.set_transform(StampedTransform("map", "base", 1, Transform()))  # too old
+    assert log.last == position + 2
+    first, last, lost, changes = log.take(1)
+    assert (first, last, lost) == (position + 1, position + 1, False)
+    assert changes is not None
+    assert log.take(1) == (position + 2, position + 2, False, None)
+
+
+def test_a_tree_without_a_log_has_none() -> None:
+    with pytest.raises(InvalidArgumentException, match="max_log_bytes"):
+        ChangeLog(TransformTree())
+
+
+def test_a_waiting_lookup_is_woken_by_a_replay() -> None:
+    tree, log = logged()
+    mirror = Mirror()
+    position = log.start()
+    found: list[StampedTransform] = []
+    thread = threading.Thread(
+        target=lambda: found.append(mirror.tree.lookup_transform("map", "base", timeout_s=30))
+    )
+    thread.start()
+    tree.set_transform(StampedTransform("map", "base", 7, Transform((1, 2, 3))))
+    while mirror.tree.stats()["waiters"] == 0:
+        pass
+    drain(log, mirror.replay, position)
+    thread.join(30)
+    assert [each.stamp_ns for each in found] == [7]
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"names": ["base", "base"]}, "names"),
+        ({"names": ["map", ""]}, "names"),
+        ({"kind": np.array([9], np.uint8)}, "kind"),
+        ({"version": np.array([5], np.uint64)}, "version"),
+        ({"version": np.array([0], np.uint64)}, "version"),
+        ({"frame": np.array([2], np.uint32)}, "frame"),
+        ({"parent": np.array([2], np.uint32)}, "parent"),
+        ({"authority": np.array([1], np.uint32)}, "authority"),
+        ({"stamp": np.empty(0, np.int64)}, "stamp"),
+        ({"pose": np.empty((0, 7))}, "pose"),
+        ({"lost": np.zeros(1, np.uint32)}, "lost"),
+        ({"kind": np.array([6], np.uint8), "lost": np.array([2], np.uint32)}, "lost"),
+    ],
+)
+def test_malformed_changes_are_refused(change: dict[str, Any], field: str) -> None:
+    columns: dict[str, Any] = {
+        "names": ["map", "base"],
+        "authorities": [""],
+        "kind": np.zeros(1, np.uint8),
+        "frame": np.ones(1, np.uint32),
+        "version": np.array([4], np.uint64),
+        "parent": np.zeros(1, np.uint32),
+        "authority": np.zeros(1, np.uint32),
+        "stamp": np.array([7]),
+        "pose": np.array([[0, 0, 0, 0, 0, 0, 1.0]]),
+        "lost": np.zeros(0, np.uint32),
+    }
+    if "lost" in change and "kind" in change:  # such a row has no sample
+        columns |= {name: columns[name][:0] for name in ("parent", "authority", "stamp", "pose")}
+    mirror = Mirror()
+    with pytest.raises(InvalidArgumentException) as error:
+        mirror.replay.apply(1, **{**columns, **change})
+    assert error.value.field == field
+    assert mirror.tree.frames() == []
+    if "lost" not in change:
+        mirror.replay.apply(1, **columns)
+        assert mirror.tree.parent("base") == "map"
+
+
+def test_a_name_at_two_indexes_is_refused() -> None:
+    """Its frame would be locked twice, for ever."""
+    mirror = Mirror()
+    two, of_samples = np.arange(2, dtype=np.uint32), np.empty(0, np.uint32)
+    stamp, pose = np.empty(0, np.int64), np.empty((0, 7))
+    versions = np.array([4, 8], np.uint64)
+    none = np.zeros(2, np.uint32)
+    with pytest.raises(InvalidArgumentException, match="twice"):
+        created = np.full(2, 2, np.uint8)
+        mirror.replay.apply(
+            1,
+            ["a", "a"],
+            [""],
+            created,
+            two,
+            versions,
+            of_samples,
+            of_samples,
+            stamp,
+            pose,
+            of_samples,
+        )
+    with pytest.raises(InvalidArgumentException, match="twice"):
+        is_static = np.zeros(2, np.uint8)
+        mirror.replay.load(
+            ["a", "a"], [""], two, versions, is_static, none, none, stamp, of_samples, pose
+        )
+    assert mirror.tree.frames() == []

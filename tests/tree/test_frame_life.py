@@ -1,0 +1,285 @@
+"""Removal, reset, change of authority and time jumps, embedded and behind a server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.conftest import StartServer
+from zenoh_tf import (
+    AuthorityInfo,
+    BackwardExtrapolationException,
+    FrameChange,
+    InvalidArgumentException,
+    LookupException,
+    StampedTransform,
+    Transform,
+    TransformTree,
+)
+from zenoh_tf_client import TransformClient
+
+SECOND = 1_000_000_000
+
+Tf = TransformTree | TransformClient
+MakeTf = Callable[..., Tf]
+
+
+@pytest.fixture(params=["embedded", "remote"])
+def make_tf(request: pytest.FixtureRequest, start_server: StartServer) -> Iterator[MakeTf]:
+    clients: list[TransformClient] = []
+
+    def make(time_jump: str = "reject") -> Tf:
+        if request.param == "embedded":
+            return TransformTree(time_jump=time_jump)  # type: ignore[arg-type]
+        client = start_server("--time-jump", time_jump).connect()
+        clients.append(client)
+        return client
+
+    yield make
+    for client in clients:
+        client.close()
+
+
+@pytest.fixture
+def tf(make_tf: MakeTf) -> Tf:
+    return make_tf()
+
+
+def put(tf: Tf, parent: str, child: str, seconds: float, x: float = 1.0, **how: object) -> bool:
+    transform = Transform(translation=(x, 0.0, 0.0))
+    stamped = StampedTransform(parent, child, int(seconds * SECOND), transform)
+    return tf.set_transform(stamped, **how)  # type: ignore[arg-type]
+
+
+def test_a_removed_frame_is_gone_with_its_link_history_and_name(tf: Tf) -> None:
+    put(tf, "map", "base", 1)
+    put(tf, "base", "cup", 1)
+    put(tf, "base", "cup", 2)
+    tf.remove_frame("cup")
+    assert tf.frames() == ["base", "map"]
+    assert tf.stats()["frames"] == 2
+    assert not tf.can_transform("map", "cup")
+    for call in (tf.frame, tf.parent, tf.remove_frame):
+        with pytest.raises(LookupException) as caught:
+            call("cup")
+        assert caught.value.frame == "cup"
+    with pytest.raises(LookupException):
+        tf.lookup_transform("cup", "cup")
+    assert tf.lookup_transform("map", "base").stamp_ns == SECOND
+
+
+def test_a_removed_frame_comes_back_empty_with_the_next_set(tf: Tf) -> None:
+    put(tf, "map", "cup", 1, authority="left")
+    put(tf, "map", "cup", 2, authority="left")
+    tf.remove_frame("cup")
+    put(tf, "map", "cup", 1.5, authority="right")
+    info = tf.frame("cup")
+    assert (info.samples, info.authority, info.authority_changes) == (1, "right", 0)
+    assert tf.frames() == ["cup", "map"]
+
+
+def test_a_removed_root_comes_back_as_a_parent(tf: Tf) -> None:
+    put(tf, "map", "base", 1)
+    tf.remove_frame("base")
+    tf.remove_frame("map")
+    assert tf.frames() == []
+    put(tf, "map", "odom", 1)
+    assert tf.frames() == ["map", "odom"]
+    assert tf.can_transform("map", "odom")
+
+
+def test_a_parent_is_not_removed_from_under_its_children(tf: Tf) -> None:
+    put(tf, "map", "base", 1)
+    put(tf, "base", "arm", 1)
+    with pytest.raises(InvalidArgumentException) as caught:
+        tf.remove_frame("base")
+    assert (caught.value.field, caught.value.frame, caught.value.parent_frame) == (
+        "name",
+        "arm",
+        "base",
+    )
+    assert tf.can_transform("map", "arm")
+
+
+def test_a_subtree_is_removed_at_once(tf: Tf) -> None:
+    for parent, child in [("map", "r1"), ("r1", "arm"), ("arm", "hand"), ("map", "r2")]:
+        put(tf, parent, child, 1)
+    commits = tf.stats()["commits"]
+    tf.remove_frame("r1", subtree=True)
+    assert tf.stats()["commits"] == commits + 1
+    assert sorted(tf.frames()) == ["map", "r2"]
+    tf.remove_frame("map", subtree=True)
+    assert tf.frames() == []
+
+
+def test_a_former_parent_can_be_removed(tf: Tf) -> None:
+    put(tf, "old", "base", 1)
+    put(tf, "new", "base", 2)
+    tf.remove_frame("old")
+    assert not tf.can_transform("old", "base", SECOND)
+    # A link in the past that names it creates it again.
+    put(tf, "old", "base", 0.5)
+    assert "old" in tf.frames()
+    assert tf.can_transform("old", "base", SECOND // 2)
+
+
+def test_invalid_names_cannot_be_removed(tf: Tf) -> None:
+    for name in ("", "/map"):
+        with pytest.raises(InvalidArgumentException) as caught:
+            tf.remove_frame(name)
+        assert caught.value.field == "name"
+
+
+def test_reset_drops_samples_static_links_and_names(tf: Tf) -> None:
+    put(tf, "map", "base", 1, authority="wheels")
+    put(tf, "base", "camera", 0, authority="mounts", static=True)
+    commits = tf.stats()["commits"]
+    tf.reset()
+    assert tf.frames() == []
+    stats = tf.stats()
+    assert (stats["frames"], stats["samples"], stats["static_links"]) == (0, 0, 0)
+    assert stats["commits"] == commits + 1
+    with pytest.raises(LookupException):
+        tf.lookup_transform("base", "camera")
+    with pytest.raises(LookupException):
+        tf.frame("map")
+    # What authorities have done is not forgotten, and the names may come back.
+    assert [authority.name for authority in tf.authorities()] == ["wheels", "mounts"]
+    put(tf, "camera", "map", 0.5, authority="other")
+    assert sorted(tf.frames()) == ["camera", "map"]
+    assert tf.frame("map").samples == 1
+    tf.reset()
+    tf.reset()
+    assert tf.frames() == []
+
+
+def test_reset_of_an_empty_tree(tf: Tf) -> None:
+    tf.reset()
+    assert tf.frames() == []
+    put(tf, "map", "base", 1)
+    assert tf.can_transform("map", "base")
+
+
+def test_a_late_transform_is_dropped(make_tf: MakeTf) -> None:
+    tf = make_tf(time_jump="reject")
+    put(tf, "map", "base", 100)
+    assert not put(tf, "map", "base", 1)
+    assert tf.frame("base").dropped == 1
+    assert tf.stats()["time_jumps"] == 0
+
+
+def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None:
+    tf = make_tf(time_jump="clear")
+    put(tf, "map", "base", 100)
+    put(tf, "base", "arm", 100)
+    put(tf, "base", "camera", 0, static=True)
+    assert put(tf, "map", "base", 95)  # late, but not too late
+    assert not put(tf, "map", "base", 1)
+    assert tf.stats()["time_jumps"] == 0
+    assert put(tf, "map", "base", 1.1, x=7.0)
+    assert (tf.stats()["time_jumps"], tf.frame("base").time_jumps) == (1, 1)
+    assert tf.lookup_transform("map", "camera").stamp_ns == 1_100_000_000
+    # No other frame is touched.
+    assert (tf.frame("arm").newest_stamp_ns, tf.frame("arm").time_jumps) == (100 * SECOND, 0)
+    back = StampedTransform("base", "arm", SECOND, Transform())
+    with pytest.raises(InvalidArgumentException, match="begins the frame's history again"):
+        tf.set_transforms_xact([back])
+    assert not put(tf, "base", "arm", 1)  # the same stamp is no second witness
+    tf.set_transforms_xact([StampedTransform("base", "arm", 1_100_000_000, Transform())])
+    assert tf.stats()["time_jumps"] == 2
+    assert tf.can_transform("map", "arm")
+
+
+@pytest.mark.parametrize("between", [100.1, 95.0])
+def test_good_transforms_between_late_ones_keep_the_history(
+    make_tf: MakeTf, between: float
+) -> None:
+    tf = make_tf(time_jump="clear")
+    for stamp in (99, 100):
+        put(tf, "map", "base", stamp)
+    for late in range(1, 20):
+        assert not put(tf, "map", "base", late)
+        assert put(tf, "map", "base", between + late / 100)
+    assert tf.stats()["time_jumps"] == 0
+    assert tf.can_transform("map", "base", 99 * SECOND)
+
+
+def test_late_transforms_far_apart_keep_the_history(make_tf: MakeTf) -> None:
+    tf = make_tf(time_jump="clear")
+    put(tf, "map", "base", 100)
+    for late in (60, 1, 20, 40, 39, 38, 15):  # older than the last one, or by more than 10 s newer
+        assert not put(tf, "map", "base", late)
+    assert tf.frame("base").newest_stamp_ns == 100 * SECOND
+
+
+@pytest.mark.parametrize("time_jump", ["reject", "clear"])
+def test_a_frame_recovers_from_a_stamp_far_ahead(make_tf: MakeTf, time_jump: str) -> None:
+    tf = make_tf(time_jump)
+    now = time.time()
+    put(tf, "map", "base", now)
+    put(tf, "map", "arm", now)
+    put(tf, "map", "base", now + 1800)
+    assert not put(tf, "map", "base", now + 0.1)
+    assert put(tf, "map", "base", now + 0.2)
+    assert put(tf, "map", "base", now + 0.3)
+    assert tf.frame("base").time_jumps == 1
+    assert tf.lookup_transform("map", "base").stamp_ns == int((now + 0.3) * SECOND)
+    assert tf.frame("arm").samples == 1
+
+
+def test_a_rejected_write_that_jumps_back_clears_nothing(make_tf: MakeTf) -> None:
+    tf = make_tf(time_jump="clear")
+    put(tf, "map", "base", 100)
+    for stamp in (1, 2):
+        back = [
+            StampedTransform(*pair, stamp, Transform())
+            for pair in [("map", "base"), ("base", "map")]
+        ]
+        with pytest.raises(InvalidArgumentException):
+            tf.set_transforms_xact(back)
+    assert tf.frame("base").newest_stamp_ns == 100 * SECOND
+
+
+def test_backward_extrapolation_names_the_link_at_that_time(tf: Tf) -> None:
+    put(tf, "dock", "base", 1)
+    put(tf, "map", "base", 2)
+    put(tf, "map", "base", 3)
+    with pytest.raises(BackwardExtrapolationException) as caught:
+        tf.lookup_transform("map", "base", SECOND // 2)
+    error = caught.value
+    assert (error.frame, error.parent_frame) == ("base", "dock")
+    assert (error.oldest_stamp_ns, error.newest_stamp_ns) == (SECOND, 3 * SECOND)
+    assert error.stamp_ns == SECOND // 2
+    for fact in ("'dock'", "'base'", "1000000000", "3000000000", "500000000"):
+        assert fact in str(error)
+
+
+def test_the_last_change_of_a_link(tf: Tf) -> None:
+    put(tf, "map", "base", 1, authority="odometry")
+    assert tf.frame("base").last_change is None
+    put(tf, "map", "base", 2, authority="lidar")
+    assert tf.frame("base").last_change == FrameChange(
+        "authority", 2 * SECOND, "lidar", "map", False
+    )
+    put(tf, "dock", "base", 3, authority="lidar")
+    expected = FrameChange("reparented", 3 * SECOND, "lidar", "map", False)
+    assert tf.frame("base").last_change == expected
+    put(tf, "dock", "base", 4, authority="charger", static=True)
+    info = tf.frame("base")
+    assert info.last_change == FrameChange("switched", 4 * SECOND, "charger", "dock", False)
+    assert (info.authority_changes, info.reparented, info.switched) == (2, 1, 1)
+
+
+def test_counters_of_each_authority(tf: Tf) -> None:
+    put(tf, "map", "base", 1)  # without an authority
+    put(tf, "map", "base", 100, authority="a")
+    put(tf, "map", "base", 100, authority="a")
+    put(tf, "map", "base", 1, authority="a")
+    put(tf, "map", "arm", 1, authority="b")
+    put(tf, "map", "base", 101, authority="b")
+    assert tf.authorities() == [
+        AuthorityInfo("a", frames=0, commits=3, stored=2, dropped=1, rewritten=1, conflicts=1),
+        AuthorityInfo("b", frames=2, commits=2, stored=2, dropped=0, rewritten=0, conflicts=1),
+    ]
