@@ -56,10 +56,8 @@ define run_tests
 	@$(PYTEST) -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(if $(1),-m "$(1)") $(ARGS) || [ $$? = 5 ]
 endef
 
-# The C++ tests, and the benchmark's program as its quick runs build it.
-setup: native ## what `make test` needs, built once: native, and the C++ programs of the tests
+setup: native ## what `make test` needs, built once: native, and the C++ tests
 	@$(LOCK) sh scripts/core_test.sh --build plain
-	@$(BIN)/python -c "from bench import native; native.build(quick=True)"
 
 test: setup ## what every change must pass, under 5 minutes after set-up; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
 	@$(LOCK) sh scripts/core_test.sh plain

@@ -50,6 +50,7 @@ def anomaly_in(merged: Merged) -> str | None:
     return describe(merged.history, anomaly) if anomaly else None
 
 
+@pytest.mark.slow
 def test_transactions_under_faults_are_strictly_serializable(tmp_path: Path) -> None:
     print(f"\nSEED={SEED}")
     chaos = Chaos(tmp_path, SEED, SOUND_SERVER, CLIENTS)

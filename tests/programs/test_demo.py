@@ -54,6 +54,7 @@ def test_make_demo_installs_what_it_needs_and_says_how_long_it_takes() -> None:
     assert re.search(r'echo "building the native module: about \d+ minutes', steps)
 
 
+@pytest.mark.slow
 def test_demo() -> None:
     with start() as demo:
         page, errors = demo.communicate(timeout=50)

@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 
 # The first one builds bench_core, once: a minute of processor time.
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("part", PARTS)
 def test_a_part_runs(part: str) -> None:

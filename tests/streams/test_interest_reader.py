@@ -1,4 +1,4 @@
-"""What an interested mirror is told: the frames on the ways, whole and at one instant."""
+"""What an interested mirror is sent: the frames on the paths, whole and at one instant."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 
+#: `make test` has the first ones.
+SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
 #: The bits of a mirror's version that are the server's.
 SERVER_VERSION = (1 << 48) - 1
 
@@ -52,7 +54,7 @@ def parents(tree: State, name: str) -> set[str]:
     return {parent for _, parent, _ in tree[name][3] if parent in tree}
 
 
-def ways(tree: State, pairs: list[tuple[str, str]]) -> set[str]:
+def paths(tree: State, pairs: list[tuple[str, str]]) -> set[str]:
     """The reference: which frames a mirror of the pairs must have."""
     found: set[str] = set()
     for a, b in pairs:
@@ -84,8 +86,8 @@ def all_ancestors(tree: State, start: str) -> set[str]:
 
 
 @pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
-@pytest.mark.parametrize("seed", range(8))
-def test_the_frames_on_the_ways_are_the_servers(seed: int, max_frames: int) -> None:
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_frames_on_the_paths_are_the_servers(seed: int, max_frames: int) -> None:
     tree, log = logged(("optimistic", "2pl", "giant")[seed % 3], max_frames)
     writer = Writer(tree, seed, visits=max_frames == FEW_FRAMES)
     chance = random.Random(seed)
@@ -98,7 +100,7 @@ def test_the_frames_on_the_ways_are_the_servers(seed: int, max_frames: int) -> N
         for _ in range(chance.randrange(3)):
             writer.write()
         before = state(tree)
-        if step % 150 == 149:  # another one begins: what it gets is told to the others, too
+        if step % 150 == 149:  # another one begins: what it gets is sent to the others, too
             seq, reparented, changes, everything = reader.read(True, MANY)
             assert everything is not None
             for mirror in mirrors:
@@ -115,7 +117,7 @@ def test_the_frames_on_the_ways_are_the_servers(seed: int, max_frames: int) -> N
                     mirror.replay.apply(seq, *changes)
         assert seq == log.last
         assert not reader.has_changed()
-        wanted = ways(before, pairs)
+        wanted = paths(before, pairs)
         for mirror in mirrors:
             assert mirror_state(mirror) == {name: before[name] for name in wanted}
             same_answers(mirror.tree, tree, pairs, writer.now)
@@ -168,7 +170,7 @@ def test_failures_are_of_the_servers_class(seed: int) -> None:
                     continue
                 assert isinstance(here, ExtrapolationException)
                 assert isinstance(there, ExtrapolationException)
-                assert there.frame not in ways(state(tree), [pair])
+                assert there.frame not in paths(state(tree), [pair])
     assert failures > 100
 
 
@@ -344,7 +346,7 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
     assert mirror_state(mirror) == {name: state(tree)[name] for name in state(mirror.tree)}
 
 
-def test_what_is_told_beside_writers_has_a_new_number() -> None:
+def test_what_is_sent_beside_writers_has_a_new_number() -> None:
     """A mirror takes changes only under a number that it does not have yet."""
     tree, log = logged()
     names = [f"f{i}" for i in range(8)]
