@@ -259,7 +259,7 @@ def test_the_tree_of_an_owner_that_has_ended_is_not_believed() -> None:
 def test_a_forked_child_does_not_end_the_lease() -> None:
     script = """
 import os
-from .test_shared_tree import LINK, SharedTree, shared
+from tests.sharing.test_shared_tree import LINK, SharedTree, shared
 tree = shared()
 tree.set_transform(LINK)
 if child := os.fork():
