@@ -47,7 +47,7 @@ demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in und
 	@$(BIN)/python examples/demo_ros2.py
 
 # More than cores, as tests also wait.
-WORKERS ?= 4
+WORKERS ?= 3
 # Where a system asks Python to keep no bytecode, each process of a test would compile the project.
 CACHED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/build/pycache
 PYTEST := $(CACHED) $(BIN)/python -m pytest
