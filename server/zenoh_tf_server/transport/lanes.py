@@ -11,6 +11,7 @@ Invariant: a lane holds no client without requests, so `take` is O(1).
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
@@ -114,7 +115,7 @@ class Lane(Generic[Q]):
         return request
 
 
-class Admission(Lane[Q]):
+class Admission(Lane[Q], ABC):
     """Lets some requests be served at once; others wait in the lane, or are refused.
 
     Invariant: requests wait only while no place is free. `begin` takes a place or queues, and
@@ -128,8 +129,8 @@ class Admission(Lane[Q]):
         self._free = places  # guarded by the lock
 
     def begin(self, request: Any, size: int) -> Any:
-        """None: the request, of so many bytes, is served now, until `end`. Else what `_queue` says,
-        which puts it into the lane, or refuses it."""
+        """None: the request, of `size` bytes, is served now, until `end`. Else what `_queue`
+        returns."""
         with self._lock:
             if not self._free:
                 return self._queue(request, size)
@@ -144,8 +145,11 @@ class Admission(Lane[Q]):
             self._free += 1
             return None
 
+    @abstractmethod
     def _queue(self, request: Any, size: int) -> Any:
-        raise NotImplementedError
+        """Put a request into the lane, or refuse it. Called with the lock."""
 
     def _resume(self, request: Request[Q]) -> Request[Q] | None:
+        """Serve a request that has waited, or return it to the thread that calls `end`. Called with
+        the lock."""
         return request
