@@ -11,7 +11,7 @@ endif
 # Two calls of make in one checkout must not build into the same folders at once.
 LOCK := $(if $(shell command -v flock),flock .venv.lock)
 
-CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_tf/*.pyi)
+CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_tf/*.pyi zenoh_tf/_core_stubs/*.pyi)
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help

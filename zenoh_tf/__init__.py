@@ -31,10 +31,10 @@ from zenoh_tf.errors import (
     TransactionConflict,
     TransformException,
 )
-from zenoh_tf.explanation import Explanation, LinkReport
-from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
 from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
+from zenoh_tf.introspection.explanation import Explanation, LinkReport
+from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 

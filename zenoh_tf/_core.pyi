@@ -1,6 +1,6 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-This stub and `_transform.pyi` are the one source of signatures and docstrings: help() shows them,
+This stub and `_core_stubs/transform.pyi` are the one source of signatures and docstrings: help() shows them,
 too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in metres.
 """
 
@@ -10,28 +10,28 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf._change_log import ChangeLog as ChangeLog
-from zenoh_tf._change_log import ChangeReplay as ChangeReplay
-from zenoh_tf._change_log import InterestReader as InterestReader
-from zenoh_tf._change_log import wait_for_changes as wait_for_changes
-from zenoh_tf._columns import TransformRows as TransformRows
-from zenoh_tf._columns import columns_of_pairs as columns_of_pairs
-from zenoh_tf._columns import decode_tf_message as decode_tf_message
-from zenoh_tf._columns import decode_tf_messages as decode_tf_messages
-from zenoh_tf._points import deskew_by_samples as deskew_by_samples
-from zenoh_tf._points import map_rows as map_rows
-from zenoh_tf._shared import LAYOUT as LAYOUT
-from zenoh_tf._shared import AskServer as AskServer
-from zenoh_tf._shared import LeaseKeeper as LeaseKeeper
-from zenoh_tf._shared import RegionRefused as RegionRefused
-from zenoh_tf._shared import SharedTree as SharedTree
-from zenoh_tf._transform import LatestTransform as LatestTransform
-from zenoh_tf._transform import Rows as Rows
-from zenoh_tf._transform import StampedTransform as StampedTransform
-from zenoh_tf._transform import Transform as Transform
-from zenoh_tf._waiting import ParkedLookups as ParkedLookups
-from zenoh_tf._waiting import WakeQueue as WakeQueue
-from zenoh_tf._waiting import park_lookups as park_lookups
+from zenoh_tf._core_stubs.change_log import ChangeLog as ChangeLog
+from zenoh_tf._core_stubs.change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._core_stubs.change_log import InterestReader as InterestReader
+from zenoh_tf._core_stubs.change_log import wait_for_changes as wait_for_changes
+from zenoh_tf._core_stubs.columns import TransformRows as TransformRows
+from zenoh_tf._core_stubs.columns import columns_of_pairs as columns_of_pairs
+from zenoh_tf._core_stubs.columns import decode_tf_message as decode_tf_message
+from zenoh_tf._core_stubs.columns import decode_tf_messages as decode_tf_messages
+from zenoh_tf._core_stubs.points import deskew_by_samples as deskew_by_samples
+from zenoh_tf._core_stubs.points import map_rows as map_rows
+from zenoh_tf._core_stubs.shared import LAYOUT as LAYOUT
+from zenoh_tf._core_stubs.shared import AskServer as AskServer
+from zenoh_tf._core_stubs.shared import LeaseKeeper as LeaseKeeper
+from zenoh_tf._core_stubs.shared import RegionRefused as RegionRefused
+from zenoh_tf._core_stubs.shared import SharedTree as SharedTree
+from zenoh_tf._core_stubs.transform import LatestTransform as LatestTransform
+from zenoh_tf._core_stubs.transform import Rows as Rows
+from zenoh_tf._core_stubs.transform import StampedTransform as StampedTransform
+from zenoh_tf._core_stubs.transform import Transform as Transform
+from zenoh_tf._core_stubs.waiting import ParkedLookups as ParkedLookups
+from zenoh_tf._core_stubs.waiting import WakeQueue as WakeQueue
+from zenoh_tf._core_stubs.waiting import park_lookups as park_lookups
 
 OP_AT: int  # what a row of `Tree._read_rows` asks for: source in target at stamp_ns
 OP_COMMON: int  # the same at the latest common time

@@ -22,9 +22,9 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.text import printable
-from zenoh_tf.times import CLOCK_RANGE_S
+from zenoh_tf.text.times import CLOCK_RANGE_S
 
 __all__ = ["dot", "mermaid", "printable", "text"]
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from zenoh_tf import _core
 from zenoh_tf._core import AskServer, RegionRefused
 from zenoh_tf.array import TransformArray
-from zenoh_tf.frame_info import FrameInfo
+from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ import logging
 from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import _core
-from zenoh_tf import explain as explaining
 from zenoh_tf.array import TransformArray
-from zenoh_tf.explanation import Explanation
-from zenoh_tf.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.gate import Gate
+from zenoh_tf.introspection import explain as explaining
+from zenoh_tf.introspection.explanation import Explanation
+from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.points import Sweep, deskew
 from zenoh_tf.velocity import Velocity, interval_ns
 

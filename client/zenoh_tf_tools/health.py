@@ -12,8 +12,8 @@ import argparse
 import sys
 
 from zenoh_tf.errors import ServerBusy, TransformException
-from zenoh_tf.flag_values import duration
 from zenoh_tf.text import printable
+from zenoh_tf.text.flag_values import duration
 from zenoh_tf_client.session import environment
 from zenoh_tf_tools.cli.connection import add_credentials, connect
 

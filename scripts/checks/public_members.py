@@ -13,7 +13,7 @@ from zenoh_tf_client.mirror.reads import MirrorReads
 from .repository import Repository
 
 AnyFunction = ast.FunctionDef | ast.AsyncFunctionDef
-STUBS = ("zenoh_tf/_core.pyi", "zenoh_tf/_transform.pyi")
+STUBS = ("zenoh_tf/_core.pyi", "zenoh_tf/_core_stubs/transform.pyi")
 #: A base whose methods refer to those of the same names in another class.
 REFERRING = MirrorReads
 

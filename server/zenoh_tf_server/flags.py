@@ -13,7 +13,7 @@ from importlib.metadata import version
 
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
-from zenoh_tf.flag_values import duration, whole
+from zenoh_tf.text.flag_values import duration, whole
 
 from . import config_file, limit_flags
 from .federation import settings as federation

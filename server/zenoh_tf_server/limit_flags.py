@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
-from zenoh_tf.flag_values import size
 from zenoh_tf.text import quoted
+from zenoh_tf.text.flag_values import size
 
 from .limits import Limits
 

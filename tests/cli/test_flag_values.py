@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf.flag_values import duration, live_time, number, recorded_time, size, whole
+from zenoh_tf.text.flag_values import duration, live_time, number, recorded_time, size, whole
 
 S = 10**9
 PAGE = (Path(__file__).parents[2] / "docs/commands.md").read_text()

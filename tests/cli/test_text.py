@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from zenoh_tf.times import age, seconds
+from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli.output import roll_pitch_yaw, when
 
 

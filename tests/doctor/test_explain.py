@@ -17,8 +17,8 @@ from zenoh_tf import (
     TransformException,
     TransformTree,
 )
-from zenoh_tf.explain import explain
-from zenoh_tf.similar import did_you_mean, similar
+from zenoh_tf.introspection.explain import explain
+from zenoh_tf.text.similar import did_you_mean, similar
 
 S = 10**9
 NOW_NS = 1_700_000_000 * S

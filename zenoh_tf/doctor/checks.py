@@ -10,10 +10,10 @@ from itertools import groupby
 from typing import Final
 
 from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
-from zenoh_tf.explain import is_stopped
-from zenoh_tf.similar import spelling
+from zenoh_tf.introspection.explain import is_stopped
 from zenoh_tf.text import quoted
-from zenoh_tf.times import CLOCK_RANGE_S, age
+from zenoh_tf.text.similar import spelling
+from zenoh_tf.text.times import CLOCK_RANGE_S, age
 
 Evidence = Iterator[tuple[str, str]]
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from zenoh_tf.frame_info import AuthorityInfo, ClientInfo, FrameInfo
-from zenoh_tf.times import reference_ns
+from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
+from zenoh_tf.text.times import reference_ns
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
-from zenoh_tf import explain as explaining
+from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
 from ..requests import info

@@ -22,9 +22,9 @@ from zenoh_tf import (
     ForwardExtrapolationException,
     TransformException,
 )
-from zenoh_tf.flag_values import duration
 from zenoh_tf.text import printable
-from zenoh_tf.times import age
+from zenoh_tf.text.flag_values import duration
+from zenoh_tf.text.times import age
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from zenoh_tf_tools.cli import completion, output

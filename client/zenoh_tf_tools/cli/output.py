@@ -13,7 +13,7 @@ from typing import TextIO
 
 from zenoh_tf import LatestTransform, StampedTransform, TransformException, Velocity
 from zenoh_tf.text import printable
-from zenoh_tf.times import CLOCK_RANGE_S, age, seconds
+from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
 #: Terminal colours: bold, faint, green, yellow, cyan; parts that are not listed have none.
 _COLOURS = {

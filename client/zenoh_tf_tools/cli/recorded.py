@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from zenoh_tf.flag_values import RecordedTime
 from zenoh_tf.recordings import Recording, RecordingError, open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.times import seconds
+from zenoh_tf.text.flag_values import RecordedTime
+from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.errors import CommandError
 
 

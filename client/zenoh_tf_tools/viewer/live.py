@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 
 from zenoh_tf import TransformException
-from zenoh_tf.times import CLOCK_RANGE_S
+from zenoh_tf.text.times import CLOCK_RANGE_S
 from zenoh_tf_client.mirror.mirror import Mirror
 from zenoh_tf_tools.viewer.source import Link, Lookups
 

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from zenoh_tf.text import cut, printable
-from zenoh_tf.times import age, seconds
+from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.scene import MAIN, NAMES
 from zenoh_tf_tools.viewer.source import Link

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass
 
 from zenoh_tf.errors import InvalidArgumentException
-from zenoh_tf.flag_values import duration, number, whole
+from zenoh_tf.text.flag_values import duration, number, whole
 
 from ..ingest.prefixes import PrefixRule, parse_rule
 

@@ -20,10 +20,10 @@ from zenoh_tf import (
     TransformTree,
     export,
 )
-from zenoh_tf.flag_values import RECORDED_TIMES, duration, recorded_time, size
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, load
 from zenoh_tf.text import quoted
-from zenoh_tf.times import age, seconds
+from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, recorded_time, size
+from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.types import Commands, examples

@@ -11,9 +11,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from zenoh_tf.flag_values import duration
 from zenoh_tf.recordings import RecordingError
 from zenoh_tf.recordings.writer import RecordingWriter
+from zenoh_tf.text.flag_values import duration
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect

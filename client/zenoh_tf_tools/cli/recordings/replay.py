@@ -7,12 +7,12 @@ import time
 from collections.abc import Iterator
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf.flag_values import RECORDED_TIMES, number, recorded_time
 from zenoh_tf.recordings import Recording, load
 from zenoh_tf.recordings.blocks import Block
 from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf.ros2.cdr import TfMessage
-from zenoh_tf.times import seconds
+from zenoh_tf.text.flag_values import RECORDED_TIMES, number, recorded_time
+from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress

@@ -6,7 +6,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from zenoh_tf.flag_values import number
+from zenoh_tf.text.flag_values import number
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.types import Commands, examples
 

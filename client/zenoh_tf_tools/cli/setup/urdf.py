@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from zenoh_tf.flag_values import whole
 from zenoh_tf.text import printable
+from zenoh_tf.text.flag_values import whole
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect

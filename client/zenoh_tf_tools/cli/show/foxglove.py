@@ -6,7 +6,7 @@ import argparse
 import contextlib
 from typing import Final
 
-from zenoh_tf.flag_values import number, whole
+from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.types import Commands, examples

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from zenoh_tf import ServerUnavailable
-from zenoh_tf.flag_values import duration, whole
 from zenoh_tf.text import printable
+from zenoh_tf.text.flag_values import duration, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show.rates import Period, figure, watch

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from zenoh_tf.flag_values import duration
-from zenoh_tf.times import age as age_text
+from zenoh_tf.text.flag_values import duration
+from zenoh_tf.text.times import age as age_text
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show.view import recorded

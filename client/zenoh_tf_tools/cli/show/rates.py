@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from zenoh_tf import AuthorityInfo, FrameInfo
-from zenoh_tf.explain import is_stopped
-from zenoh_tf.times import CLOCK_RANGE_S, reference_ns
+from zenoh_tf.introspection.explain import is_stopped
+from zenoh_tf.text.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.records import watch_frames
 
@@ -24,7 +24,7 @@ class LinkRate:
     ``commits_per_s``: how often it was written. ``rate_hz``: of its history, by the stamps.
     ``least_age_s`` and ``greatest_age_s``: of its newest stamp; the least is about the delay from
     the measurement to the server. None for stamps that are of another clock. ``stopped``: as of
-    `zenoh_tf.explain.is_stopped`.
+    `zenoh_tf.introspection.explain.is_stopped`.
     """
 
     frame: str

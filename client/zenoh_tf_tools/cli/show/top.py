@@ -7,8 +7,8 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import ServerUnavailable
-from zenoh_tf.flag_values import duration, whole
 from zenoh_tf.text import printable
+from zenoh_tf.text.flag_values import duration, whole
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show.rates import LinkRate, Period, figure, watch
 from zenoh_tf_tools.cli.types import Commands, examples

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Final
 
-from zenoh_tf.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
+from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.connection import connect

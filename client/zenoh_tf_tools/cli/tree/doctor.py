@@ -17,8 +17,8 @@ from zenoh_tf.doctor import (
     TreeFacts,
     diagnose,
 )
-from zenoh_tf.flag_values import duration
 from zenoh_tf.text import printable
+from zenoh_tf.text.flag_values import duration
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.connection import connect

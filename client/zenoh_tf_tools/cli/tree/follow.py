@@ -9,7 +9,7 @@ import time
 from typing import Final
 
 from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
-from zenoh_tf.flag_values import duration, number, whole
+from zenoh_tf.text.flag_values import duration, number, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.tree.lookups import add_at, add_frames

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf.flag_values import LIVE_TIMES, duration, live_time
+from zenoh_tf.text.flag_values import LIVE_TIMES, duration, live_time
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.types import Commands, examples

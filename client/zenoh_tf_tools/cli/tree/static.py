@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final, NoReturn
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.flag_values import number
+from zenoh_tf.text.flag_values import number
 from zenoh_tf_tools.cli.tree.write import AUTHORITY, store
 from zenoh_tf_tools.cli.types import Commands, examples
 

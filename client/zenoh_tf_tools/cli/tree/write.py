@@ -7,9 +7,9 @@ import time
 from typing import Final
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.flag_values import LIVE_TIMES, live_time, number
 from zenoh_tf.text import printable
-from zenoh_tf.times import seconds
+from zenoh_tf.text.flag_values import LIVE_TIMES, live_time, number
+from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.types import Commands, examples

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf._core import Budget, Tree
-from zenoh_tf._transform import Rows
+from zenoh_tf._core_stubs.transform import Rows
 
 class WakeQueue:
     """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from zenoh_tf.text import printable
-from zenoh_tf.times import age, seconds
+from zenoh_tf.text.times import age, seconds
 
 __all__ = ["Explanation", "LinkReport"]
 

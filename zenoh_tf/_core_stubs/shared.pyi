@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf._core import Budget, Tree
-from zenoh_tf._transform import LatestTransform, Rows, StampedTransform
+from zenoh_tf._core_stubs.transform import LatestTransform, Rows, StampedTransform
 
 LAYOUT: tuple[int, int]  # version and hash of the layout that this build writes and reads
 

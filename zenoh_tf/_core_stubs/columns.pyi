@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf._transform import StampedTransform
+from zenoh_tf._core_stubs.transform import StampedTransform
 
 class TransformRows:
     """Transforms as columns, a row for each. Each frame's name is there once. The columns never

@@ -11,11 +11,11 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Final
 
-from zenoh_tf.explanation import Explanation, LinkReport
-from zenoh_tf.frame_info import FrameInfo
-from zenoh_tf.similar import did_you_mean
+from zenoh_tf.introspection.explanation import Explanation, LinkReport
+from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.text import quoted
-from zenoh_tf.times import CLOCK_RANGE_S, age, reference_ns, seconds
+from zenoh_tf.text.similar import did_you_mean
+from zenoh_tf.text.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
 __all__ = ["explain", "is_connected", "is_stopped"]
 

@@ -1,0 +1,10 @@
+"""Text that people read or write: of others, made safe to show, and as commands and flags take it.
+
+`escapes` shows what others have chosen, `times` stamps and ages, `flag_values` is the grammar of
+times, durations and numbers, and `similar` finds the name that was probably meant. Imports nothing
+of the library.
+"""
+
+from zenoh_tf.text.escapes import cut as cut
+from zenoh_tf.text.escapes import printable as printable
+from zenoh_tf.text.escapes import quoted as quoted
