@@ -19,7 +19,6 @@ PACKAGES = {
 RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
 EXTRAS = {
-    "cryptography": "zenoh_tf_tools",
     "foxglove": "zenoh_tf_tools",
     "matplotlib": "zenoh_tf_tools",
     "prometheus_client": "zenoh_tf_server",

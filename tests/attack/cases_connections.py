@@ -11,10 +11,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import trustme
+
+from tests.support.certificates import issue
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Credentials, TransformClient
-from zenoh_tf_tools.cli.setup import certificate_files
 
 from . import messages
 from .arena import Arena, beside
@@ -139,31 +141,20 @@ def expiring_certificate(arena: Arena) -> list[Finding]:
     """26: a client's certificate expires while the client is connected, beside another client"""
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
-        period = certificate_files.period_of(1.0)
-        authority = certificate_files.Authority(folder, period)
-        authority.issue("server", ["127.0.0.1"], period)
-        authority.issue("good", [], period)
-
-        def owner(client: str) -> Credentials:
-            files = certificate_files.certificate_file, certificate_files.key_file
-            certificate, key = (str(of(folder, client)) for of in files)
-            ca = str(certificate_files.authority_file(folder))
-            return Credentials(ca=ca, certificate=certificate, key=key)
-
-        server_files = owner("server")
+        authority = trustme.CA()
+        server_files = issue(authority, folder, "server", ["127.0.0.1"])
         flags = ["--tls-certificate", str(server_files.certificate), "--tls-key"]
         flags += [str(server_files.key), "--tls-ca", str(server_files.ca), "--no-share"]
         endpoint = free_endpoint().replace("tcp/", "tls/")
         stack.enter_context(arena.server(*flags, endpoint=endpoint))
 
-        def connect(client: str, timeout_s: float) -> TransformClient:
-            own = owner(client)
+        def connect(own: Credentials, timeout_s: float) -> TransformClient:
             return TransformClient.connect(endpoint, timeout_s=timeout_s, credentials=own)
 
-        good = stack.enter_context(connect("good", 10.0))
+        good = stack.enter_context(connect(issue(authority, folder, "good"), 10.0))
         end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(seconds=_VALID_S)
-        authority.issue("short", [], certificate_files.Period(period.begin, end))
-        short = stack.enter_context(connect("short", 3.0))
+        expiring = issue(authority, folder, "short", end=end)
+        short = stack.enter_context(connect(expiring, 3.0))
         with _Reader(good) as reader:
             begins = _outcome(short)[0]
             time.sleep(_VALID_S + 2.0)
@@ -171,7 +162,7 @@ def expiring_certificate(arena: Arena) -> list[Finding]:
             write, write_s = _outcome(short, write=True)
             again = ""
             try:
-                connect("short", 3.0).close()
+                connect(expiring, 3.0).close()
             except TransformException as error:
                 again = f"{type(error).__name__}: {error}"
         known = _outcome(good)[0]

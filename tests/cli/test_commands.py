@@ -306,7 +306,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
     (actions,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
     assert named == set(actions.choices)
     assert {"lookup", "explain", "frames", "set", "replay", "doctor"} <= named
-    without_a_server = {"certificates", "completion"}
+    without_a_server = {"completion"}
     of_actions = {"calibration"}
     for command in named - without_a_server - of_actions:
         assert "--connect" in actions.choices[command].format_help()

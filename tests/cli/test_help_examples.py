@@ -34,7 +34,6 @@ ALL = {parser.prog: parser for parser in commands(_parser())}
 #: These have tests of their own, which make the files and servers that they need.
 ELSEWHERE = (
     "calibration",
-    "certificates",
     "foxglove",
     "plot",
     "query",

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import trustme
 
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support.certificates import issue
 from zenoh_tf_client import Credentials, TransformClient
 from zenoh_tf_client.session.shared_reads import Mode
-from zenoh_tf_tools.cli.setup import certificate_files
 
 CLIENTS = (
     *("reader", "listener", "wheels", "arm"),
@@ -29,14 +30,14 @@ class Files:
     folder: Path
 
     def certificate(self, name: str) -> str:
-        return str(certificate_files.certificate_file(self.folder, name))
+        return str(self.folder / f"{name}.pem")
 
     def key(self, name: str) -> str:
-        return str(certificate_files.key_file(self.folder, name))
+        return str(self.folder / f"{name}-key.pem")
 
     @property
     def ca(self) -> str:
-        return str(certificate_files.authority_file(self.folder))
+        return str(self.folder / "ca.pem")
 
     @property
     def users(self) -> str:
@@ -61,19 +62,17 @@ def tls_endpoint() -> str:
 @pytest.fixture(scope="session")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     folder = tmp_path_factory.mktemp("certificates")
-    period = certificate_files.period_of(1.0)
-    authority = certificate_files.Authority(folder, period)
-    authority.issue("server", ["127.0.0.1", "localhost"], period)
-    authority.issue("arm-server", ["127.0.0.1"], period)
-    authority.issue("elsewhere", ["other.example"], period)
+    authority = trustme.CA()
     now = datetime.datetime.now(datetime.UTC)
-    past = certificate_files.Period(now - datetime.timedelta(9), now - datetime.timedelta(2))
-    authority.issue("expired", ["127.0.0.1"], past)
+    past = now - datetime.timedelta(9), now - datetime.timedelta(2)
+    issue(authority, folder, "server", ["127.0.0.1", "localhost"])
+    issue(authority, folder, "arm-server", ["127.0.0.1"])
+    issue(authority, folder, "elsewhere", ["other.example"])
+    issue(authority, folder, "expired", ["127.0.0.1"], *past)
     for name in PASSWORDS:
-        authority.issue(name, [], period)
-    authority.issue("late", [], past)
-    stranger = certificate_files.Authority(folder / "strangers", period)
-    stranger.issue("reader", [], period)
+        issue(authority, folder, name)
+    issue(authority, folder, "late", [], *past)
+    issue(trustme.CA(), folder / "strangers", "reader")
     users = folder / "users"
     users.write_text("".join(f"{name}:{password}\n" for name, password in PASSWORDS.items()))
     users.chmod(0o600)

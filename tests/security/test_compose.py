@@ -35,10 +35,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("docker")
     shutil.copy(DOCKER / "server-tls.toml", folder)
     text = (DOCKER / "compose-tls.yaml").read_text()
-    (line,) = (line for line in text.splitlines() if "zenoh-tf certificates" in line)
-    command = shlex.split(line.strip("# "))
-    command[:3] = [sys.executable, "-m", "zenoh_tf_tools", "certificates"]
-    command[4:4] = [str(folder / "certificates")]
+    (line,) = (line for line in text.splitlines() if "certificates.sh" in line)
+    script, made, *names = shlex.split(line.strip("# "))
+    command = [str(DOCKER.parent / script), str(folder / Path(made).name), *names]
     subprocess.run(command, check=True, capture_output=True, timeout=50)
     return folder
 

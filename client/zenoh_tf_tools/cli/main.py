@@ -30,7 +30,7 @@ from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT
 from zenoh_tf_tools.cli import completion, output
 from zenoh_tf_tools.cli.connection import add_credentials
 from zenoh_tf_tools.cli.recordings import query, record, replay
-from zenoh_tf_tools.cli.setup import calibration, certificates, urdf
+from zenoh_tf_tools.cli.setup import calibration, urdf
 from zenoh_tf_tools.cli.show import foxglove, monitor, plot, top
 from zenoh_tf_tools.cli.show import view as viewer
 from zenoh_tf_tools.cli.tree import doctor, explain, follow, inspect, lookups, static, write
@@ -146,7 +146,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     _add_common(common, top=False)
     for family in (
         *(lookups, explain, follow, doctor, inspect, monitor, top, viewer, foxglove, plot),
-        *(write, static, urdf, calibration, query, record, replay, certificates),
+        *(write, static, urdf, calibration, query, record, replay),
     ):
         family.add(commands, common)
     completion.add(commands, _parser)

@@ -1,5 +1,5 @@
-"""Commands that prepare a robot or a site: `calibration`, `urdf`, `certificates`.
+"""Commands that prepare a robot: `calibration` and `urdf`.
 
-In come files that people keep (TOML, URDF); out go static links, the transforms of joints, and
-certificates. The files without a command's name read and write these formats.
+In come files that people keep (TOML, URDF); out go static links and the transforms of joints. The
+files without a command's name read and write these formats.
 """
