@@ -20,7 +20,7 @@ from zenoh_tf._net import keys
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.requests import lookups as lookup_requests
 
-LOOKUP = keys.operation("main", "lookup")
+LOOKUP = keys.request("main", "lookup")
 #: Each waiting lookup gives up after this; none should come near it.
 WAIT_S = 120.0
 BEFORE_NS, WANTED_NS = 1_000_000_000, 2_000_000_000

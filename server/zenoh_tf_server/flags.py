@@ -18,11 +18,11 @@ from zenoh_tf.text.flag_values import duration, whole
 from . import config_file, limit_flags
 from .federation import settings as federation
 from .ingest import future_stamps
-from .monitoring import logs, operations
+from .monitoring import logs, monitoring
 from .process import sharing
 from .ros2 import settings as ros2
 from .security import settings as security
-from .settings import Settings
+from .settings import ServerSettings
 from .state import state
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
@@ -52,9 +52,9 @@ def parser() -> argparse.ArgumentParser:
     security.add_flags(flags)
     ros2.add_flags(flags)
     federation.add_flags(flags)
-    monitoring = flags.add_argument_group("logs and metrics (docs/metrics.md)")
-    logs.add_flags(monitoring)
-    operations.add_flags(monitoring)
+    observed = flags.add_argument_group("logs and metrics (docs/metrics.md)")
+    logs.add_flags(observed)
+    monitoring.add_flags(observed)
     return flags
 
 
@@ -78,14 +78,14 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
         action="append",
         metavar="ENDPOINT",
         help="answer reads from a copy of the tree whose server is here; repeatable for further "
-        "ways to it (docs/replicas.md)",
+        "endpoints of it (docs/replicas.md)",
     )
     flags.add_argument(
         "--workers",
         type=whole(1),
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
-        help="threads for each family of queries (default: %(default)s)",
+        help="threads for each type of request (default: %(default)s)",
     )
 
 
@@ -182,10 +182,10 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
             flags.error(f"--{name.replace('_', '-')} and --replica-of exclude each other: {reason}")
 
 
-def settings(options: argparse.Namespace) -> Settings:
+def settings(options: argparse.Namespace) -> ServerSettings:
     """The settings of a server with these flags."""
     limits = limit_flags.from_flags(options)
-    return Settings(
+    return ServerSettings(
         tree=options.tree,
         listen=options.listen,
         connect=options.connect,
@@ -197,7 +197,7 @@ def settings(options: argparse.Namespace) -> Settings:
         limits=limits,
         future=future_stamps.from_flags(options),
         security=options.security,
-        operations=operations.from_flags(options, limits),
+        monitoring=monitoring.from_flags(options, limits),
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
         ros2=ros2.from_flags(options),

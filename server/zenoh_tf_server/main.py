@@ -22,14 +22,14 @@ from zenoh_tf.text import printable
 from . import flags
 from .monitoring import logs
 from .monitoring.metrics import MetricsMissing
-from .monitoring.operations import Operations
+from .monitoring.monitoring import Monitoring
 from .process.free_memory import set_up_heaps
 from .process.network import NetworkError, set_receive_threads
 from .process.tree_claim import TreeTaken
 from .replica.server import ReplicaServer
 from .security import settings as security
 from .server import Server
-from .settings import Settings
+from .settings import ServerSettings
 from .state.file import StateError
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
@@ -62,12 +62,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return CANNOT_START
 
 
-async def serve(settings: Settings) -> NoReturn:
+async def serve(settings: ServerSettings) -> NoReturn:
     """Serve until SIGINT or SIGTERM, then end the process."""
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
-    operations = Operations(settings.operations)
+    monitoring = Monitoring(settings.monitoring)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.ensure_future(asyncio.to_thread(_start, settings, loop))
@@ -85,10 +85,10 @@ async def serve(settings: Settings) -> NoReturn:
     # the modules, which are loaded now and stay, it takes 7 to 20 ms; without them under 1.
     gc.freeze()
     print(_greeting(settings, server.instance), flush=True)
-    operations.serving(server)
+    monitoring.serving(server)
     await stopped
     log.info("stopping")
-    operations.stopping()
+    monitoring.stopping()
     try:
         await asyncio.wait_for(asyncio.to_thread(server.close), _STOP_TIMEOUT_S)
         log.info("stopped")
@@ -97,7 +97,7 @@ async def serve(settings: Settings) -> NoReturn:
     _end()
 
 
-def _start(settings: Settings, loop: asyncio.AbstractEventLoop) -> Server | ReplicaServer:
+def _start(settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> Server | ReplicaServer:
     return (ReplicaServer if settings.replica_of else Server)(settings, loop)
 
 
@@ -112,7 +112,7 @@ def _end() -> NoReturn:
     os._exit(0)
 
 
-def _greeting(settings: Settings, instance: str) -> str:
+def _greeting(settings: ServerSettings, instance: str) -> str:
     # Options of an endpoint are left out: with TLS they hold the private key's path.
     endpoints = [zenoh_config.address(each) for each in settings.connect or settings.listen]
     how = "joined" if settings.connect else "listens on"

@@ -22,7 +22,7 @@ _MAX_REASON: Final = 500
 
 
 @dataclass(slots=True)
-class _Source:
+class _LineCounts:
     next_s: float = 0.0  # no line before this time
     suppressed: int = 0  # lines since the last one that was logged
 
@@ -37,8 +37,8 @@ class RateLimitedLog:
         self._logger = logger
         self._period_s = period_s
         self._lock = threading.Lock()
-        self._sources: OrderedDict[str, _Source] = OrderedDict()  # logged longest ago first
-        self._all = _Source()  # of all sources together, once the lines of a period are used up
+        self._sources: OrderedDict[str, _LineCounts] = OrderedDict()  # logged longest ago first
+        self._all = _LineCounts()  # of all sources together, once the lines of a period are used up
         self._period_ends_s = 0.0
         self._lines = 0  # in this period
 
@@ -72,7 +72,7 @@ class RateLimitedLog:
             if entry is None:
                 if len(self._sources) >= MAX_SOURCES:
                     self._all.suppressed += self._sources.popitem(last=False)[1].suppressed
-                entry = self._sources[source] = _Source()
+                entry = self._sources[source] = _LineCounts()
             elif now < entry.next_s:
                 entry.suppressed += 1
                 return None

@@ -21,7 +21,7 @@ from .process.sharing import Sharing
 from .process.tree_claim import Claim
 from .requests.guard import RequestGuard
 from .requests.service import Service
-from .settings import Settings
+from .settings import ServerSettings
 from .state.state import State
 from .streams.interests import Interests
 from .streams.snapshots import Snapshots
@@ -40,7 +40,7 @@ class Server:
     #: Of a replica: how old what is served may be, in seconds.
     age_s: float | None = None
 
-    def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
         limits = settings.limits
         make_tree = functools.partial(
@@ -78,8 +78,8 @@ class Server:
             stack.callback(state.close)  # before the session, which may take long to close
             claim = stack.enter_context(closing(Claim(session, settings.tree, self.instance)))
             self.session = session
-            #: The key of a query family.
-            self.key = functools.partial(keys.operation, settings.tree)
+            #: The key of a request type.
+            self.key = functools.partial(keys.request, settings.tree)
             self.clients = clients = Clients(limits.connections)
             stack.callback(clients.close)
             sockets = LinkSockets()
@@ -140,7 +140,7 @@ class Server:
             claim.serve()
             self._stack = stack.pop_all()
 
-    def _start_stream(self, settings: Settings, stack: ExitStack) -> None:
+    def _start_stream(self, settings: ServerSettings, stack: ExitStack) -> None:
         """Publish what commits change, and answer what mirrors ask."""
         tree, limits = self.service.tree, settings.limits
         stream = Stream(tree, self.instance, limits)
@@ -157,7 +157,7 @@ class Server:
         snapshots = Snapshots(tree, stream, interests, self.instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
-    def _start_upkeep(self, settings: Settings, ingest: Ingest, stack: ExitStack) -> None:
+    def _start_upkeep(self, settings: ServerSettings, ingest: Ingest, stack: ExitStack) -> None:
         """Free what is left of publishers, log what happens to frames, give freed memory back."""
         if not settings.connect:  # another router looks after its own keys
             abandoned = AbandonedKeys(settings.tree, ingest.authorities)

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from .federation.settings import Settings as FederationSettings
+from .federation.settings import FederationSettings
 from .ingest.future_stamps import FutureStamps
 from .limits import Limits
-from .monitoring import operations
-from .process import sharing
-from .ros2.settings import Settings as Ros2Settings
+from .monitoring.monitoring import MonitoringSettings
+from .process.sharing import SharingSettings
+from .ros2.settings import Ros2Settings
 from .security.settings import OPEN, Security
 from .state.state import StateSettings
 
@@ -20,7 +20,7 @@ TimeJump = Literal["reject", "clear"]
 
 
 @dataclass(frozen=True)
-class Settings:
+class ServerSettings:
     tree: str
     listen: Sequence[str]  # endpoints of the embedded router; unused if `connect` is not empty
     connect: Sequence[str]  # endpoints of an existing network to join
@@ -32,9 +32,9 @@ class Settings:
     limits: Limits
     future: FutureStamps = field(default_factory=FutureStamps)
     security: Security = OPEN
-    operations: operations.Settings = field(default_factory=operations.Settings)
+    monitoring: MonitoringSettings = field(default_factory=MonitoringSettings)
     state: StateSettings = field(default_factory=StateSettings)
-    sharing: sharing.Settings = field(default_factory=sharing.Settings)
+    sharing: SharingSettings = field(default_factory=SharingSettings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)
     federation: FederationSettings = field(default_factory=FederationSettings)
     replica_of: Sequence[str] = ()  # endpoints of the primary's network

@@ -150,13 +150,13 @@ def attackers(server: Server, *each: Sequence[str]) -> Iterator[Callable[[], Non
 def message_cost(
     server: Server,
     opened: zenoh.Session,
-    operation: str,
+    request_type: str,
     payload: bytes,
     timeout_s: float = 120.0,
 ) -> tuple[list[Finding], bytes]:
     """Findings on what one message costs the server, and the reply to it."""
     with costs(server) as found:
-        reply, failed = messages.send(opened, operation, payload, timeout_s)
+        reply, failed = messages.send(opened, request_type, payload, timeout_s)
     note = f"{len(payload) / 1e3:.1f} kB, reply {len(reply) / 1e6:.1f} MB "
     note += messages.kind_of(reply, failed) if server.running else "the server died"
     return cost_findings(found[0], len(payload), len(reply), note), reply

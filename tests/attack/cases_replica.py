@@ -86,8 +86,8 @@ def _forge(opened: zenoh.Session, tree: TransformClient, answered: list[str]) ->
         query.drop()
 
     router = str(opened.info.routers_zid()[0])
-    near = [keys.near_operation("main", router, name) for name in keys.NEAR_OPERATIONS]
-    for key in (f"{keys.prefix('main')}/**", keys.operation("main", "lookup"), *near):
+    near = [keys.replica_request("main", router, name) for name in keys.REPLICA_REQUEST_TYPES]
+    for key in (f"{keys.prefix('main')}/**", keys.request("main", "lookup"), *near):
         opened.declare_queryable(key, answer, complete=True)
     opened.liveliness().declare_token(keys.server("main", "0000"))
     stream = keys.stream("main", tree.instance)

@@ -29,11 +29,11 @@ def session(endpoint: str, timeout_s: float = 20.0) -> Iterator[zenoh.Session]:
 
 
 def send(
-    opened: zenoh.Session, operation: str, payload: bytes, timeout_s: float = 120.0
+    opened: zenoh.Session, request_type: str, payload: bytes, timeout_s: float = 120.0
 ) -> tuple[bytes, bool]:
     """The reply's bytes, and whether it is an error. No bytes if the query had no reply."""
     replies = opened.get(
-        keys.operation(TREE, operation),
+        keys.request(TREE, request_type),
         payload=payload,
         attachment=str(opened.zid()).encode(),
         timeout=timeout_s,
@@ -47,10 +47,10 @@ def send(
     return b"", True
 
 
-def ask(opened: zenoh.Session, operation: str, payload: bytes, timeout_s: float = 60.0) -> Any:
+def ask(opened: zenoh.Session, request_type: str, payload: bytes, timeout_s: float = 60.0) -> Any:
     """Send a query and do not read its replies."""
     return opened.get(
-        keys.operation(TREE, operation),
+        keys.request(TREE, request_type),
         FifoChannel(4),
         payload=payload,
         attachment=str(opened.zid()).encode(),

@@ -128,9 +128,9 @@ class Repeater(Client):
         return "conflict" if isinstance(error, TransactionConflict) else f"failed: {kind}"
 
     @staticmethod
-    def _reply(session: zenoh.Session, operation: str, payload: bytes) -> _Reply:
+    def _reply(session: zenoh.Session, request_type: str, payload: bytes) -> _Reply:
         """The reply to a query. Raises LookupError if there is none."""
-        data, failed = messages.send(session, operation, payload, TIMEOUT_S / 2)
+        data, failed = messages.send(session, request_type, payload, TIMEOUT_S / 2)
         if not data or data == b"Timeout":
             raise LookupError("no reply")
         return _Reply(data, wire.decode_error(wire.unpack(data)["error"]) if failed else None)

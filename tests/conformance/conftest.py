@@ -17,9 +17,9 @@ from tests.processes.servers import count_start
 from zenoh_tf import TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.process.sharing import Settings as Sharing
+from zenoh_tf_server.process.sharing import SharingSettings
 from zenoh_tf_server.server import Server
-from zenoh_tf_server.settings import Settings
+from zenoh_tf_server.settings import ServerSettings
 
 from .shorthand import MODES, Tree
 
@@ -37,7 +37,7 @@ class LiveServer:
         self,
         loop: asyncio.AbstractEventLoop,
         concurrency: Concurrency,
-        sharing: Sharing,
+        sharing: SharingSettings,
         **settings: Any,
     ) -> None:
         self.endpoint = free_endpoint()
@@ -53,7 +53,7 @@ class LiveServer:
             "limits": Limits(),
             "sharing": sharing,
         }
-        self.settings = Settings(**defaults | settings)
+        self.settings = ServerSettings(**defaults | settings)
         self._loop = loop
         self._server: Server | None = None
         self.start()
@@ -105,7 +105,7 @@ def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive
     with ExitStack() as servers:
         folder = Path(servers.enter_context(tempfile.TemporaryDirectory()))
         # No predecessor can have had the endpoint.
-        sharing = Sharing(reach == "shared", folder, predecessor_s=0.0)
+        sharing = SharingSettings(reach == "shared", folder, predecessor_s=0.0)
 
         def start(**settings: Any) -> LiveServer:
             server = LiveServer(loop, cast(Concurrency, concurrency), sharing, **settings)
@@ -118,7 +118,7 @@ def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive
 @pytest.fixture
 def make_tf(mode: str, start_live: StartLive) -> Iterator[MakeTree]:
     """``make_tf(cache_time_s=10.0, ...)``: an empty tree. Options: those that `TransformTree`
-    and the server's `Settings` have in common."""
+    and the server's `ServerSettings` have in common."""
     reach, _, concurrency = mode.partition("-")
     with ExitStack() as clients:
 

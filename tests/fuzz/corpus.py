@@ -29,12 +29,12 @@ publish = ["wheels*"]
 """
 
 
-def as_input(target: str, operation: str, payload: bytes) -> bytes:
-    """A message as an input of a target; the handler's begins with its family."""
+def as_input(target: str, request_type: str, payload: bytes) -> bytes:
+    """A message as an input of a target; the handler's begins with its type."""
     if target != "handler":
         return payload
-    known = operation if operation in keys.OPERATIONS else "commit"
-    return bytes([keys.OPERATIONS.index(known)]) + payload
+    known = request_type if request_type in keys.REQUEST_TYPES else "commit"
+    return bytes([keys.REQUEST_TYPES.index(known)]) + payload
 
 
 def first_inputs(target: str) -> Iterator[bytes]:
@@ -45,8 +45,8 @@ def first_inputs(target: str) -> Iterator[bytes]:
     if target == "config":
         yield _CONFIG
         return
-    for operation, body in seeds():
-        yield as_input(target, operation, msgpack.packb(body))
+    for request_type, body in seeds():
+        yield as_input(target, request_type, msgpack.packb(body))
 
 
 def kept(target: str) -> Iterator[bytes]:

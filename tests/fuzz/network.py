@@ -61,36 +61,36 @@ class Sender:
     def send(self, count: int) -> None:
         """Send so many messages, and wait until every query has ended."""
         for _ in range(count):
-            operation, payload = self._mutator.next()
-            if operation in keys.OPERATIONS:
-                self._query(operation, payload)
+            request_type, payload = self._mutator.next()
+            if request_type in keys.REQUEST_TYPES:
+                self._query(request_type, payload)
             else:
-                self._put(operation, payload)
+                self._put(request_type, payload)
         for _ in range(_IN_FLIGHT):
             assert self._free.acquire(timeout=2 * _QUERY_TIMEOUT_S), "a query does not end"
         for _ in range(_IN_FLIGHT):
             self._free.release()
 
-    def _key(self, operation: str) -> str:
+    def _key(self, request_type: str) -> str:
         if self._random.random() < 0.03:
-            odd = self._random.choice(_ODD_KEYS).format(op=operation)
+            odd = self._random.choice(_ODD_KEYS).format(op=request_type)
             return f"{keys.PREFIX}/{messages.TREE}/{odd}"
-        if operation in keys.OPERATIONS:
-            return keys.operation(messages.TREE, operation)
+        if request_type in keys.REQUEST_TYPES:
+            return keys.request(messages.TREE, request_type)
         names = ("sensor", "", "\x1b[2J\n", "é" * 100, f"name {self._random.randrange(3000)}")
         authority = self._random.choice(names)
-        return keys.put(messages.TREE, authority, static=operation == "static")
+        return keys.put(messages.TREE, authority, static=request_type == "static")
 
-    def _put(self, operation: str, payload: bytes) -> None:
+    def _put(self, request_type: str, payload: bytes) -> None:
         self._session.put(
-            self._key(operation), payload, congestion_control=zenoh.CongestionControl.BLOCK
+            self._key(request_type), payload, congestion_control=zenoh.CongestionControl.BLOCK
         )
         self.report.outcomes["put"] += 1
 
-    def _query(self, operation: str, payload: bytes) -> None:
+    def _query(self, request_type: str, payload: bytes) -> None:
         assert self._free.acquire(timeout=2 * _QUERY_TIMEOUT_S), "a query does not end"
         start_s, answered = time.monotonic(), threading.Event()
-        key = self._key(operation)
+        key = self._key(request_type)
 
         def on_reply(reply: zenoh.Reply) -> None:
             answered.set()
@@ -103,7 +103,7 @@ class Sender:
 
         def on_end() -> None:
             if not answered.is_set():
-                known = key == keys.operation(messages.TREE, operation)
+                known = key == keys.request(messages.TREE, request_type)
                 self._count("no reply" if known else "no reply at an odd key")
             with self._lock:
                 self.report.slowest_s = max(self.report.slowest_s, time.monotonic() - start_s)

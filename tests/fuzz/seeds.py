@@ -18,7 +18,7 @@ _TEXTS = ("", "a", "b", "root", "x" * 300, "\n\x1b[31m\x07", "\u2028\x9b", "\x00
 
 
 class Seed(NamedTuple):
-    operation: str  # a query family, or "set" or "static" for a put
+    request_type: str  # a request type, or "set" or "static" for a put
     body: dict[str, Any]
 
 
@@ -60,7 +60,7 @@ def _infos() -> list[dict[str, Any]]:
 
 
 def seeds() -> list[Seed]:
-    """At least one message of every family, and of every kind in it."""
+    """At least one message of every request type, and every call of it."""
     infos = [{"v": 1, **each} for each in _infos()]
     admins = [
         {"v": 1, "what": "clear", "keep_static": False, **_WRITE},
@@ -91,7 +91,7 @@ def seeds() -> list[Seed]:
         "set": _commits()[:3],
         "static": _commits()[3:],
     }
-    return [Seed(operation, body) for operation, bodies in found.items() for body in bodies]
+    return [Seed(request_type, body) for request_type, bodies in found.items() for body in bodies]
 
 
 class Mutator:
@@ -102,17 +102,17 @@ class Mutator:
         self._seeds = seeds()
 
     def next(self) -> tuple[str, bytes]:
-        """A family and a payload; now and then of another family than the payload is meant for."""
+        """A request type and a payload, which now and then is one of another type."""
         draw = self._random
-        operation, body = draw.choice(self._seeds)
+        request_type, body = draw.choice(self._seeds)
         if draw.random() < 0.1:
-            operation = draw.choice(self._seeds).operation
+            request_type = draw.choice(self._seeds).request_type
         if draw.random() < 0.6:
             body = self._changed(body)
         payload = bytearray(msgpack.packb(body, unicode_errors="surrogatepass"))
         if draw.random() < 0.5:
             self._damage(payload)
-        return operation, bytes(payload)
+        return request_type, bytes(payload)
 
     def damaged(self, data: bytes) -> bytes:
         """The same bytes with some damage."""

@@ -28,7 +28,7 @@ from zenoh_tf_server.streams.stream import Stream
 
 #: Small, so that no input takes long and every limit is hit.
 LIMITS = Limits(frames=300, samples_per_frame=64, rows=1000, waiters=64, outcomes=256)
-_OPERATIONS = keys.OPERATIONS
+_TYPES = keys.REQUEST_TYPES
 #: A reply may be this much longer than its request; a list of all frames is the longest.
 _LONGEST_REPLY = 1 << 20
 _SLOW_S = 5.0
@@ -123,12 +123,12 @@ def _service() -> tuple[Service, _InternalErrors]:
 
 def handler(data: bytes) -> None:
     """A request gets one reply, soon, and is never the server's own fault. The first byte says of
-    which family it is."""
+    which type of request it is."""
     service, errors = _service()
-    operation = _OPERATIONS[data[0] % len(_OPERATIONS)] if data else "info"
+    request_type = _TYPES[data[0] % len(_TYPES)] if data else "info"
     reply = _Reply()
     start_s = time.thread_time()  # other programs do not count
-    service.handle(operation, data[1:], reply)
+    service.handle(request_type, data[1:], reply)
     took_s = time.thread_time() - start_s
     assert took_s < _SLOW_S, f"{took_s:.1f} s for {len(data)} bytes"
     assert not errors.messages, errors.messages[0]

@@ -131,7 +131,7 @@ def test_garbage_on_the_stream(server: ServerProcess, client: TransformClient) -
         ):
             body = {"v": 1, "interest": wanted.fields() | wrong}
             (reply,) = attacker.session.get(
-                keys.operation("main", "snapshot"), payload=wire.pack(body)
+                keys.request("main", "snapshot"), payload=wire.pack(body)
             )
             refusal = reply.err
             assert refusal is not None

@@ -23,8 +23,8 @@ from zenoh_tf.errors import ProtocolError
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.source import ServerStatus
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.process.primary import Primary
-from zenoh_tf_server.process.sharing import Settings
+from zenoh_tf_server.process.sharing import SharingSettings
+from zenoh_tf_server.process.upstream import Upstream
 from zenoh_tf_server.replica.copies import SharedCopies
 
 SETTINGS = wire.TreeSettings(10**9, 10, 10, 255, 10)
@@ -59,7 +59,7 @@ class Server:
     def try_recv(self) -> None:
         return None
 
-    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
         if "piece" in body:
             reached, frames = self._log.read_snapshot(0, 1, 1000)
             fields = wire.snapshot_piece_reply(wire.SnapshotPiece(0, reached, 0, frames))
@@ -95,7 +95,7 @@ def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCapture
 
 @pytest.mark.parametrize("value", [{}, {"value": 3}, {"value": {}}])
 def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
-    primary = Primary.__new__(Primary)
+    primary = Upstream.__new__(Upstream)
     ask: Callable[..., wire.Message] = lambda *_: {"instance": "i", **value}  # noqa: E731
     cast(Any, primary)._ask = ask
     cast(Any, primary)._hello = {}
@@ -107,7 +107,7 @@ def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
 def test_a_copy_whose_socket_was_removed_is_not_shared(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    copies = SharedCopies(Settings(folder=tmp_path), "main", "own")
+    copies = SharedCopies(SharingSettings(folder=tmp_path), "main", "own")
     for is_removed in (True, False):
         tree = copies.make_tree(SETTINGS, "i")
         if is_removed:

@@ -186,15 +186,15 @@ def test_the_mirror_of_a_server_whose_names_lose_their_ids(
         moved: list[int] = []
         ask: Callable[[MirrorSource, str, wire.Message], wire.Message] = MirrorSource.ask
 
-        def hold_back(self: MirrorSource, operation: str, body: wire.Message) -> wire.Message:
-            request = wire.parse_snapshot_request(body) if operation == "snapshot" else None
+        def hold_back(self: MirrorSource, request_type: str, body: wire.Message) -> wire.Message:
+            request = wire.parse_snapshot_request(body) if request_type == "snapshot" else None
             if request is not None and request.after > 0 and not moved:
                 assert first_piece.wait(10)
                 moved.append(request.after)
                 tf.remove_frame("P")
                 tf.set_transform(link("R", "X", 10 * SECOND))
                 tf.set_transform(link("R", "P", 10 * SECOND))
-            reply = ask(self, operation, body)
+            reply = ask(self, request_type, body)
             if request is not None and request.after == 0:
                 first_piece.set()
             return reply

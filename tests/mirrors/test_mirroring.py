@@ -50,7 +50,7 @@ class Server:
 
     def reply(self, request: Request) -> wire.Message:
         body = wire.unpack(wire.pack(request.body))
-        if request.operation == "missed":
+        if request.request_type == "missed":
             instance, first, _ = wire.parse_missed_request(body)
             if instance != self.instance:
                 return self._error()

@@ -65,7 +65,7 @@ class Reader:
                     self.answered += 1
 
         self.session.get(
-            keys.operation("main", "lookup"),
+            keys.request("main", "lookup"),
             zenoh.handlers.Callback(on_reply, ended.set, indirect=False),
             payload=self._payload,
             attachment=self._attachment,

@@ -25,12 +25,12 @@ from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.requests.receipt import Receipt
 from zenoh_tf_client.session.shared_reads import Mode
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.process.sharing import Settings
+from zenoh_tf_server.process.sharing import SharingSettings
 from zenoh_tf_server.replica.copies import SharedCopies
 from zenoh_tf_server.replica.service import ReplicaService
 
 READS = 30
-FAMILIES = ("lookup", "batch", "info", "commit")
+REQUEST_TYPES = ("lookup", "batch", "info", "commit")
 #: Health probes are lookups, too: one every 2 s.
 PROBES = 8
 
@@ -46,13 +46,13 @@ class Counted:
         self.server = start("--metrics", f"127.0.0.1:{self._port}")
 
     def counts(self) -> dict[str, int]:
-        """How many requests of each family it has executed, whatever came of them."""
+        """How many requests of each type it has executed, whatever came of them."""
         with urllib.request.urlopen(f"http://127.0.0.1:{self._port}/metrics") as page:
             text = page.read().decode()
-        pattern = r'^zenoh_tf_requests_total{family="(\w+)",outcome="\w+"} (\S+)$'
-        found = dict.fromkeys(FAMILIES, 0)
-        for family, count in re.findall(pattern, text, re.MULTILINE):
-            found[family] = found.get(family, 0) + int(float(count))
+        pattern = r'^zenoh_tf_requests_total{outcome="\w+",request_type="(\w+)"} (\S+)$'
+        found = dict.fromkeys(REQUEST_TYPES, 0)
+        for request_type, count in re.findall(pattern, text, re.MULTILINE):
+            found[request_type] = found.get(request_type, 0) + int(float(count))
         return found
 
 
@@ -88,7 +88,10 @@ def test_one_server_executes_each_read(
                 assert "error" not in wires.query("lookup", lookup)
             after = counts(servers)
         for index, each in enumerate(servers):
-            executed = {family: after[index][family] - before[index][family] for family in FAMILIES}
+            executed = {
+                request_type: after[index][request_type] - before[index][request_type]
+                for request_type in REQUEST_TYPES
+            }
             expected = READS if each is own else 0
             assert executed["batch"] == expected, (shape, index)
             assert executed["info"] == expected, (shape, index)
@@ -319,7 +322,7 @@ def test_a_new_copy_has_memory_of_its_own(
 def test_a_replaced_copy_goes_without_a_garbage_collection() -> None:
     """The server's collections are rare, and never have what was there when it started."""
     loop = asyncio.new_event_loop()
-    copies = SharedCopies(Settings(on=False), "main", "own")
+    copies = SharedCopies(SharingSettings(on=False), "main", "own")
     replica = ReplicaService("main", "own", Limits(), loop, copies)
     gc.disable()
     try:

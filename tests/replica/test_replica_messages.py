@@ -30,7 +30,7 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
 
         def ask(name: str, message: wire.Message) -> wire.Message:
             router = str(next(iter(wires.session.info.routers_zid())))
-            key = keys.near_operation("main", router, name)
+            key = keys.replica_request("main", router, name)
             reply = next(iter(wires.session.get(key, payload=wire.pack(message), timeout=5)))
             answer = reply.ok or reply.err
             assert answer is not None
@@ -74,13 +74,13 @@ def test_garbage_harms_nobody(replica: ServerProcess) -> None:
     payloads += [request[:i] + bytes((255 - request[i],)) + request[i + 1 :] for i in range(90)]
     with raw(replica.endpoint) as wires, replica.connect(10) as tf:
         router = str(next(iter(wires.session.info.routers_zid())))
-        for name in keys.NEAR_OPERATIONS:
+        for name in keys.REPLICA_REQUEST_TYPES:
             for payload in payloads:
-                key = keys.near_operation("main", router, name)
+                key = keys.replica_request("main", router, name)
                 (reply,) = wires.session.get(key, payload=payload, timeout=5)
                 assert (reply.ok or reply.err) is not None
         for name in ("commit", "admin", "snapshot", "set", "lookup/more"):
-            key = keys.near_operation("main", router, name)
+            key = keys.replica_request("main", router, name)
             assert list(wires.session.get(key, payload=request, timeout=5)) == []
         tf.set_transforms_xact(step(1))
         assert seen(tf) == 1

@@ -53,17 +53,17 @@ def test_spellings_that_escape_never_makes_are_refused(chunk: str) -> None:
 
 def test_names_that_no_key_can_hold_are_refused() -> None:
     with pytest.raises(InvalidArgumentException) as lone:
-        keys.operation("\ud800", "lookup")
+        keys.request("\ud800", "lookup")
     assert lone.value.field == "tree"
     with pytest.raises(InvalidArgumentException) as long:
         keys.put("main", "x" * 256, static=True)
     assert (long.value.field, long.value.limit, long.value.value) == ("authority", 255, 256)
     with pytest.raises(InvalidArgumentException):
-        keys.operation("main", "drop")
+        keys.request("main", "drop")
 
 
 def test_keys_are_as_documented() -> None:
-    assert keys.operation("main", "lookup") == "tf/v1/main/lookup"
+    assert keys.request("main", "lookup") == "tf/v1/main/lookup"
     assert keys.put("main", "lidar/front", static=False) == "tf/v1/main/set/lidar%2Ffront"
     assert keys.put("main", "urdf", static=True) == "tf/v1/main/static/urdf"
     assert keys.puts("main", static=True) == "tf/v1/main/static/*"

@@ -111,9 +111,9 @@ def test_a_name_that_no_frame_can_have(server: ServerProcess, wires: Raw) -> Non
         "admin": {"v": 1, **info("remove_frame", name=name)},
     }
     with cost_of(server.process.pid) as cost:
-        for operation, body in requests.items():
-            error = wires.error(operation, wire.pack(body))
-            assert isinstance(error, LimitExceeded), operation
+        for request_type, body in requests.items():
+            error = wires.error(request_type, wire.pack(body))
+            assert isinstance(error, LimitExceeded), request_type
             assert error.field in ("name_bytes", "max_name_bytes")
             assert error.value == 1_000_000
             assert len(str(error)) < 200
@@ -185,9 +185,9 @@ def test_messages_that_are_dear_to_decode(
     server: ServerProcess, wires: Raw, size: int, most_mb: float
 ) -> None:
     for payload in hostile(size):
-        for operation in ("info", "batch", "lookup", "commit"):
+        for request_type in ("info", "batch", "lookup", "commit"):
             with cost_of(server.process.pid) as cost:
-                error = wires.error(operation, payload)
+                error = wires.error(request_type, payload)
             assert isinstance(error, (ProtocolError, LimitExceeded)), payload[:20]
             assert len(str(error)) < 300
             assert cost.peak_mb < most_mb, payload[:20]

@@ -31,7 +31,7 @@ from zenoh_tf_client import TransformClient
 
 pytestmark = pytest.mark.own_server
 
-OPERATIONS = ("lookup", "commit", "batch", "info", "admin")
+REQUEST_TYPES = ("lookup", "commit", "batch", "info", "admin")
 
 
 def commit(stamp_ns: int = 1, x: float = 0.0, child: str = "base", **more: Any) -> wire.Message:
@@ -243,8 +243,8 @@ def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: Transfo
     seed = random.randrange(1 << 32)
     print("seed", seed)
     for payload in garbage(seed):
-        for operation in OPERATIONS[:-1]:
-            wires.query(operation, payload)  # any reply will do
+        for request_type in REQUEST_TYPES[:-1]:
+            wires.query(request_type, payload)  # any reply will do
         wires.put("broken", payload)
         wires.put("broken", payload, static=True)
     assert isinstance(wires.error("lookup", None), ProtocolError)

@@ -117,9 +117,9 @@ def test_a_write_that_names_no_expiry_has_a_short_one(start_server: StartServer)
             time.sleep(1.1)
 
 
-@pytest.mark.parametrize("operation", ["commit", "batch", "admin"])
+@pytest.mark.parametrize("request_type", ["commit", "batch", "admin"])
 def test_a_write_behind_a_stall_does_not_run_after_its_expiry(
-    server: ServerProcess, wires: Raw, operation: str
+    server: ServerProcess, wires: Raw, request_type: str
 ) -> None:
     """The server is frozen for longer than the write may wait. Its repeats do not run either."""
     wires.query("commit", wire.pack(write(1)))
@@ -128,14 +128,14 @@ def test_a_write_behind_a_stall_does_not_run_after_its_expiry(
         "commit": wire.pack(write(2, **more)),
         "batch": wire.pack(wire.batch_body([("commit", write(2))], more)),
         "admin": wire.pack(wire.call_body("reset") | more),
-    }[operation]
+    }[request_type]
     with ThreadPoolExecutor(4) as pool:
         server.freeze()
-        sent = [pool.submit(wires.query, operation, payload, 20.0) for _ in range(4)]
+        sent = [pool.submit(wires.query, request_type, payload, 20.0) for _ in range(4)]
         time.sleep(0.6)
         server.send_signal(signal.SIGCONT)
         replies = [future.result() for future in sent]
-    replies.append(wires.query(operation, payload))
+    replies.append(wires.query(request_type, payload))
     for reply in replies:
         error = error_of(reply)
         assert isinstance(error, TimeoutException)

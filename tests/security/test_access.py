@@ -331,14 +331,14 @@ def test_nobody_poses_as_the_server(secured: Secured, name: str) -> None:
             answered.append(str(query.key_expr))
             query.drop()
 
-        for key in (keys.operation("main", "lookup"), f"{keys.prefix('main')}/**", "**"):
+        for key in (keys.request("main", "lookup"), f"{keys.prefix('main')}/**", "**"):
             session.declare_queryable(key, answer)
         session.liveliness().declare_token(keys.server("main", "0000"))
         # The token of a client is allowed, and arrives after the others.
         session.liveliness().declare_token(keys.client("main", "marker"))
         for _ in range(20):
             tf.lookup_transform("map", "base")
-            list(session.get(keys.operation("main", "hello")))
+            list(session.get(keys.request("main", "hello")))
         with secured.raw("reader") as other:
             tokens = [
                 str(reply.ok.key_expr)
@@ -356,7 +356,7 @@ def test_the_router_carries_nothing_else(secured: Secured) -> None:
         one.declare_subscriber("else/**", lambda sample: heard.append(str(sample.key_expr)))
         for _ in range(20):
             other.put("else/where", b"")
-            list(other.get(keys.operation("main", "hello")))
+            list(other.get(keys.request("main", "hello")))
         assert heard == []
 
 
@@ -391,8 +391,8 @@ def test_the_stream_is_for_clients_that_may_read(secured: Secured) -> None:
             assert heard["reader"].get(timeout=10.0) == key
         assert heard["listener"].empty()
         for operation in ("snapshot", "missed"):
-            assert list(reader.get(keys.operation("main", operation), timeout=5.0))
-            assert not list(listener.get(keys.operation("main", operation), timeout=5.0))
+            assert list(reader.get(keys.request("main", operation), timeout=5.0))
+            assert not list(listener.get(keys.request("main", operation), timeout=5.0))
     with secured.client("reader") as client, client.mirror([("map", "base")]) as m:
         assert m.lookup_latest_transform("map", "base").stamp_ns == LINK.stamp_ns
     with secured.client("listener") as client, pytest.raises(AccessDenied):

@@ -1,4 +1,4 @@
-"""Rules for users with certificates, over real TLS, and a server without admin operations."""
+"""Rules for users with certificates, over real TLS, and a server without admin requests."""
 
 from __future__ import annotations
 

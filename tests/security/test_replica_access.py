@@ -122,11 +122,11 @@ def test_a_client_cannot_falsify_what_others_read(site: Site) -> None:
             answered.append(str(query.key_expr))
             query.drop()
 
-        for key in (f"{keys.prefix('main')}/**", "**", keys.operation("main", "lookup")):
+        for key in (f"{keys.prefix('main')}/**", "**", keys.request("main", "lookup")):
             attacker.declare_queryable(key, answer)
             attacker.declare_subscriber(key, lambda sample: heard.append(str(sample.key_expr)))
         router = str(attacker.info.routers_zid()[0])
-        near = keys.near_operation("main", router, "lookup")
+        near = keys.replica_request("main", router, "lookup")
         attacker.declare_queryable(near, answer, complete=True)
         attacker.liveliness().declare_token(keys.server("main", "0000"))
         forged = wire.pack(wire.stream_body(wire.StreamMessage(tf.instance, 1, 1 << 62, 1 << 62)))

@@ -95,8 +95,8 @@ def test_rules_need_to_know_the_clients(files: Files) -> None:
 
 
 def test_every_query_family_is_classified() -> None:
-    """A new family must be put among the reads or the writes, or nobody may use it."""
-    assert {*READS, *KEYED, "hello"} == set(keys.OPERATIONS)
+    """A new request type must be put among the reads or the writes, or nobody may use it."""
+    assert {*READS, *KEYED, "hello"} == set(keys.REQUEST_TYPES)
 
 
 @pytest.mark.parametrize(

@@ -18,24 +18,24 @@ from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.transport.lanes import Budget, Lane, Request
+from zenoh_tf_server.transport.lanes import Lane, QueuedRequest, QueueShares
 
 QUERY: Any = None  # lanes never look at it
 LIMITS = {"message_bytes": 1 << 20, "rows": 1000}  # what `hello` says
 
 
-def request(client: str, size: int = 0, name: str = "lookup") -> Request[Any]:
-    return Request(QUERY, name, client, size)
+def request(client: str, size: int = 0, name: str = "lookup") -> QueuedRequest[Any]:
+    return QueuedRequest(QUERY, name, client, size)
 
 
 def test_clients_take_turns() -> None:
-    lane: Lane[Any] = Lane(Budget(Limits()))
+    lane: Lane[Any] = Lane(QueueShares(Limits()))
     for name in ("a1", "a2", "a3"):
         assert lane.put(request("a", name=name)) is None
     assert lane.put(request("b", name="b1")) is None
     assert lane.put(request("c", name="c1")) is None
     taken = [lane.take() for _ in range(5)]
-    assert [each.operation for each in taken if each] == ["a1", "b1", "c1", "a2", "a3"]
+    assert [each.request_type for each in taken if each] == ["a1", "b1", "c1", "a2", "a3"]
     assert lane.take() is None
 
 
@@ -49,7 +49,7 @@ def test_clients_take_turns() -> None:
     ],
 )
 def test_each_bound_refuses(limits: Limits, field: str) -> None:
-    budget = Budget(limits)
+    budget = QueueShares(limits)
     lane: Lane[Any] = Lane(budget)
     other_lane: Lane[Any] = Lane(budget)
     assert lane.put(request("a", 2000)) is None
@@ -66,7 +66,7 @@ def test_each_bound_refuses(limits: Limits, field: str) -> None:
 
 
 def test_a_request_larger_than_the_bound_waits_alone() -> None:
-    lane: Lane[Any] = Lane(Budget(Limits(client_pending_bytes=5000)))
+    lane: Lane[Any] = Lane(QueueShares(Limits(client_pending_bytes=5000)))
     assert lane.put(request("a", 100_000)) is None
     assert isinstance(lane.put(request("a")), ServerBusy)
 
@@ -109,7 +109,7 @@ def test_queries_beyond_the_limit_are_refused_and_not_run(start_server: StartSer
         payload = sample_payload(20_000)  # a long one
         for _ in range(64):
             session.get(
-                keys.operation("main", "lookup"),
+                keys.request("main", "lookup"),
                 zenoh.handlers.Callback(on_reply, done.release, indirect=False),
                 payload=payload,
                 timeout=60.0,
@@ -155,8 +155,8 @@ def test_the_sdk_gives_up_when_its_time_is_over() -> None:
 
     with zenoh.open(zenoh_config.router([endpoint])) as session:
         queryables = [
-            session.declare_queryable(keys.operation("main", name), serve, complete=True)
-            for name in keys.OPERATIONS
+            session.declare_queryable(keys.request("main", name), serve, complete=True)
+            for name in keys.REQUEST_TYPES
         ]
         with TransformClient.connect(endpoint, timeout_s=1.0) as tf:
             with pytest.raises(ServerBusy):
@@ -184,8 +184,8 @@ def test_a_call_whose_time_is_over_asks_nothing_more() -> None:
             query.reply(query.key_expr, wire.pack({"v": 1, "instance": "slow", "value": value}))
 
     with zenoh.open(zenoh_config.router([endpoint])) as session:
-        hello = session.declare_queryable(keys.operation("main", "hello"), answer_hello)
-        lookup = session.declare_queryable(keys.operation("main", "lookup"), held.append)
+        hello = session.declare_queryable(keys.request("main", "hello"), answer_hello)
+        lookup = session.declare_queryable(keys.request("main", "lookup"), held.append)
         with TransformClient.connect(endpoint, timeout_s=1.0) as tf:
             with pytest.raises(ServerUnavailable, match="no answer"):
                 tf.lookup_transform("map", "base")

@@ -103,15 +103,17 @@ def test_the_values_are_those_of_the_server(server: ServerProcess) -> None:
         assert value(samples, "connected_clients") == 1
     assert value(samples, "commits_total") == 1
     assert value(samples, "samples") == 1
-    assert value(samples, "requests_total", family="lookup", outcome="ok") >= 20
-    assert value(samples, "requests_total", family="commit", outcome="ok") == 1
-    assert value(samples, "requests_total", family="info", outcome="LookupException") == 1
+    assert value(samples, "requests_total", request_type="lookup", outcome="ok") >= 20
+    assert value(samples, "requests_total", request_type="commit", outcome="ok") == 1
+    assert value(samples, "requests_total", request_type="info", outcome="LookupException") == 1
     duration = "request_duration_seconds"
-    count = value(samples, f"{duration}_count", family="lookup", outcome="ok")
-    assert count == value(samples, f"{duration}_bucket", family="lookup", outcome="ok", le="+Inf")
-    assert count == value(samples, "requests_total", family="lookup", outcome="ok")
-    assert 0 < value(samples, f"{duration}_sum", family="lookup", outcome="ok") < 20 * 60
-    assert value(samples, f"{duration}_count", family="info", outcome="error") == 1
+    count = value(samples, f"{duration}_count", request_type="lookup", outcome="ok")
+    assert count == value(
+        samples, f"{duration}_bucket", request_type="lookup", outcome="ok", le="+Inf"
+    )
+    assert count == value(samples, "requests_total", request_type="lookup", outcome="ok")
+    assert 0 < value(samples, f"{duration}_sum", request_type="lookup", outcome="ok") < 20 * 60
+    assert value(samples, f"{duration}_count", request_type="info", outcome="error") == 1
     assert value(samples, "limit", limit="metrics_authorities") == 2
     assert samples["process_resident_memory_bytes", frozenset()] > 1e6
     (build,) = (dict(labels) for name, labels in samples if name == "zenoh_tf_build_info")

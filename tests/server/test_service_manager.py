@@ -112,7 +112,7 @@ class Replies:
     def __init__(self, session: zenoh.Session) -> None:
         self.answering = threading.Event()
         self.held: list[zenoh.Query] = []
-        self._queryable = session.declare_queryable(keys.operation("main", "lookup"), self._serve)
+        self._queryable = session.declare_queryable(keys.request("main", "lookup"), self._serve)
 
     def _serve(self, query: zenoh.Query) -> None:
         if self.answering.is_set():
@@ -142,7 +142,7 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
             service=service,
             clients=own,
             instance="i",
-            key=functools.partial(keys.operation, "main"),
+            key=functools.partial(keys.request, "main"),
         )
         probing.serving(server)
         for _ in range(3):
@@ -164,7 +164,7 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_reply_of_another_server_does_not_count() -> None:
-    key = keys.operation("main", "lookup")
+    key = keys.request("main", "lookup")
     with zenoh.open(zenoh_config.router([free_endpoint()])) as session:
         assert health.probe(session, key, "i", "self", 1.0) is not None  # no queryable
         replies = Replies(session)

@@ -19,7 +19,7 @@ from zenoh_tf._net.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUE
 from zenoh_tf.errors import ServerBusy
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.transport.lanes import Budget
+from zenoh_tf_server.transport.lanes import QueueShares
 from zenoh_tf_server.transport.local_requests import _Turns
 
 from .test_local_requests import connect, eventually, link, through_socket
@@ -58,8 +58,8 @@ def raw(server: ServerProcess, name: bytes = b"raw") -> Iterator[socket.socket]:
         yield peer
 
 
-def ask(peer: socket.socket, family: bytes, payload: bytes) -> bytes:
-    peer.sendall(REQUEST.pack(len(payload), family) + payload)
+def ask(peer: socket.socket, header: bytes, payload: bytes) -> bytes:
+    peer.sendall(REQUEST.pack(len(payload), header) + payload)
     (length,) = REPLY.unpack(peer.recv(REPLY.size, socket.MSG_WAITALL))
     return peer.recv(length, socket.MSG_WAITALL) if length else b""
 
@@ -68,7 +68,7 @@ GARBAGE = {
     "no id": (b"", REQUEST.pack(3, LOOKUP) + b"abc"),
     "a long id": (b"", REQUEST.pack(1000, CLIENT) + b"x" * 1000),
     "random bytes": (b"raw", bytes(range(1, 256))),
-    "another family": (b"raw", REQUEST.pack(3, b"admin\0\0\0") + b"abc"),
+    "another type": (b"raw", REQUEST.pack(3, b"admin\0\0\0") + b"abc"),
     "a long request": (b"raw", REQUEST.pack(MAX_REQUEST_BYTES + 1, LOOKUP)),
     "two at once": (b"raw", (REQUEST.pack(3, LOOKUP) + b"abc") * 2),
 }
@@ -93,8 +93,8 @@ def test_garbage_ends_the_connection_with_one_line(
 
 def test_a_malformed_message_gets_a_typed_error(server: ServerProcess) -> None:
     with raw(server) as peer:
-        for family in (LOOKUP, COMMIT):
-            reply = wire.unpack(ask(peer, family, b"\xc1garbage"))
+        for header in (LOOKUP, COMMIT):
+            reply = wire.unpack(ask(peer, header, b"\xc1garbage"))
             assert wire.decode_error(reply["error"]).field == "message"
         assert "stored" in wire.unpack(ask(peer, COMMIT, commit(["map", "base"], [0], [1])))
 
@@ -171,7 +171,7 @@ def test_one_client_cannot_take_all_connections(server: ServerProcess) -> None:
 
 
 def test_waiting_clients_take_turns() -> None:
-    turns = _Turns(Budget(Limits(client_pending_queries=3)), 1)
+    turns = _Turns(QueueShares(Limits(client_pending_queries=3)), 1)
     assert turns.begin("running", 10) is None
     served: list[str] = []
 

@@ -253,7 +253,7 @@ def test_what_another_server_says_of_a_lost_write_counts_for_nothing(
         offer = handover.Offer(handover.boot_id(), path, requests=True)
         server = ServerInfo("one", 0, 0, message_bytes=1000, rows=1000, offer=offer)
         local = LocalRequests(OverZenoh(), "main", "me")
-        key = zenoh.KeyExpr(keys.operation("main", "commit"))
+        key = zenoh.KeyExpr(keys.request("main", "commit"))
         reply = local.ask(server, key, b"write", 5.0)
         dying.result()
         assert (reply == answer) is shared_instance

@@ -26,7 +26,7 @@ from zenoh_tf.errors import ProtocolError
 from zenoh_tf.shared_tree import RegionRefused, SharedTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.process.network import NetworkError
-from zenoh_tf_server.process.sharing import Settings, Sharing
+from zenoh_tf_server.process.sharing import Sharing, SharingSettings
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -89,7 +89,7 @@ def test_only_sockets_of_this_users_servers_are_removed(socket_folder: Path) -> 
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(socket_folder / f"{names[-1]}.sock"))
         os.chown(socket_folder / f"{names[-1]}.sock", 65534, -1)
-    Sharing(Settings(folder=socket_folder), "main", "one").close()
+    Sharing(SharingSettings(folder=socket_folder), "main", "one").close()
     left = {path.name for path in socket_folder.iterdir()}
     assert left == {f"{name}.sock" for name in names[2:]} | {file.name}
 
@@ -105,10 +105,10 @@ def test_a_folder_that_others_may_write_to_is_refused(
     inner.mkdir(mode=0o700)
     for each in (folder, inner):
         if accepted:
-            Sharing(Settings(folder=each), "main", "one").close()
+            Sharing(SharingSettings(folder=each), "main", "one").close()
         else:
             with pytest.raises(NetworkError, match=r"others may write to .*: chmod go-w"):
-                Sharing(Settings(folder=each), "main", "one")
+                Sharing(SharingSettings(folder=each), "main", "one")
 
 
 def test_a_client_refuses_the_socket_of_another_user(
@@ -209,7 +209,7 @@ def test_without_a_folder_the_tree_is_private(
 ) -> None:
     monkeypatch.setattr(handover, "default_folders", lambda: [Path("/proc/none")])
     with caplog.at_level(logging.INFO, "zenoh_tf.server"):
-        sharing = Sharing(Settings(), "main", "one", joined=False)
+        sharing = Sharing(SharingSettings(), "main", "one", joined=False)
         tree = sharing.make_tree(TransformTree)
     assert caplog.messages == [
         "the tree is not shared, clients read by queries: No such file or directory: /proc/none"
@@ -229,12 +229,12 @@ def test_without_shared_memory_the_tree_is_private(
 
     monkeypatch.setattr(handover, "default_folders", lambda: [socket_folder])
     with caplog.at_level(logging.INFO, "zenoh_tf.server"):
-        sharing = Sharing(Settings(), "main", "one", joined=False)
+        sharing = Sharing(SharingSettings(), "main", "one", joined=False)
         assert sharing.make_tree(make)._region_fd() == -1
     assert "memfd_create is not there" in caplog.text
     assert list(socket_folder.glob("*")) == []
     with pytest.raises(NetworkError, match="memfd_create is not there"):
-        Sharing(Settings(folder=socket_folder), "main", "one", joined=False).make_tree(make)
+        Sharing(SharingSettings(folder=socket_folder), "main", "one", joined=False).make_tree(make)
 
 
 def test_clients_that_say_nothing_or_nonsense_cost_nothing(

@@ -143,9 +143,9 @@ def strangers(endpoint: str) -> Callable[[], object]:
     opened = closing.__enter__()
 
     def step(_: object = closing) -> None:  # holds the session open
-        operation, payload = mutator.next()
-        if operation not in ("admin", "set", "static"):  # a reset would end the other loads
-            messages.send(opened, operation, payload, 20.0)
+        request_type, payload = mutator.next()
+        if request_type not in ("admin", "set", "static"):  # a reset would end the other loads
+            messages.send(opened, request_type, payload, 20.0)
         time.sleep(0.02)
 
     return step

@@ -264,11 +264,11 @@ def test_a_restarted_server_is_another_instance(start_server: StartServer) -> No
             while (message := listener.next()).instance == old:
                 assert time.monotonic() < deadline
             request = wire.SnapshotRequest(old, 0, 0, 10)
-            for operation, body in (
+            for request_type, body in (
                 ("snapshot", wire.snapshot_request(request)),
                 ("missed", wire.missed_request(old, 1)),
             ):
-                error = listener.client.error(operation, wire.pack(body))
+                error = listener.client.error(request_type, wire.pack(body))
                 assert isinstance(error, ServerRestarted)
             listener.load()
             assert listener.instance == message.instance
@@ -323,7 +323,7 @@ def test_a_snapshot_comes_in_pieces(server: ServerProcess) -> None:
 
 
 @pytest.mark.parametrize(
-    ("operation", "body", "field"),
+    ("request_type", "body", "field"),
     [
         ("snapshot", {"v": 1, "piece": 0}, "after"),
         ("snapshot", {"v": 1, "piece": 0, "after": 0, "until": -1}, "until"),
@@ -334,10 +334,10 @@ def test_a_snapshot_comes_in_pieces(server: ServerProcess) -> None:
     ],
 )
 def test_malformed_requests(
-    server: ServerProcess, operation: str, body: dict[str, Any], field: str
+    server: ServerProcess, request_type: str, body: dict[str, Any], field: str
 ) -> None:
     with raw(server.endpoint) as client:
-        error = client.error(operation, wire.pack(body))
+        error = client.error(request_type, wire.pack(body))
         assert isinstance(error, ProtocolError)
         assert error.field == field
 

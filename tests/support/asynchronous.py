@@ -28,17 +28,17 @@ async def fill(tf: AsyncTransformClient) -> None:
 
 
 def sent_by(tf: AsyncTransformClient) -> list[str]:
-    """The families of the queries that the client sends from now on."""
-    families: list[str] = []
+    """The types of the requests that the client sends from now on."""
+    request_types: list[str] = []
     queries = tf._connection._transport.queries
     send = queries.send
 
     def noted(key: Any, *arguments: Any) -> None:
-        families.append(str(key).split("/")[-1])
+        request_types.append(str(key).split("/")[-1])
         send(key, *arguments)
 
     queries.send = noted  # type: ignore[method-assign, assignment]
-    return families
+    return request_types
 
 
 async def idle(tf: AsyncTransformClient) -> None:

@@ -18,17 +18,19 @@ class Raw:
         self.session = session
         self.tree = tree
 
-    def query(self, operation: str, payload: bytes | None, timeout_s: float = 5.0) -> wire.Message:
+    def query(
+        self, request_type: str, payload: bytes | None, timeout_s: float = 5.0
+    ) -> wire.Message:
         """The reply's map, which may carry an error. Raises AssertionError if there is no reply."""
-        key = keys.operation(self.tree, operation)
+        key = keys.request(self.tree, request_type)
         replies = list(self.session.get(key, payload=payload, timeout=timeout_s))
         assert len(replies) == 1, f"{len(replies)} replies"
         answer = replies[0].ok or replies[0].err
         assert answer is not None
         return wire.unpack(answer.payload.to_bytes())
 
-    def error(self, operation: str, payload: bytes | None) -> Exception:
-        reply = self.query(operation, payload)
+    def error(self, request_type: str, payload: bytes | None) -> Exception:
+        reply = self.query(request_type, payload)
         return wire.decode_error(reply["error"])
 
     def put(self, authority: str, payload: bytes, *, static: bool = False) -> None:

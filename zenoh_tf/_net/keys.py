@@ -33,8 +33,8 @@ from ..errors import InvalidArgumentException
 from ..text import quoted
 
 PREFIX: Final = "tf/v1"
-#: The query families, in the order of docs/protocol.md.
-OPERATIONS: Final = (
+#: The types of requests, in the order of docs/protocol.md.
+REQUEST_TYPES: Final = (
     "lookup",
     "commit",
     "batch",
@@ -45,8 +45,8 @@ OPERATIONS: Final = (
     "missed",
 )
 
-#: The families that a replica answers, which change nothing.
-NEAR_OPERATIONS: Final = ("lookup", "batch", "info", "hello")
+#: Those that a replica answers, which change nothing.
+REPLICA_REQUEST_TYPES: Final = ("lookup", "batch", "info", "hello")
 
 #: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
 TAKES_PARTS: Final = "parts"
@@ -116,28 +116,28 @@ def _unpercent(match: re.Match[str]) -> str:
     return bytes.fromhex(match.group().replace("%", "")).decode()
 
 
-def operation(tree: str, name: str) -> str:
-    """The key of a query family, e.g. ``operation("main", "lookup")``."""
-    if name not in OPERATIONS:
+def request(tree: str, request_type: str) -> str:
+    """The key of a type of request, e.g. ``request("main", "lookup")``."""
+    if request_type not in REQUEST_TYPES:
         raise InvalidArgumentException(
-            f"unknown query family {quoted(name)}: use one of {', '.join(OPERATIONS)}",
-            field="operation",
+            f"unknown request type {quoted(request_type)}: use one of {', '.join(REQUEST_TYPES)}",
+            field="request_type",
         )
-    return f"{prefix(tree)}/{name}"
+    return f"{prefix(tree)}/{request_type}"
 
 
-def near_operation(tree: str, router: str, name: str) -> str:
-    """The key of a query family of the replica for the clients of one router, by its Zenoh id."""
-    return f"{prefix(tree)}/at/{router}/{name}"
+def replica_request(tree: str, router: str, request_type: str) -> str:
+    """The key of a request to the replica for the clients of one router, by its Zenoh id."""
+    return f"{prefix(tree)}/at/{router}/{request_type}"
 
 
-def keyed_operation(tree: str, name: str, subject: str) -> str:
-    """The key of a write for access rules: it names the authority, or the admin operation."""
-    return f"{operation(tree, name)}/{escape(subject, 'authority')}"
+def write_request(tree: str, request_type: str, subject: str) -> str:
+    """The key of a write for access rules: it names the authority, or the admin call."""
+    return f"{request(tree, request_type)}/{escape(subject, 'authority')}"
 
 
 def subject(key: str) -> str | None:
-    """What stands behind the query family in a query's key, as a chunk; None if nothing does, or
+    """What stands behind the request type in a query's key, as a chunk; None if nothing does, or
     more than one chunk."""
     chunks = key.removeprefix(f"{PREFIX}/").split("/")
     return chunks[2] if len(chunks) == 3 else None

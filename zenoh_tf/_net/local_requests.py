@@ -11,14 +11,16 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-#: Before each request: the length of its message, and its family, filled up with zero bytes.
+#: Before each request: the length of its message, and its type, filled up with zero bytes.
 REQUEST: Final = struct.Struct("<I8s")
 #: Before each reply: the length of its message. 0: the client has to ask over Zenoh.
 REPLY: Final = struct.Struct("<I")
-#: Stands for a family in the first request, which has no reply: its message is the client's id.
+#: In place of a type in the first request, which has no reply: its message is the client's id.
 CLIENT: Final = b"client\0\0"
-#: The families that a server takes. Requests of the others are rare, or do work for long.
-FAMILIES: Final = {name.encode().ljust(8, b"\0"): name for name in ("lookup", "commit", "batch")}
+#: The requests that a server accepts. The others are rare, or do work for long.
+REQUEST_TYPES: Final = {
+    name.encode().ljust(8, b"\0"): name for name in ("lookup", "commit", "batch")
+}
 #: Longest request and reply. What is longer takes milliseconds to serve, so it may as well go over
 #: Zenoh, where what waits is bounded in bytes.
 MAX_REQUEST_BYTES: Final = 1 << 16

@@ -294,12 +294,12 @@ class MirrorFeed:
 
     def _ask(self, request: Request) -> None:
         """Send a request, and take its reply."""
-        is_plan = request.operation == "snapshot" and "piece" not in request.body
+        is_plan = request.request_type == "snapshot" and "piece" not in request.body
         if is_plan and not self._wait_for_turn(request):
             return
         begin_ns = now_ns()
         try:
-            reply = self._source.ask(request.operation, dict(request.body))
+            reply = self._source.ask(request.request_type, dict(request.body))
             if is_plan:
                 if self._interest is not None and "kind" not in reply:
                     raise ServerUnavailable("the server knows no interests")

@@ -48,9 +48,9 @@ _MAX_NUMBERS: Final = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A query to send: its family, its body, and the number under which to give the reply back."""
+    """A query to send: its type and body, and the number under which to give the reply back."""
 
-    operation: str  # "snapshot" or "missed"
+    request_type: str  # "snapshot" or "missed"
     body: wire.Message
     number: int
 
@@ -347,10 +347,10 @@ class Mirroring:
         """The copy that messages belong to."""
         return None if self._wants_plan else self._next or self._live
 
-    def _request(self, operation: str, piece: _Piece | None, body: wire.Message) -> Request:
+    def _request(self, request_type: str, piece: _Piece | None, body: wire.Message) -> Request:
         self._number += 1
         self._requests[self._number] = piece
-        return Request(operation, body, self._number)
+        return Request(request_type, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
         tree = self._make_tree(plan.settings, instance)

@@ -59,7 +59,7 @@ class Source(Protocol):
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
         """Undeclare a subscriber; never raises. False: the process is forked."""
 
-    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
         """Send a request, and return the reply, or raise its error."""
 
     def status(self) -> ServerStatus:

@@ -11,8 +11,8 @@ from ..text import quoted
 from .error_codec import raise_error
 from .fields import VERSION, Message, items, malformed
 
-#: What an operation of a batch may be.
-KINDS: Final = ("lookup", "commit", "info")
+#: The request types that a batch may have.
+BATCH_TYPES: Final = ("lookup", "commit", "info")
 
 
 def batch_body(
@@ -26,18 +26,19 @@ def batch_body(
 
 
 def parse_batch(body: Message) -> list[tuple[str, Message]]:
-    """The operations of a batch, as pairs of kind and body. The bodies are parsed when they run,
-    so that a malformed one fails alone."""
+    """The operations of a batch, as pairs of request type and body. Bodies are parsed when
+    they run, so that a malformed one fails alone."""
     operations: list[tuple[str, Message]] = []
     for index, entry in enumerate(items(body, "operations")):
         if type(entry) is not list or len(entry) != 2 or type(entry[1]) is not dict:
-            raise malformed(f"operations[{index}]", "a pair of kind and body")
-        kind, operation = entry
-        if type(kind) is not str or kind not in KINDS:
+            raise malformed(f"operations[{index}]", "a pair of request type and body")
+        request_type, request = entry
+        if type(request_type) is not str or request_type not in BATCH_TYPES:
             raise malformed(
-                f"operations[{index}]", f"one of {', '.join(KINDS)}, not {quoted(kind)}"
+                f"operations[{index}]",
+                f"one of {', '.join(BATCH_TYPES)}, not {quoted(request_type)}",
             )
-        operations.append((kind, operation))
+        operations.append((request_type, request))
     return operations
 
 

@@ -19,7 +19,7 @@ _Settle = Callable[[wire.Message], None]
 class BatchRequest(Request[None]):
     """All recorded operations in one message; its reply settles their handles."""
 
-    kind = "batch"
+    request_type = "batch"
 
     def __init__(self, recorded: list[tuple[Request[Any], Handle[Any]]]) -> None:
         """Raises InvalidArgumentException if a time-out is out of range."""
@@ -31,7 +31,7 @@ class BatchRequest(Request[None]):
         for wait_s, group in itertools.groupby(recorded, _wait_of_read):
             if wait_s is None:
                 for request, handle in group:
-                    self._add(request.kind, request.body(), _settler(request, handle))
+                    self._add(request.request_type, request.body(), _settler(request, handle))
             else:
                 reads: list[tuple[Read[Any], Handle[Any]]] = list(group)  # type: ignore[arg-type]
                 lookup = columns.join([read.row for read, _ in reads])
@@ -50,8 +50,8 @@ class BatchRequest(Request[None]):
         for settle, one in zip(self._settlers, replies, strict=True):
             settle(one)
 
-    def _add(self, kind: str, body: wire.Message, settle: _Settle) -> None:
-        self._operations.append((kind, body))
+    def _add(self, request_type: str, body: wire.Message, settle: _Settle) -> None:
+        self._operations.append((request_type, body))
         self._settlers.append(settle)
 
 

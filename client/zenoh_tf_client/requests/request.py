@@ -31,7 +31,7 @@ class Request(ABC, Generic[T]):
 
     __slots__ = ()
 
-    kind: str  # one of zenoh_tf._net.keys.OPERATIONS
+    request_type: str  # one of zenoh_tf._net.keys.REQUEST_TYPES
     wait_s: float  # how long the server itself may wait
 
     @property
@@ -46,7 +46,7 @@ class Request(ABC, Generic[T]):
 
     @property
     def writes(self) -> bool:
-        return self.kind in ("commit", "admin")
+        return self.request_type in ("commit", "admin")
 
     @abstractmethod
     def body(self) -> wire.Message:
@@ -70,7 +70,7 @@ class Request(ABC, Generic[T]):
 class Call(Request[T]):
     """Any operation except a lookup."""
 
-    kind: str
+    request_type: str
     message: wire.Message
     parser: Callable[[wire.Message], T]
     wait_s: float = 0.0
@@ -100,13 +100,13 @@ class Read(Request[T]):
     convert: Convert[T]
     wait_s: float = 0.0
     failed: Callable[[TransformException], T] = _raise
-    kind: str = "lookup"
+    request_type: str = "lookup"
     writes: ClassVar[bool] = False
 
     @property
     def group(self) -> str | None:
         # The reply to a message comes when the last of its lookups has been waited for.
-        return None if self.wait_s else self.kind
+        return None if self.wait_s else self.request_type
 
     def body(self) -> wire.Message:
         body = wire.one_read(*self.row)
@@ -153,7 +153,7 @@ class Rows(Request[T]):
     rows: wire.Lookup
     convert: Callable[[wire.LookupReply], T]
     wait_s: float = 0.0
-    kind: str = "lookup"
+    request_type: str = "lookup"
 
     def body(self) -> wire.Message:
         return wire.lookup_body(self.rows)

@@ -12,7 +12,7 @@ from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf.errors import AccessDenied, ProtocolError
 
-#: Query families that every client with rights may ask, and those that need the right to read.
+#: Requests that every client with rights may ask, and those that need the right to read.
 _READS = ("lookup", "batch", "info", "snapshot", "missed")
 
 
@@ -54,19 +54,19 @@ class Access:
                 value=authority,
             )
 
-    def key(self, operation: str, body: wire.Message) -> str:
+    def key(self, request_type: str, body: wire.Message) -> str:
         """The key of a request.
 
         Raises:
             AccessDenied: The rules do not allow the request.
         """
-        if operation == "commit":
-            return self._write_key(operation, body.get("authority", ""))
-        if operation == "admin":
+        if request_type == "commit":
+            return self._write_key(request_type, body.get("authority", ""))
+        if request_type == "admin":
             what = body["what"]
             self._check_may(what)
-            return keys.keyed_operation(self._tree, "admin", what)
-        if operation == "batch" and (authorities := _authorities(body)):
+            return keys.write_request(self._tree, "admin", what)
+        if request_type == "batch" and (authorities := _authorities(body)):
             if len(authorities) > 1:
                 names = " and ".join(map(repr, sorted(authorities)))
                 raise AccessDenied(
@@ -74,34 +74,34 @@ class Access:
                     "writes as one authority",
                     field="authority",
                 )
-            if any(kind != "commit" for kind, _ in body["operations"]):
+            if any(request_type != "commit" for request_type, _ in body["operations"]):
                 raise AccessDenied(
                     f"the batch reads and writes: with the access rules at {self._where}, a batch "
                     "does one of both",
                     field="operations",
                 )
-            return self._write_key(operation, authorities.pop())
-        if operation in _READS:
+            return self._write_key(request_type, authorities.pop())
+        if request_type in _READS:
             self._check_may("read")
-        return keys.operation(self._tree, operation)
+        return keys.request(self._tree, request_type)
 
-    def _write_key(self, operation: str, authority: str) -> str:
+    def _write_key(self, request_type: str, authority: str) -> str:
         self.check_publish(authority)
-        return keys.keyed_operation(self._tree, operation, authority)
+        return keys.write_request(self._tree, request_type, authority)
 
-    def _check_may(self, what: str) -> None:
-        if what not in self._may:
+    def _check_may(self, right: str) -> None:
+        if right not in self._may:
             allowed = ", ".join(self._may) or "none"
             raise AccessDenied(
-                f"{self._who} may not {what} at {self._where}: the access rules allow it these "
-                f"operations: {allowed}",
-                field="operation",
-                value=what,
+                f"{self._who} may not {right} at {self._where}: the access rules allow it these "
+                f"rights: {allowed}",
+                field="right",
+                value=right,
             )
 
 
 def _authorities(batch: wire.Message) -> set[str]:
-    return {body.get("authority", "") for kind, body in batch["operations"] if kind == "commit"}
+    return {body.get("authority", "") for each, body in batch["operations"] if each == "commit"}
 
 
 def _matches(pattern: str, authority: str) -> bool:

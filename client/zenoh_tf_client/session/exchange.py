@@ -68,7 +68,7 @@ class Exchange:
         self._user = user
         self._timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
-        self._keys = {name: zenoh.KeyExpr(keys.operation(tree, name)) for name in keys.OPERATIONS}
+        self._keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
         #: What the server tells clients apart by; known once the session is open.
         self.client_id: str | None = None
         #: The server that answered last; None if it is not known, or may have been replaced.
@@ -137,8 +137,8 @@ class Exchange:
         if router is not None:
             self._next_greeting_s = time.monotonic() + self._clock_period_s()
             near = {
-                name: zenoh.KeyExpr(keys.near_operation(self._tree, router, name))
-                for name in keys.NEAR_OPERATIONS
+                name: zenoh.KeyExpr(keys.replica_request(self._tree, router, name))
+                for name in keys.REPLICA_REQUEST_TYPES
             }
             request = self._hello_request()
             # Zenoh ends the query at once if nobody has this key.
@@ -187,10 +187,10 @@ class Exchange:
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
         seen = self.seen.least
         if self.access is None and not self.reads_may_be_old:  # the common case
-            key, payload = self._keys[request.kind], request.payload()
+            key, payload = self._keys[request.request_type], request.payload()
         else:
             body = request.body()
-            key = self._key(request.kind, body)
+            key = self._key(request.request_type, body)
             payload = wire.pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
         reply: bytes | NoReply = yield Ask(key, self._check_size(payload), timeout_s)
         if (server := self.server) is not None and type(reply) is bytes:
@@ -232,7 +232,7 @@ class Exchange:
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):
                 yield from self.greet(self._timeout_s * _FIND_SHARE)
-        if self.replica is None or request.kind not in self.replica.keys:
+        if self.replica is None or request.request_type not in self.replica.keys:
             return None
         found = yield from self._read_near(self.replica, request, deadline_s)
         if not isinstance(found, NoReply):
@@ -254,7 +254,7 @@ class Exchange:
         pauses = iter(_CATCH_UP_S)
         while True:
             left_s = max(deadline_s - time.monotonic(), 0.001)
-            key = replica.keys[request.kind]
+            key = replica.keys[request.request_type]
             reply = decode((yield Ask(key, payload, left_s)))
             reply = yield from self._until_served(reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
@@ -296,7 +296,7 @@ class Exchange:
         if server is None or time.monotonic() >= self._next_hello_s:
             server = yield from self.hello()  # for an expiry by the clocks as they are now
         body = request.body()
-        key = self._key(request.kind, body)
+        key = self._key(request.request_type, body)
         now_ns = time.monotonic_ns()
         write = wire.write_fields(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
@@ -320,12 +320,12 @@ class Exchange:
             wire.raise_error(reply)
         return reply
 
-    def _key(self, operation: str, body: wire.Message) -> zenoh.KeyExpr:
+    def _key(self, request_type: str, body: wire.Message) -> zenoh.KeyExpr:
         """The key of a request. Raises AccessDenied if the server's rules do not allow it."""
         access = self.access
         if access is None:
-            return self._keys[operation]
-        return zenoh.KeyExpr(access.key(operation, body))
+            return self._keys[request_type]
+        return zenoh.KeyExpr(access.key(request_type, body))
 
     def _check_new_rules(self, request: Request[Any]) -> Steps[None]:
         """Raise AccessDenied if the server was restarted with rules that do not allow a request.
@@ -335,7 +335,7 @@ class Exchange:
         if self.server is None:
             with contextlib.suppress(ServerUnavailable):
                 yield from self.hello()
-                self._key(request.kind, request.body())
+                self._key(request.request_type, request.body())
 
     def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
         """Raise AccessDenied if the rules of a server instance, which never change, do not allow
@@ -345,7 +345,7 @@ class Exchange:
         with contextlib.suppress(ServerUnavailable):
             server = yield from self.hello(_CLOCK_TIMEOUT_S)
             if server.instance == (request.instance or instance):
-                self._key(request.kind, request.body())
+                self._key(request.request_type, request.body())
 
     def _until_served(
         self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float

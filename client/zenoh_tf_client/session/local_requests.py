@@ -21,7 +21,7 @@ import zenoh
 
 from zenoh_tf import wire
 from zenoh_tf._net import handover, keys
-from zenoh_tf._net.local_requests import CLIENT, FAMILIES, MAX_REQUEST_BYTES, REPLY, REQUEST
+from zenoh_tf._net.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST, REQUEST_TYPES
 from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import TransformException
 from zenoh_tf.shared_tree import RegionRefused
@@ -135,10 +135,10 @@ class LocalRequests:
         self._queries = queries
         self._tree = tree
         self._client_id = client_id
-        #: The key of each family that may go through the socket, and what its header says.
-        self._families = {
-            zenoh.KeyExpr(keys.operation(tree, name)): header
-            for header, name in FAMILIES.items()
+        #: The key of each type of request that may go through the socket, and what its header says.
+        self._headers = {
+            zenoh.KeyExpr(keys.request(tree, name)): header
+            for header, name in REQUEST_TYPES.items()
             if on
         }
         #: Connections that no call uses. Taken and put back without a lock.
@@ -164,14 +164,14 @@ class LocalRequests:
             or is_forked()
         ):
             return self._queries.ask(key, payload, timeout_s)
-        family = self._families.get(key)
-        peer = None if family is None else self._take(server, server.offer)
-        if family is None or peer is None:
+        header = self._headers.get(key)
+        peer = None if header is None else self._take(server, server.offer)
+        if header is None or peer is None:
             return self._queries.ask(key, payload, timeout_s)
         deadline_s = time.monotonic() + timeout_s
         sent = True
         try:
-            data = peer.ask(REQUEST.pack(len(payload), family) + payload, timeout_s)
+            data = peer.ask(REQUEST.pack(len(payload), header) + payload, timeout_s)
         except TimeoutError:
             self._drop(peer)
             return self._queries.timed_out(timeout_s)

@@ -16,7 +16,7 @@ from ..requests.service import Service
 from ..security.settings import Security
 from . import quota
 from .robot import Robot
-from .settings import Settings
+from .settings import FederationSettings
 
 #: The tree's authorities are read at most this often.
 _REFRESH_S: Final = 1.0
@@ -31,7 +31,7 @@ class Robots:
     """
 
     def __init__(
-        self, settings: Settings, security: Security, limits: Limits, service: Service
+        self, settings: FederationSettings, security: Security, limits: Limits, service: Service
     ) -> None:
         self._service = service
         share = quota.default_share(limits, len(settings.links))
@@ -75,7 +75,7 @@ class Robots:
 
 
 def start(
-    settings: Settings,
+    settings: FederationSettings,
     security: Security,
     limits: Limits,
     service: Service,

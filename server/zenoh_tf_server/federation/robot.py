@@ -28,7 +28,7 @@ from ..ingest.ingest import Ingest
 from ..ingest.put_queues import Put
 from ..limits import Limits
 from ..process.network import open_client_session
-from ..process.primary import Primary
+from ..process.upstream import Upstream
 from ..rate_limited_log import RateLimitedLog
 from ..requests.service import Service
 from .quota import FrameQuota
@@ -143,7 +143,7 @@ class Robot:
         log.warning("robot %r cannot be reached yet, trying on: %s", self.name, failure)
 
     def _listen(self, session: zenoh.Session) -> None:
-        source = Primary(session, self._link.tree, f"the server of robot {self.name!r}")
+        source = Upstream(session, self._link.tree, f"the server of robot {self.name!r}")
         make = functools.partial(make_tree, max_memory_bytes=self._limits.memory)
         feed = MirrorFeed(source, self._on_copy, make_tree=make, observer=self)
         with self._lock:

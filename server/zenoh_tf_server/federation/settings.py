@@ -30,7 +30,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Settings:
+class FederationSettings:
     """What the flags of `add_flags` say."""
 
     links: tuple[Link, ...] = ()
@@ -71,9 +71,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"--mirror-of: {count} robots are called {name!r}")
 
 
-def from_flags(options: argparse.Namespace) -> Settings:
+def from_flags(options: argparse.Namespace) -> FederationSettings:
     """The settings that the flags say."""
-    return Settings(tuple(options.mirror_of), tuple(options.mirror_shared))
+    return FederationSettings(tuple(options.mirror_of), tuple(options.mirror_shared))
 
 
 def _link(text: str) -> Link:

@@ -3,7 +3,7 @@
 ``python -m zenoh_tf_server.monitoring.metric_table > docs/metrics.md`` writes the page.
 
 To export a new value, put it into `stats` (`Service.add_counters`) and declare its key in
-`FROM_STATS`. Keys that differ in a label only, such as one queue per query family, share a metric:
+`FROM_STATS`. Keys that differ in a label only, such as one queue per request type, share a metric:
 declare each key with its label's value. A new field of an authority's record is declared in
 `FROM_AUTHORITIES`, and one of a robot in `FROM_ROBOTS`. A test finds what is not declared.
 """
@@ -217,14 +217,14 @@ REQUESTS: Final = Metric(
     "requests_total",
     "counter",
     'requests served; `outcome` is "ok" or the class of the error in the reply',
-    ("family", "outcome"),
+    ("request_type", "outcome"),
 )
 DURATION: Final = Metric(
     "request_duration_seconds",
     "histogram",
     "from the moment a worker takes a request until it has replied, or has parked a lookup that "
     'waits; `outcome` is "ok" or "error"',
-    ("family", "outcome"),
+    ("request_type", "outcome"),
 )
 LIMIT: Final = Metric("limit", "gauge", "a limit of docs/limits.md, by name", ("limit",))
 CLIENTS: Final = _gauge("connected_clients", "clients that are connected")

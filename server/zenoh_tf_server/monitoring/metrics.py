@@ -136,10 +136,10 @@ def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
 
 def _from_requests(server: Watched) -> Iterator[Value]:
     total = server.service.requests.total()
-    for family, counts in sorted(total.ok.items()):
-        yield metric_table.DURATION, (family, OK), counts
-        yield metric_table.REQUESTS, (family, OK), float(sum(counts[:-1]))
-    for family, counts in sorted(total.failed.items()):
-        yield metric_table.DURATION, (family, "error"), counts
-    for (family, error), count in sorted(total.failures.items()):
-        yield metric_table.REQUESTS, (family, error), float(count)
+    for request_type, counts in sorted(total.ok.items()):
+        yield metric_table.DURATION, (request_type, OK), counts
+        yield metric_table.REQUESTS, (request_type, OK), float(sum(counts[:-1]))
+    for request_type, counts in sorted(total.failed.items()):
+        yield metric_table.DURATION, (request_type, "error"), counts
+    for (request_type, error), count in sorted(total.failures.items()):
+        yield metric_table.REQUESTS, (request_type, error), float(count)

@@ -24,7 +24,7 @@ class Watched(Protocol):
 
     @property
     def key(self) -> Callable[[str], str]:
-        """The key of a query family."""
+        """The key of a request type."""
 
     @property
     def service(self) -> Handler:

@@ -56,7 +56,7 @@ log = logging.getLogger("zenoh_tf.server.sharing")
 
 
 @dataclass(frozen=True)
-class Settings:
+class SharingSettings:
     """What the flags of `add_flags` say."""
 
     on: bool = True
@@ -104,9 +104,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"{name}: a server with --connect does not share its tree")
 
 
-def from_flags(options: argparse.Namespace) -> Settings:
+def from_flags(options: argparse.Namespace) -> SharingSettings:
     """The settings that the flags say."""
-    return Settings(not options.no_share, options.share_dir, options.share_group)
+    return SharingSettings(not options.no_share, options.share_dir, options.share_group)
 
 
 class Sharing:
@@ -114,7 +114,7 @@ class Sharing:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: SharingSettings,
         tree: str,
         instance: str,
         *,
@@ -273,7 +273,7 @@ class Sharing:
                     take(peer.dup())
 
 
-def wait_for_predecessor(settings: Settings, listens_since_s: float) -> None:
+def wait_for_predecessor(settings: SharingSettings, listens_since_s: float) -> None:
     """Wait until the lease of a predecessor must have lapsed, which had the server's endpoints
     until `listens_since_s` (of the monotonic clock) at most."""
     time.sleep(max(0.0, listens_since_s + settings.predecessor_s - time.monotonic()))

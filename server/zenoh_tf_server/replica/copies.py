@@ -18,7 +18,7 @@ from zenoh_tf.mirrors import mirroring
 
 from ..limits import Limits
 from ..process.network import NetworkError
-from ..process.sharing import Settings, Sharing
+from ..process.sharing import Sharing, SharingSettings
 
 log = logging.getLogger("zenoh_tf.server.sharing")
 
@@ -26,7 +26,7 @@ log = logging.getLogger("zenoh_tf.server.sharing")
 class SharedCopies:
     """Makes the trees of copies, in shared memory where that is possible."""
 
-    def __init__(self, settings: Settings, tree: str, own_id: str) -> None:
+    def __init__(self, settings: SharingSettings, tree: str, own_id: str) -> None:
         """`own_id`: of the replica, whose sockets are named after it.
 
         Raises:

@@ -19,9 +19,9 @@ from zenoh_tf._net import keys
 
 from ..process.abandoned_keys import AbandonedKeys
 from ..process.free_memory import FreeMemory
-from ..process.primary import Primary
+from ..process.upstream import Upstream
 from ..security import access_rules
-from ..settings import Settings
+from ..settings import ServerSettings
 from ..transport.clients import Clients
 from ..transport.link_sockets import LinkSockets
 from ..transport.outbox_links import OutboxLinks
@@ -35,14 +35,14 @@ from .sessions import ReplicaSessions
 class ReplicaServer:
     """Serves from construction to `close`. Raises NetworkError or TransformException."""
 
-    def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> None:
         limits = settings.limits
         # Closed in reverse order: first the queries, then the copy, then the session.
         with ExitStack() as stack:
             security = settings.security
             sessions = ReplicaSessions(settings.listen, settings.replica_of, limits, security)
             stack.callback(sessions.close)
-            primary = Primary(sessions.primary, settings.tree, user=security.credentials.user)
+            primary = Upstream(sessions.primary, settings.tree, user=security.credentials.user)
             primary.wait(settings.replica_of, security.credentials)
             enforced = primary.access
             self.session = session = sessions.open_clients(settings.tree, enforced)
@@ -63,7 +63,9 @@ class ReplicaServer:
             clients.when_gone(replies.forget)
             clients.when_gone(service.client_gone)
             service.add_counters(replies.counters)
-            workers = Workers(service, clients, replies, settings.workers, keys.NEAR_OPERATIONS)
+            workers = Workers(
+                service, clients, replies, settings.workers, keys.REPLICA_REQUEST_TYPES
+            )
             memory = FreeMemory()
             stack.callback(memory.close)
             memory.start()
@@ -73,8 +75,8 @@ class ReplicaServer:
             abandoned.start(session)
             clients.start(session, settings.tree)
             stack.callback(workers.close)
-            #: The key of a query family.
-            self.key = functools.partial(keys.near_operation, settings.tree, str(session.zid()))
+            #: The key of a request type.
+            self.key = functools.partial(keys.replica_request, settings.tree, str(session.zid()))
             workers.start(session, self.key)
             self._stack = stack.pop_all()
 

@@ -104,7 +104,7 @@ class ReplicaService:
         return self._age_s(self.state)
 
     def handle(
-        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+        self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
         """Reply to one request. Never raises: an error is the reply."""
         state = self.state  # before the read, which may see more
@@ -112,7 +112,7 @@ class ReplicaService:
         if service is None:
             reply_to(self.error(ServerUnavailable("the replica is stopping")), True)
         else:
-            service.handle(operation, payload, _Dated(reply_to, state, self), chunk)
+            service.handle(request_type, payload, _Dated(reply_to, state, self), chunk)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
@@ -250,7 +250,7 @@ class _CopyService(Service):
         raise InvalidArgumentException(
             f"this is a replica, which takes no writes: send them to the key of tree "
             f"{self.name!r} itself, not to that of its replica",
-            field="operation",
+            field="request_type",
         )
 
 
@@ -263,7 +263,7 @@ class _Guard(RequestGuard):
         rights: Callable[[], dict[str, Any] | None],
     ) -> None:
         super().__init__()
-        self.checked = frozenset(keys.OPERATIONS)
+        self.checked = frozenset(keys.REQUEST_TYPES)
         self._check_least = check_least
         self._access = rights
 
@@ -271,7 +271,7 @@ class _Guard(RequestGuard):
         """The same for every client: what the primary allows to the replica's user."""
         return self._access()
 
-    def check(self, operation: str, chunk: str | None, message: wire.Message) -> None:
+    def check(self, request_type: str, chunk: str | None, message: wire.Message) -> None:
         """Check a request, and take from it what it must see at least."""
         if wire.LEAST_SEQ in message:
             instance, seq = (

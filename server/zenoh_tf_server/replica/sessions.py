@@ -126,7 +126,7 @@ class ReplicaSessions:
 
 def _wait_until_joined(session: zenoh.Session, tree: str) -> None:
     """Wait until what clients ask the primary gets there: the first link takes a moment."""
-    key, hello = keys.operation(tree, "hello"), wire.pack(wire.call_body("hello"))
+    key, hello = keys.request(tree, "hello"), wire.pack(wire.call_body("hello"))
     deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
     while not list(session.get(key, payload=hello, timeout=_PERIOD_S)):
         if time.monotonic() > deadline_s:

@@ -44,6 +44,6 @@ class AdminRequests:
             ticket = self._links.remove_frame(name, wire.flag(message, "subtree"), expires_ns)
             self._log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
-            raise InvalidArgumentException(f"unknown admin operation {quoted(what)}", field="what")
+            raise InvalidArgumentException(f"unknown admin request {quoted(what)}", field="what")
         self._links.wait(ticket)
         return {"value": None}

@@ -38,7 +38,7 @@ _SLICE_ROWS: Final = 1000
 _PAUSE_S: Final = 20e-6
 
 
-class Operations(Protocol):
+class BatchContext(Protocol):
     """What the service does for the operations of a batch."""
 
     def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
@@ -63,7 +63,7 @@ class Batch:
         limits: Limits,
         instance: str,
         reads: Reads,
-        operations: Operations,
+        operations: BatchContext,
     ) -> None:
         """Parse the message.
 
@@ -90,7 +90,7 @@ class Batch:
         #: Lookups that wait, by the index of their operation. They run when the others have.
         self.waiting: dict[int, wire.Lookup] = {}
         #: How many of the operations write.
-        self.commits = sum(kind == "commit" for kind, _ in self._list)
+        self.commits = sum(request_type == "commit" for request_type, _ in self._list)
         self._budget.take_reply(len(self._list) * len(NO_ROOM))
 
     @property
@@ -129,7 +129,9 @@ class Batch:
     def outcome(self) -> bytes:
         """The replies to the commits, for `run_reads` of a repeat."""
         pairs = zip(self._list, self._replies, strict=True)
-        return self._packed([reply for (kind, _), reply in pairs if kind == "commit"])
+        return self._packed(
+            [reply for (request_type, _), reply in pairs if request_type == "commit"]
+        )
 
     def reply(self) -> bytes:
         """The reply's bytes."""
@@ -146,11 +148,11 @@ class Batch:
 
     def _run(self, commit: Callable[[wire.Message], wire.Message]) -> None:
         next_pause = _SLICE_ROWS
-        for kind, body in self._list:
+        for request_type, body in self._list:
             try:
-                if kind == "lookup":
+                if request_type == "lookup":
                     reply = self._lookup(body)
-                elif kind == "commit":
+                elif request_type == "commit":
                     reply = commit(body)
                 else:
                     reply = self._operations.info(body, self._budget)

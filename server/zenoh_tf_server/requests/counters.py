@@ -38,28 +38,28 @@ class ThreadCounts:
         #: Of the request that the thread serves: the error's class, None if there is no error.
         self.error: str | None = None
         self.begun_ns = 0
-        #: Counts per bucket, and the sum of the durations, by family.
+        #: Counts per bucket, and the sum of the durations, by request type.
         self.ok: defaultdict[str, list[int]] = defaultdict(_empty)
         self.failed: defaultdict[str, list[int]] = defaultdict(_empty)
-        #: Failed requests by family and error class.
+        #: Failed requests by request type and error class.
         self.failures: defaultdict[tuple[str, str], int] = defaultdict(int)
 
-    def end(self, family: str) -> None:
-        """Count a request of `family` that ends now."""
+    def end(self, request_type: str) -> None:
+        """Count a request of `request_type` that ends now."""
         duration_ns = perf_counter_ns() - self.begun_ns
         if self.error is None:
-            counts = self.ok[family]
+            counts = self.ok[request_type]
         else:
-            counts = self.failed[family]
-            self.failures[family, self.error] += 1
+            counts = self.failed[request_type]
+            self.failures[request_type, self.error] += 1
         counts[bisect_left(_BOUNDS_NS, duration_ns)] += 1
         counts[-1] += duration_ns
 
     def merge(self, other: ThreadCounts) -> None:
         """Add the counts of another thread."""
         for own, others in ((self.ok, other.ok), (self.failed, other.failed)):
-            for family, counts in list(others.items()):
-                own[family] = [a + b for a, b in zip(own[family], counts, strict=True)]
+            for request_type, counts in list(others.items()):
+                own[request_type] = [a + b for a, b in zip(own[request_type], counts, strict=True)]
         for failure, count in list(other.failures.items()):
             self.failures[failure] += count
 
@@ -88,9 +88,9 @@ class RequestCounters:
         """The request of the calling thread fails with an error of this class."""
         (self._local.counts or self._add_thread()).error = error
 
-    def refused(self, family: str, error: str) -> None:
+    def refused(self, request_type: str, error: str) -> None:
         """Count a request that failed with an error of this class before a worker took it."""
-        (self._local.counts or self._add_thread()).failures[family, error] += 1
+        (self._local.counts or self._add_thread()).failures[request_type, error] += 1
 
     def total(self) -> ThreadCounts:
         """The sum over all threads."""

@@ -34,7 +34,7 @@ class RequestGuard:
         self._rules = tuple(rules)
         self._admin = admin
         self._certificate_of = certificate_of
-        #: The families whose requests `check` may refuse.
+        #: The types of requests that `check` may refuse.
         self.checked: frozenset[str] = frozenset()
         if rules:
             self.checked = frozenset(("commit", "batch", "admin"))
@@ -46,40 +46,40 @@ class RequestGuard:
         """True if the keys of writes name what is written."""
         return bool(self._rules)
 
-    def check(self, operation: str, chunk: str | None, message: wire.Message) -> None:
-        """Check a request of one of the families `checked`; may complete its message.
+    def check(self, request_type: str, chunk: str | None, message: wire.Message) -> None:
+        """Check a request of one of the types `checked`; may complete its message.
 
         Args:
-            operation: The query family.
-            chunk: What stands behind the family in the key; None if nothing does.
+            request_type: One of `keys.REQUEST_TYPES`.
+            chunk: What stands behind it in the key; None if nothing does.
             message: The request.
 
         Raises:
             AccessDenied: The request must not run.
             InvalidArgumentException: The key is malformed.
         """
-        if operation == "admin" and not self._admin:
+        if request_type == "admin" and not self._admin:
             raise AccessDenied(
-                f"admin operation {message.get('what')!r} refused: the server runs with --no-admin",
+                f"admin request {message.get('what')!r} refused: the server runs with --no-admin",
                 field="what",
             )
         if not self._rules:
             return
         subject = None if chunk is None else keys.unescape(chunk)
-        if operation == "commit":
+        if request_type == "commit":
             _bind_authority(message, subject, "commit")
-        elif operation == "admin":
+        elif request_type == "admin":
             if subject is None or message.get("what") != subject:
                 raise _must_name("admin", "what")
-        elif operation == "batch":
-            for kind, body in wire.parse_batch(message):
-                if kind == "commit":
+        elif request_type == "batch":
+            for entry_type, body in wire.parse_batch(message):
+                if entry_type == "commit":
                     _bind_authority(body, subject, "batch")
                 elif subject is not None:
                     # A client that may only publish must not read on the key of its writes.
                     raise AccessDenied(
-                        f"a {kind} in a batch that writes: with access rules, a batch reads or "
-                        "writes, not both",
+                        f"a {entry_type} in a batch that writes: with access rules, a batch reads "
+                        "or writes, not both",
                         field="operations",
                     )
 
@@ -103,10 +103,10 @@ def _optional_text(message: wire.Message, field: str) -> str | None:
     return wire.text(message, field) if field in message else None
 
 
-def _bind_authority(commit: wire.Message, authority: str | None, family: str) -> None:
+def _bind_authority(commit: wire.Message, authority: str | None, request_type: str) -> None:
     """Give the commit the key's authority, which its own must not contradict."""
     if authority is None:
-        raise _must_name(family, "authority")
+        raise _must_name(request_type, "authority")
     if commit.setdefault("authority", authority) != authority:
         raise AccessDenied(
             f"a commit as authority {commit['authority']!r} was sent on the key of {authority!r}: "
@@ -115,9 +115,9 @@ def _bind_authority(commit: wire.Message, authority: str | None, family: str) ->
         )
 
 
-def _must_name(family: str, what: str) -> AccessDenied:
+def _must_name(request_type: str, what: str) -> AccessDenied:
     return AccessDenied(
-        f"the server has access rules: a request that writes goes to {family}/{{{what}}}, which "
-        f"must be the {what} in the message",
+        f"the server has access rules: a request that writes goes to {request_type}/{{{what}}}, "
+        f"which must be the {what} in the message",
         field=what,
     )

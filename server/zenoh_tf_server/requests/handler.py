@@ -54,7 +54,7 @@ class Handler(Protocol):
         """Refuses requests before they run."""
 
     def handle(
-        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+        self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
         """Reply to one request, now or later; never raises."""
 

@@ -94,7 +94,7 @@ class Service:
         }
         # Functions, not bound methods: nothing in the service may refer to it. A replica's copy
         # that was replaced then goes at once with its memory, not when garbage is collected.
-        self._operations: dict[str, Callable[[Service, wire.Message, ReplyCallback], None]] = {
+        self._handlers: dict[str, Callable[[Service, wire.Message, ReplyCallback], None]] = {
             "lookup": Service._lookup,
             "commit": Service._commit,
             "batch": Service._batch,
@@ -104,29 +104,29 @@ class Service:
         }
 
     def handle(
-        self, operation: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
+        self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
         """Reply to one request. Never raises: an error is the reply.
 
-        `chunk` is what stands behind the operation in the query's key.
+        `chunk` is what stands behind the request type in the query's key.
         """
         counts = self.requests.begin()
         try:
-            if operation == "lookup":
+            if request_type == "lookup":
                 reply = reply_to_lookup(self.tree, payload, self.instance)
                 if reply is not None:  # the common case
                     reply_to(reply, False)
-                    counts.end(operation)
+                    counts.end(request_type)
                     return
-            message = self.limits.unpack(payload, operation == "batch")
-            if operation in self.guard.checked:
-                self.guard.check(operation, chunk, message)
+            message = self.limits.unpack(payload, request_type == "batch")
+            if request_type in self.guard.checked:
+                self.guard.check(request_type, chunk, message)
             if wire.WITH_SEQ in message:
                 reply_to = self._numbered(message, reply_to)
-            self._operations[operation](self, message, reply_to)
+            self._handlers[request_type](self, message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
-        counts.end(operation)
+        counts.end(request_type)
 
     def _numbered(self, message: wire.Message, reply_to: ReplyCallback) -> ReplyCallback:
         """Take the wish for a number from a read, and add it to the reply."""
@@ -158,15 +158,15 @@ class Service:
         self._more_counters.append(counters)
 
     def add_reads(self, reads: dict[str, Callable[[wire.Message, str], wire.Message]]) -> None:
-        """Serve more families: each function makes the fields of a reply to a client."""
-        for operation, read in reads.items():
+        """Serve more types of requests: each function makes the fields of a reply to a client."""
+        for request_type, read in reads.items():
 
             def reply(
                 service: Service, message: wire.Message, reply_to: ReplyCallback, read: Any = read
             ) -> None:
                 reply_to(service._pack_within(read(message, reply_to.client)), False)
 
-            self._operations[operation] = reply
+            self._handlers[request_type] = reply
 
     @staticmethod
     def _typed(error: Exception) -> TransformException:

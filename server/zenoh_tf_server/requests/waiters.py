@@ -45,7 +45,7 @@ UNKNOWN_WAIT_S: Final = 10
 _UNKNOWN_RETRY_S: Final = 0.05
 
 
-class _Request:
+class _WaitingRequest:
     """Lookups of one request, which share a reply: settled or failed exactly once."""
 
     def __init__(
@@ -84,12 +84,12 @@ class _Request:
 
 
 @dataclass(slots=True, eq=False)
-class _Waiting:
+class _WaitingLookup:
     rows: ParkedLookups
     lookup: wire.Lookup
     links: int
     index: int  # in its request
-    request: _Request
+    request: _WaitingRequest
     since_s: float
     timer: asyncio.TimerHandle | None = None
 
@@ -107,8 +107,8 @@ class Waiters:
         self._tokens = itertools.count()
         self._lock = threading.Lock()
         # Guarded by the lock.
-        self._waiting: dict[int, _Waiting] = {}  # by token
-        self._named: dict[tuple[str, int], _Request] = {}  # those that may be cancelled
+        self._waiting: dict[int, _WaitingLookup] = {}  # by token
+        self._named: dict[tuple[str, int], _WaitingRequest] = {}  # those that may be cancelled
         self._rows = FairShare(limits, "waiters")
         self._links = FairShare(limits, "waiter_links")
         self._stopping = False
@@ -140,13 +140,13 @@ class Waiters:
             self._check(lookup, client)
         with self._lock:  # before anything is made for the rows
             self._rows.check(client, sum(lookup.rows for lookup in lookups), _RETRY_AFTER_S)
-        request = _Request(client, wait_id, budget, len(lookups), settle, fail)
+        request = _WaitingRequest(client, wait_id, budget, len(lookups), settle, fail)
         now_s = time.monotonic()
         started = {}
         for index, lookup in enumerate(lookups):
             token = next(self._tokens)
             rows = self._rows_of(lookup, token)
-            started[token] = _Waiting(rows, lookup, rows.links(), index, request, now_s)
+            started[token] = _WaitingLookup(rows, lookup, rows.links(), index, request, now_s)
         self._add(request, started)
         for token, waiting in started.items():
             if waiting.rows.start():
@@ -232,7 +232,7 @@ class Waiters:
             self._limits.waiter_links,
         )
 
-    def _add(self, request: _Request, started: dict[int, _Waiting]) -> None:
+    def _add(self, request: _WaitingRequest, started: dict[int, _WaitingLookup]) -> None:
         client = request.client
         rows = sum(waiting.lookup.rows for waiting in started.values())
         links = sum(waiting.links for waiting in started.values())
@@ -256,7 +256,7 @@ class Waiters:
             for token in tokens:
                 self._finish(token)
 
-    def _take(self, token: int) -> _Waiting | None:
+    def _take(self, token: int) -> _WaitingLookup | None:
         """Remove a waiting lookup. None: another caller has taken it."""
         with self._lock:
             waiting = self._waiting.pop(token, None)

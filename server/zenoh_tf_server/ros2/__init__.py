@@ -18,12 +18,12 @@ from ..state.static_links import StaticLinks
 from .incoming import Incoming
 from .outgoing import Outgoing
 from .publishers import Publishers
-from .settings import Settings
+from .settings import Ros2Settings
 from .statics import Statics
 
 
 def start(
-    settings: Settings,
+    settings: Ros2Settings,
     session: zenoh.Session,
     service: Service,
     ingest: Ingest,

@@ -17,7 +17,7 @@ _HIGHEST_DOMAIN = 232
 
 
 @dataclass(frozen=True)
-class Settings:
+class Ros2Settings:
     """What the flags of `add_flags` say."""
 
     receive: bool = False
@@ -102,9 +102,9 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--ros2-shared needs --ros2-prefix: without prefixes, all frames are shared")
 
 
-def from_flags(options: argparse.Namespace) -> Settings:
+def from_flags(options: argparse.Namespace) -> Ros2Settings:
     """The settings that the flags say."""
-    return Settings(
+    return Ros2Settings(
         receive=options.ros2,
         rules=tuple(options.ros2_prefix),
         shared=tuple(options.ros2_shared),

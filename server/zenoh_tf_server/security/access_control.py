@@ -15,9 +15,9 @@ from zenoh_tf._net import keys
 from . import access_rules
 from .access_rules import EVERYTHING, AccessRule
 
-#: Query families that change nothing, except `hello`, which every client may ask.
+#: Requests that change nothing, except `hello`, which every client may ask.
 READS: Final = ("lookup", "batch", "info", "snapshot", "missed")
-#: Query families whose keys name what is written, once there are rules.
+#: Requests whose keys name what is written, once there are rules.
 KEYED: Final = ("commit", "batch", "admin")
 #: What joins the two routers of a replica, and only these.
 PRIMARY_PROTOCOL: Final = "unixsock-stream"
@@ -41,12 +41,12 @@ def replica_settings(tree: str, rule: AccessRule) -> dict[str, Any]:
     """The same of a replica's router for clients. `rule`: what each of them may do."""
     builder = _Builder(tree)
     builder.add(AccessRule(), [*_for_all(tree), *_rights(tree, rule, keyed=True)])
-    near = {name: keys.near_operation(tree, "*", name) for name in keys.NEAR_OPERATIONS}
+    near = {name: keys.replica_request(tree, "*", name) for name in keys.REPLICA_REQUEST_TYPES}
     queries = [near.pop("hello")]
     if "read" in rule.may:
         queries += near.values()
     if rule == EVERYTHING:  # the primary may have no rules, and so take writes on plain keys
-        queries += (keys.operation(tree, family) for family in KEYED)
+        queries += (keys.request(tree, request_type) for request_type in KEYED)
     builder.add(AccessRule(), [_right("ingress", ["query"], queries)])
     everything = [_right(flow, _MESSAGES, ["**"]) for flow in ("ingress", "egress")]
     builder.add(AccessRule(), everything, [PRIMARY_PROTOCOL])
@@ -99,7 +99,7 @@ def _for_all(tree: str) -> list[dict[str, Any]]:
     everything = f"{keys.prefix(tree)}/**"
     servers = [keys.all_servers()]
     return [
-        _right("ingress", ["query"], [keys.operation(tree, "hello")]),
+        _right("ingress", ["query"], [keys.request(tree, "hello")]),
         _right("ingress", ["liveliness_token"], [keys.clients(tree)]),
         _right("ingress", ["liveliness_query", "declare_liveliness_subscriber"], servers),
         _right("egress", ["liveliness_token"], servers),
@@ -114,19 +114,19 @@ def _rights(tree: str, rule: AccessRule, *, keyed: bool) -> list[dict[str, Any]]
     puts: list[str] = []
     rights: list[dict[str, Any]] = []
     if "read" in rule.may:
-        queries += (keys.operation(tree, name) for name in READS)
+        queries += (keys.request(tree, name) for name in READS)
         streams = [keys.streams(tree), keys.streams(tree, "*")]
         rights.append(_right("ingress", ["declare_subscriber"], streams))
         rights.append(_right("egress", ["put"], streams))
     for name in ("clear", "reset", "remove_frame"):
         if name in rule.may:
-            queries.append(keys.keyed_operation(tree, "admin", name))
+            queries.append(keys.write_request(tree, "admin", name))
     for pattern in rule.publish:
         chunk = access_rules.authority_chunk(pattern)
-        queries += (f"{prefix}/{family}/{chunk}" for family in ("commit", "batch"))
+        queries += (f"{prefix}/{request_type}/{chunk}" for request_type in ("commit", "batch"))
         puts += (f"{prefix}/{kind}/{chunk}" for kind in ("set", "static"))
     if not keyed:
-        queries += (keys.operation(tree, family) for family in KEYED)
+        queries += (keys.request(tree, request_type) for request_type in KEYED)
     if queries:
         rights.append(_right("ingress", ["query"], queries))
     if puts:

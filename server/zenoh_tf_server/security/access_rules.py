@@ -3,7 +3,7 @@
     [[access]]
     users = ["nav"]                  # users of --users; left out: every user
     certificates = ["nav.example"]   # common names of clients' certificates; left out: all
-    may = ["read"]                   # any of OPERATIONS
+    may = ["read"]                   # any of RIGHTS
     publish = ["wheels", "arm-*"]    # the authorities that they may publish as
 
 A client may do what any rule that matches it allows, and nothing else. A rule with users and
@@ -19,8 +19,8 @@ from typing import Any, Final, NoReturn
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
 
-#: Operation -> meaning.
-OPERATIONS: Final = {
+#: Right -> meaning.
+RIGHTS: Final = {
     "read": "look up transforms, and ask what the tree holds",
     "listen": "subscribe to all published transforms on Zenoh",
     "clear": "forget all samples",
@@ -47,16 +47,16 @@ class AccessRule:
 
 
 #: What a client that has proved who it is may do if there are no rules.
-EVERYTHING: Final = AccessRule(may=frozenset(OPERATIONS), publish=("*",))
+EVERYTHING: Final = AccessRule(may=frozenset(RIGHTS), publish=("*",))
 
 
 def granted(
     rules: Iterable[AccessRule], user: str | None, certificate: str | None
 ) -> dict[str, list[str]]:
-    """What a client may do: the operations `may` and the authorities `publish`, each sorted."""
+    """What a client may do: the rights `may` and the authorities `publish`, each sorted."""
     mine = [rule for rule in rules if rule.matches(user, certificate)]
     return {
-        "may": sorted({operation for rule in mine for operation in rule.may}),
+        "may": sorted({right for rule in mine for right in rule.may}),
         "publish": sorted({authority for rule in mine for authority in rule.publish}),
     }
 
@@ -107,11 +107,9 @@ def _rule(table: Mapping[str, Any], name: str) -> AccessRule:
     for field in ("users", "certificates"):
         if field in table and not lists[field]:
             _reject(f"{name}: {field} is empty; leave it out if the rule is for all of them")
-    for operation in lists["may"]:
-        if operation not in OPERATIONS:
-            _reject(
-                f"{name}: there is no operation {operation!r} to allow: use {', '.join(OPERATIONS)}"
-            )
+    for right in lists["may"]:
+        if right not in RIGHTS:
+            _reject(f"{name}: there is no right {right!r}: use {', '.join(RIGHTS)}")
     for pattern in lists["publish"]:
         if "*" in pattern[:-1]:
             _reject(f"{name}: in publish {pattern!r} a '*' is allowed at the end only")

@@ -1,7 +1,7 @@
 """Answers `snapshot` and `missed` requests, with which mirrors begin and close gaps.
 
 A mirror pulls a snapshot piece by piece, so nothing of it is kept here: a mirror that dies in the
-middle costs nothing. Both families have a thread and a queue of their own (`workers`), and pieces
+middle costs nothing. Both have a thread and a queue of their own (`workers`), and pieces
 are small: no snapshot delays other requests. Frames are read without locks, so it delays no write.
 
 Thread safety: all methods.

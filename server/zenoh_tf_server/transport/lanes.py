@@ -31,16 +31,16 @@ RETRY_AFTER_S: Final = 0.1
 
 
 @dataclass(slots=True)
-class Request(Generic[Q]):
+class QueuedRequest(Generic[Q]):
     """A query that was received. `client` is the id of a client that is connected, or empty."""
 
     query: Q
-    operation: str
+    request_type: str
     client: str
     size: int  # bytes of the payload
 
 
-class Budget:
+class QueueShares:
     """What waits in all lanes."""
 
     def __init__(self, limits: Limits) -> None:
@@ -57,14 +57,14 @@ class Budget:
 class Lane(Generic[Q]):
     """The requests of one kind that wait, a queue for each client."""
 
-    def __init__(self, budget: Budget) -> None:
+    def __init__(self, budget: QueueShares) -> None:
         self._budget, self._queries, self._sizes = budget, budget.count, budget.bytes
-        self._queues: OrderedDict[str, deque[Request[Q]]] = OrderedDict()
+        self._queues: OrderedDict[str, deque[QueuedRequest[Q]]] = OrderedDict()
         self._filled = threading.Condition(budget.lock)
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
-    def put(self, request: Request[Q]) -> TransformException | None:
+    def put(self, request: QueuedRequest[Q]) -> TransformException | None:
         """Queue a request, or return why it is refused."""
         client, cost = request.client, request.size + _OVERHEAD_BYTES
         with self._budget.lock:
@@ -81,12 +81,12 @@ class Lane(Generic[Q]):
                 self._filled.notify()
             return None
 
-    def take(self) -> Request[Q] | None:
+    def take(self) -> QueuedRequest[Q] | None:
         """The next request of the client whose turn it is; None if there is none."""
         with self._budget.lock:
             return self._take()
 
-    def wait(self) -> Request[Q] | None:
+    def wait(self) -> QueuedRequest[Q] | None:
         """The same, but waits for a request. None: the lane is closed and empty."""
         with self._budget.lock:
             while (request := self._take()) is None:
@@ -103,7 +103,7 @@ class Lane(Generic[Q]):
             self._closed = True
             self._filled.notify_all()
 
-    def _take(self) -> Request[Q] | None:
+    def _take(self) -> QueuedRequest[Q] | None:
         if not self._queues:
             return None
         client, queue = self._queues.popitem(last=False)
@@ -123,7 +123,7 @@ class Admission(Lane[Q], ABC):
     lock is taken before the budget's.
     """
 
-    def __init__(self, budget: Budget, places: int) -> None:
+    def __init__(self, budget: QueueShares, places: int) -> None:
         super().__init__(budget)
         self._lock = threading.Lock()
         self._free = places  # guarded by the lock
@@ -137,7 +137,7 @@ class Admission(Lane[Q], ABC):
             self._free -= 1
             return None
 
-    def end(self) -> Request[Q] | None:
+    def end(self) -> QueuedRequest[Q] | None:
         """End a request. Returns the one that is served in its place, if `_resume` has not."""
         with self._lock:
             if self._queues and (request := self.take()) is not None:
@@ -149,7 +149,7 @@ class Admission(Lane[Q], ABC):
     def _queue(self, request: Any, size: int) -> Any:
         """Put a request into the lane, or refuse it. Called with the lock."""
 
-    def _resume(self, request: Request[Q]) -> Request[Q] | None:
+    def _resume(self, request: QueuedRequest[Q]) -> QueuedRequest[Q] | None:
         """Serve a request that has waited, or return it to the thread that calls `end`. Called with
         the lock."""
         return request

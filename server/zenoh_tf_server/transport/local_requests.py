@@ -5,9 +5,9 @@ serves it, and sends the reply before it reads the next one. So a client that se
 nothing, holds up nobody but itself, and what a connection costs is bounded. There are no hand-overs
 between threads: those and Zenoh take four fifths of the time of a query that writes.
 
-As many requests of a family may be served at once as by `workers`. Others wait in a lane, where
+As many requests of a type may be served at once as by `workers`. Others wait in a lane, where
 clients take turns, within the same bounds as queries. Long requests and replies, waiting lookups
-and other families stay with Zenoh.
+and other types stay with Zenoh.
 
 Thread safety: all methods.
 """
@@ -25,11 +25,11 @@ from typing import Final
 from zenoh_tf import threads
 from zenoh_tf._net.local_requests import (
     CLIENT,
-    FAMILIES,
     MAX_REPLY_BYTES,
     MAX_REQUEST_BYTES,
     REPLY,
     REQUEST,
+    REQUEST_TYPES,
 )
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import quoted
@@ -38,7 +38,7 @@ from ..fair_share import FairShare
 from ..rate_limited_log import RateLimitedLog
 from ..requests.handler import UNKNOWN, Handler
 from .clients import Clients
-from .lanes import Admission, Budget, Request
+from .lanes import Admission, QueuedRequest, QueueShares
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -74,16 +74,16 @@ class _Turns(Admission[threading.Condition]):
 
     def _queue(self, client: str, size: int) -> TransformException | None:
         turn = threading.Condition(self._lock)
-        refusal = self.put(Request(turn, "", client, size))
+        refusal = self.put(QueuedRequest(turn, "", client, size))
         if refusal is None:
             turn.wait()  # without the lock
         return refusal
 
-    def _resume(self, request: Request[threading.Condition]) -> None:
+    def _resume(self, request: QueuedRequest[threading.Condition]) -> None:
         request.query.notify()
 
 
-class _Connection:
+class _LocalConnection:
     """A connection and the client that it says it is of."""
 
     __slots__ = ("claimed", "socket", "thread")
@@ -98,22 +98,22 @@ class _Connection:
         begin = self.socket.recv(REQUEST.size)
         if not begin:
             return ""
-        size, family = REQUEST.unpack(begin + self._exactly(REQUEST.size - len(begin)))
-        if family != CLIENT or not 0 < size <= _MAX_ID_BYTES:
+        size, name = REQUEST.unpack(begin + self._exactly(REQUEST.size - len(begin)))
+        if name != CLIENT or not 0 < size <= _MAX_ID_BYTES:
             raise _Malformed("it does not begin with a client's id")
         return self._exactly(size).decode("ascii", "replace")
 
     def read(self) -> tuple[str, bytes] | None:
-        """The next request: its family and message. None: the client has closed the connection."""
+        """The next request: its type and message. None: the client has closed the connection."""
         data = self.socket.recv(_READ_BYTES)
         if not data:
             return None
         if len(data) < REQUEST.size:
             data += self._exactly(REQUEST.size - len(data))
-        size, family = REQUEST.unpack_from(data)
-        operation = FAMILIES.get(family)
-        if operation is None:
-            raise _Malformed(f"it sends a request of family {quoted(family)}")
+        size, name = REQUEST.unpack_from(data)
+        request_type = REQUEST_TYPES.get(name)
+        if request_type is None:
+            raise _Malformed(f"it sends a request of type {quoted(name)}")
         if size > MAX_REQUEST_BYTES:
             raise _Malformed(f"it sends {size} bytes: the limit is {MAX_REQUEST_BYTES}")
         missing = REQUEST.size + size - len(data)
@@ -121,7 +121,7 @@ class _Connection:
             raise _Malformed("it sends a request before it has the reply to the last one")
         if missing:
             data += self._exactly(missing)
-        return operation, data[REQUEST.size :]
+        return request_type, data[REQUEST.size :]
 
     def send(self, data: bytes) -> None:
         """Send a reply; raises OSError if the client does not read."""
@@ -142,15 +142,15 @@ class _Connection:
 class LocalRequests:
     """The connections of clients on this host; see the module."""
 
-    def __init__(self, service: Handler, clients: Clients, budget: Budget, count: int) -> None:
-        """`count`: how many requests of a family may be served at once."""
+    def __init__(self, service: Handler, clients: Clients, budget: QueueShares, count: int) -> None:
+        """`count`: how many requests of a type may be served at once."""
         self._service = service
         self._clients = clients
-        self._turns = {name: _Turns(budget, count) for name in FAMILIES.values()}
+        self._turns = {name: _Turns(budget, count) for name in REQUEST_TYPES.values()}
         self._lines = RateLimitedLog(log)
         self._lock = threading.Lock()
         # Guarded by the lock.
-        self._connections: set[_Connection] = set()
+        self._connections: set[_LocalConnection] = set()
         self._shares = FairShare(service.limits, "local_connections", _MAX_OF_CLIENT)
         self._closed = False
         clients.when_gone(self._client_gone)
@@ -162,7 +162,7 @@ class LocalRequests:
         # Not a time-out of Python's, which would ask the system before each read, too.
         cut_off = struct.pack("ll", _CUT_OFF_S, 0)
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, cut_off)
-        connection = _Connection(peer)
+        connection = _LocalConnection(peer)
         with self._lock:
             most = self._service.limits.local_connections
             if self._closed or len(self._connections) >= most:
@@ -198,7 +198,7 @@ class LocalRequests:
         """Counters for `stats`."""
         return {"local_connections": len(self._connections)}
 
-    def _serve(self, connection: _Connection) -> None:
+    def _serve(self, connection: _LocalConnection) -> None:
         try:
             if self._admit(connection, connection.read_client()):
                 connection.socket.settimeout(None)
@@ -216,7 +216,7 @@ class LocalRequests:
             self._forget(connection)
             connection.socket.close()
 
-    def _admit(self, connection: _Connection, claimed: str) -> bool:
+    def _admit(self, connection: _LocalConnection, claimed: str) -> bool:
         """Count a connection of the client that it claims to be of. False: it is one too many."""
         if not claimed:
             return False
@@ -226,21 +226,21 @@ class LocalRequests:
             connection.claimed = claimed
             return True
 
-    def _forget(self, connection: _Connection) -> None:
+    def _forget(self, connection: _LocalConnection) -> None:
         with self._lock:
             self._connections.discard(connection)
             if connection.claimed:
                 self._shares.give_back(connection.claimed, 1)
 
-    def _reply(self, connection: _Connection, operation: str, data: bytes) -> None:
+    def _reply(self, connection: _LocalConnection, request_type: str, data: bytes) -> None:
         """Serve a request and reply."""
         client = self._clients.known(connection.claimed)
-        turns = self._turns[operation]
+        turns = self._turns[request_type]
         refusal = turns.begin(client, len(data))
         if refusal is None:
             reply = _Reply(client)
             try:
-                self._service.handle(operation, data, reply)
+                self._service.handle(request_type, data, reply)
             finally:
                 turns.end()
             # It may not be there yet: that of a waiting lookup, or to a write that runs already.
@@ -250,5 +250,5 @@ class LocalRequests:
         connection.send(answer if len(answer) <= MAX_REPLY_BYTES else b"")
 
 
-def _name(connection: _Connection) -> str:
+def _name(connection: _LocalConnection) -> str:
     return f"client {connection.claimed or '(unknown)'} on this host"

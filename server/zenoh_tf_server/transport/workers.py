@@ -1,14 +1,14 @@
 """The threads that receive and serve queries.
 
-Each query family (`keys.OPERATIONS`) has a Zenoh channel and its own threads. A short request is
+Each request type (`keys.REQUEST_TYPES`) has a Zenoh channel and its own threads. A short request is
 served by the thread that receives it: a hand-over to another thread would cost a sequential client
-a sixth of its rate. A family has one thread more than may serve at once. The thread that receives
-a query while all others serve puts it into the family's lane. So some thread always drains the
+a sixth of its rate. It has one thread more than may serve at once. The thread that receives
+a query while all others serve puts it into the lane of the type. So some thread always drains the
 channel: a full channel would block Zenoh's receive thread, and with it every client.
 
 Long requests go to lanes with threads of their own, so that short ones never wait behind them:
-one lane for long lookups, commits and batches, and one for the infos. `hello` has a family of its
-own, and as an info is served like a short request: no work delays it.
+one lane for long lookups, commits and batches, and one for the infos. `hello` is a type of its own,
+and as an info is served like a short request: no work delays it.
 
 How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in `replies`. No
 reply blocks a thread of this module.
@@ -30,7 +30,7 @@ from zenoh_tf._net import keys
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
-from .lanes import Admission, Budget, Lane, Request
+from .lanes import Admission, Lane, QueuedRequest, QueueShares
 from .replies import Replies, Reply
 
 log = logging.getLogger("zenoh_tf.server")
@@ -43,7 +43,7 @@ _MAX_SENDERS: Final = 1000
 #: A request of up to this size is short: about 15,000 lookups, or 3,000 transforms to store,
 #: which take a few milliseconds.
 SHORT_BYTES: Final = 256 << 10
-#: Families whose requests are rare: one thread serves them.
+#: Types of rare requests: one thread serves each.
 _SMALL: Final = ("info", "admin", "hello", "snapshot", "missed")
 #: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
 _HELLO: Final = b"\xa5hello"
@@ -51,7 +51,7 @@ _HELLO_BYTES: Final = 64
 
 
 class Workers:
-    """The threads of all families and lanes."""
+    """The threads of all request types and lanes."""
 
     def __init__(
         self,
@@ -59,37 +59,37 @@ class Workers:
         clients: Clients,
         replies: Replies,
         count: int,
-        operations: Sequence[str] = keys.OPERATIONS,
+        request_types: Sequence[str] = keys.REQUEST_TYPES,
     ) -> None:
         #: What waits, also of requests that come in other ways.
-        self.budget = Budget(service.limits)
+        self.budget = QueueShares(service.limits)
         service.add_counters(self.budget.counters)
         self._shared = shared = _Shared(service, clients, replies, self.budget)
         long: Lane[zenoh.Query] = Lane(self.budget)
         infos: Lane[zenoh.Query] = Lane(self.budget)
         self._lanes = ((long, count), (infos, 1))
-        self._families = [
-            _Family(
+        self._queryables = [
+            _Queryable(
                 shared,
-                operation,
-                1 if operation in _SMALL else count,
-                infos if operation == "info" else long,
+                request_type,
+                1 if request_type in _SMALL else count,
+                infos if request_type == "info" else long,
             )
-            for operation in operations
+            for request_type in request_types
         ]
 
     def start(self, session: zenoh.Session, key: Callable[[str], str]) -> None:
-        """Receive the queries on the key of each family."""
+        """Receive the queries on the key of each request type."""
         for lane, count in self._lanes:
             for index in range(count):
                 self._shared.start(f"lane-{index}", self._shared.serve_lane, lane)
-        for family in self._families:
-            family.start(session, key)
+        for queryable in self._queryables:
+            queryable.start(session, key)
 
     def close(self) -> None:
         """Receive no more queries, serve those received, and end the threads."""
-        for family in self._families:
-            family.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
         for lane, _ in self._lanes:
             lane.close()
         threads.join(*self._shared.threads)
@@ -103,14 +103,14 @@ class _Shared:
         service: Handler,
         clients: Clients,
         replies: Replies,
-        budget: Budget,
+        budget: QueueShares,
     ) -> None:
         self.service = service
         self.clients = clients
         self.replies = replies
         self.unread = replies.unread
         self.budget = budget
-        #: The families whose keys go on with the authority or operation of the request.
+        #: The types whose keys end with the authority or the admin call of the request.
         self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
         self.keys: dict[str, zenoh.KeyExpr] = {}
         self.threads: list[threading.Thread] = []
@@ -120,10 +120,10 @@ class _Shared:
     def start(self, name: str, work: Callable[..., None], *arguments: object) -> None:
         self.threads.append(threads.start(name, work, *arguments))
 
-    def reply_to(self, query: zenoh.Query, operation: str, size: int) -> Reply:
+    def reply_to(self, query: zenoh.Query, request_type: str, size: int) -> Reply:
         """The ReplyCallback of a query with `size` bytes."""
         # A reply's key must lie within its query's key.
-        key = query.key_expr if operation in self.keyed else self.keys[operation]
+        key = query.key_expr if request_type in self.keyed else self.keys[request_type]
         client, takes_parts = self.sender(query)
         return Reply(query, key, client, takes_parts, size, self.replies)
 
@@ -146,62 +146,64 @@ class _Shared:
         self._senders[data] = known
         return known
 
-    def serve(self, query: zenoh.Query, operation: str, data: bytes | None = None) -> None:
+    def serve(self, query: zenoh.Query, request_type: str, data: bytes | None = None) -> None:
         """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
         try:
             if data is None:
                 payload = query.payload
                 data = payload.to_bytes() if payload is not None else b""
-            reply_to = self.reply_to(query, operation, len(data))
+            reply_to = self.reply_to(query, request_type, len(data))
             refusal = self.replies.refusal(reply_to.client) if self.unread.total else None
             if refusal is None:
-                chunk = keys.subject(str(query.key_expr)) if operation in self.keyed else None
-                self.service.handle(operation, data, reply_to, chunk)
+                chunk = keys.subject(str(query.key_expr)) if request_type in self.keyed else None
+                self.service.handle(request_type, data, reply_to, chunk)
             else:
                 reply_to(self.service.error(refusal), True)
         except Exception:  # no query may end a worker
-            log.exception("internal error while serving %s", operation)
+            log.exception("internal error while serving %s", request_type)
             query.drop()
 
     def serve_lane(self, lane: Lane[zenoh.Query]) -> None:
         while (request := lane.wait()) is not None:
-            self.serve(request.query, request.operation)
+            self.serve(request.query, request.request_type)
 
-    def put(self, lane: Lane[zenoh.Query], query: zenoh.Query, operation: str, size: int) -> None:
+    def put(
+        self, lane: Lane[zenoh.Query], query: zenoh.Query, request_type: str, size: int
+    ) -> None:
         """Let a query wait in a lane, or refuse it."""
         refusal: Exception | None
         if size > self.service.limits.message_bytes:
             refusal = self.service.limits.exceeded("message_bytes", size)
         else:
-            refusal = lane.put(Request(query, operation, self.sender(query)[0], size))
+            refusal = lane.put(QueuedRequest(query, request_type, self.sender(query)[0], size))
         if refusal is not None:
-            self.reply_to(query, operation, size)(self.service.error(refusal), True)
+            self.reply_to(query, request_type, size)(self.service.error(refusal), True)
 
 
-class _Family(Admission[zenoh.Query]):
-    """The channel and the threads of one family of queries."""
+class _Queryable(Admission[zenoh.Query]):
+    """The channel and the threads of one type of requests."""
 
     def __init__(
-        self, shared: _Shared, operation: str, count: int, long_lane: Lane[zenoh.Query]
+        self, shared: _Shared, request_type: str, count: int, long_lane: Lane[zenoh.Query]
     ) -> None:
         super().__init__(shared.budget, count)
         self._shared = shared
-        self._operation = operation
+        self._request_type = request_type
         self._count = count
         self._long_lane = long_lane
         self._queryable: zenoh.Queryable[Any] | None = None
 
     def start(self, session: zenoh.Session, key_of: Callable[[str], str]) -> None:
-        key = key_of(self._operation)
-        self._shared.keys[self._operation] = zenoh.KeyExpr(key)
+        key = key_of(self._request_type)
+        self._shared.keys[self._request_type] = zenoh.KeyExpr(key)
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
-        served = f"{key}/**" if self._operation in self._shared.keyed else key
+        served = f"{key}/**" if self._request_type in self._shared.keyed else key
         self._queryable = session.declare_queryable(served, channel, complete=True)
         # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
         # the queryable itself.
         handler: Any = self._queryable.handler
         for index in range(self._count + 1):
-            self._shared.start(f"{self._operation}-{index}", self._work, handler.recv)
+            self._shared.start(f"{self._request_type}-{index}", self._work, handler.recv)
 
     def undeclare(self) -> None:
         if self._queryable is not None:
@@ -216,21 +218,21 @@ class _Family(Admission[zenoh.Query]):
             try:
                 self._receive(query)
             except Exception:  # no query may end a thread
-                log.exception("internal error while receiving on %s", self._operation)
+                log.exception("internal error while receiving on %s", self._request_type)
 
     def _receive(self, query: zenoh.Query) -> None:
         payload = query.payload
         size = len(payload) if payload is not None else 0
         if size <= SHORT_BYTES:
             data = payload.to_bytes() if payload is not None else b""
-            if self._operation != "info" or (size <= _HELLO_BYTES and _HELLO in data):
+            if self._request_type != "info" or (size <= _HELLO_BYTES and _HELLO in data):
                 if not self.begin(query, size):
-                    self._shared.serve(query, self._operation, data)
+                    self._shared.serve(query, self._request_type, data)
                     while (request := self.end()) is not None:
-                        self._shared.serve(request.query, self._operation)
+                        self._shared.serve(request.query, self._request_type)
                 return
-        self._shared.put(self._long_lane, query, self._operation, size)
+        self._shared.put(self._long_lane, query, self._request_type, size)
 
     def _queue(self, query: zenoh.Query, size: int) -> bool:
-        self._shared.put(self, query, self._operation, size)
+        self._shared.put(self, query, self._request_type, size)
         return True

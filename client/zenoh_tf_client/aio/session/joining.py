@@ -35,7 +35,7 @@ class Joined(Request[list[Result]]):
 class JoinedReads(Joined):
     """Lookups of single rows, as one lookup of many."""
 
-    kind = "lookup"
+    request_type = "lookup"
 
     def __init__(self, reads: Sequence[Read[Any]]) -> None:
         self._reads = reads
@@ -55,7 +55,7 @@ class JoinedReads(Joined):
 class JoinedWrites(Joined):
     """Commits of one authority, as a batch."""
 
-    kind = "batch"
+    request_type = "batch"
 
     def __init__(self, commits: Sequence[Request[Any]]) -> None:
         self._commits = commits
@@ -65,7 +65,7 @@ class JoinedWrites(Joined):
         return True
 
     def body(self) -> wire.Message:
-        return wire.batch_body([(commit.kind, commit.body()) for commit in self._commits])
+        return wire.batch_body([(commit.request_type, commit.body()) for commit in self._commits])
 
     def parse(self, reply: wire.Message) -> list[Result]:
         replies = wire.parse_batch_reply(reply, len(self._commits))

@@ -29,7 +29,7 @@ class Wait(Request[T]):
 
     def __init__(self, request: Request[T], wait_id: int) -> None:
         self._request = request
-        self.kind = request.kind
+        self.request_type = request.request_type
         self.wait_s = request.wait_s
         self.wait_id = wait_id
 

@@ -25,7 +25,7 @@ _PROBES_PER_WATCHDOG: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Settings:
+class MonitoringSettings:
     metrics: str | None = None  # HOST:PORT, None: no port
     max_authorities: int = 100
 
@@ -41,9 +41,9 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
     )
 
 
-def from_flags(options: argparse.Namespace, limits: Limits) -> Settings:
+def from_flags(options: argparse.Namespace, limits: Limits) -> MonitoringSettings:
     """The settings that the flags say."""
-    return Settings(options.metrics, limits.metrics_authorities)
+    return MonitoringSettings(options.metrics, limits.metrics_authorities)
 
 
 def _address(text: str) -> str:
@@ -54,11 +54,11 @@ def _address(text: str) -> str:
     return text
 
 
-class Operations:
+class Monitoring:
     """Listens for Prometheus from construction to the process's end, also while no server is
     there yet."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: MonitoringSettings) -> None:
         """Raises NetworkError or MetricsMissing."""
         watchdog_s = service_manager.watchdog_s()
         period_s = min(PERIOD_S, (watchdog_s or PERIOD_S * 9) / _PROBES_PER_WATCHDOG)

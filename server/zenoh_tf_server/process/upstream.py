@@ -29,7 +29,7 @@ _PERIOD_S: Final = 0.1
 _EXPLAIN_TIMEOUT_S: Final = 1.0
 
 
-class Primary:
+class Upstream:
     """The `zenoh_tf.mirrors.feed.Source` of a server."""
 
     def __init__(
@@ -100,9 +100,9 @@ class Primary:
             subscriber.undeclare()
         return True
 
-    def ask(self, operation: str, body: wire.Message) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
         """Send a request; see `Source`."""
-        return self._ask(operation, body, _REPLY_TIMEOUT_S)
+        return self._ask(request_type, body, _REPLY_TIMEOUT_S)
 
     def status(self) -> ServerStatus:
         """Ask the primary for its instance id, its clock and its last commit."""
@@ -122,8 +122,8 @@ class Primary:
         self.access = access
         return reply
 
-    def _ask(self, operation: str, body: wire.Message, timeout_s: float) -> wire.Message:
-        key = zenoh.KeyExpr(keys.operation(self._tree, operation))
+    def _ask(self, request_type: str, body: wire.Message, timeout_s: float) -> wire.Message:
+        key = zenoh.KeyExpr(keys.request(self._tree, request_type))
         reply = self._queries.ask(key, wire.pack(body), timeout_s)
         if isinstance(reply, NoReply):
             raise ServerUnavailable(reply.reason)
