@@ -6,7 +6,9 @@ import json
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from prometheus_client import CollectorRegistry, ProcessCollector
@@ -118,20 +120,22 @@ def panels(repository: Repository) -> Iterator[Violation]:
 
 def compose_files(repository: Repository) -> Iterator[Violation]:
     """Compose files are valid, limit their containers, and mount files that exist."""
-    for path in COMPOSE:
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder, path.replace("/", "-")) for path in COMPOSE]
+        for path, file in zip(COMPOSE, files, strict=True):
+            file.write_text(repository.text(path))
+        schema = ("--builtin-schema", "vendor.compose-spec")
         done = subprocess.run(
-            [
-                *(sys.executable, "-m", "check_jsonschema"),
-                *("--builtin-schema", "vendor.compose-spec", "--default-filetype", "yaml", "-"),
-            ],
-            input=repository.text(path),
+            [sys.executable, "-m", "check_jsonschema", *schema, *files],
             capture_output=True,
             text=True,
             check=False,
         )
-        if done.returncode:
-            yield Violation(path, 1, " ".join(done.stdout.split()))
-            continue
+    if done.returncode:
+        report = " ".join(done.stdout.split())
+        yield Violation(COMPOSE[0].rpartition("/")[0], 1, report)
+        return
+    for path in COMPOSE:
         for name, service in load(repository, path)["services"].items():
             limits = service.get("mem_limit") and service.get("pids_limit")
             safe = "no-new-privileges:true" in service.get("security_opt", ())

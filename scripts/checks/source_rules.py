@@ -34,10 +34,26 @@ EXTRAS = {
 }
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
 MAX_LINES = 400
+MAX_FUNCTION_LINES = 60
 TREE = "zenoh_tf/core/tree.hpp"
 #: peer.py and ros2_robot.py stand for programs that share no code with this project.
 OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "ros2_robot.py")
-HEADLESS = re.compile(r"\b(for|of|by|to|from) who\b|(^|[.;:] |[#/*\"] *)Who(ever)? \w+s\b")
+#: Words of our own, with the field's. Only those that no sentence needs.
+PLAIN = {
+    r"told|tells": "sent, reported, returned, published",
+    r"makes? no sense": "is corrupt, is invalid",
+    r"means? nothing": "is unspecified",
+    r"anew|begins? again": "again, retry",
+    r"signs? of life": "heartbeat",
+    r"as ever": "nothing",
+    r"believes?|in its right mind": "what is checked",
+    r"goes? on": "continues",
+}
+#: How a block begins that is part of a function, or has functions.
+NO_FUNCTION = re.compile(
+    r"(\} *)?(if|for|while|switch|do|else|try|catch|namespace|class|struct|enum)\b"
+)
+HEADLESS = re.compile(r"\b(for|of|by|to|from) who\b|(^|[.;:] |[#/*\"] *)Who(ever)? \w+s\b", re.M)
 
 
 def imports(repository: Repository) -> Iterator[Violation]:
@@ -74,12 +90,71 @@ def sizes(repository: Repository) -> Iterator[Violation]:
             yield Violation(path, MAX_LINES + 1, problem)
 
 
+def functions(repository: Repository) -> Iterator[Violation]:
+    """A function over 60 lines does more than one thing."""
+    for path in repository.files(".py", ".cpp", ".hpp", under=SOURCES):
+        text = repository.text(path)
+        found = _python_functions(text) if path.endswith(".py") else _native_functions(text)
+        for line, lines in found:
+            if lines > MAX_FUNCTION_LINES:
+                problem = f"is a function of {lines} lines, of at most {MAX_FUNCTION_LINES}"
+                yield Violation(path, line, f"{problem}: split it")
+
+
+def _python_functions(text: str) -> Iterator[tuple[int, int]]:
+    """The first line of each function, and how many lines it has; without those in functions."""
+    nodes: list[ast.AST] = [parsed(text)]
+    while nodes:
+        node = nodes.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1
+        else:
+            nodes += getattr(node, "body", ())
+
+
+def _native_functions(text: str) -> Iterator[tuple[int, int]]:
+    """As `_python_functions`, of C++ as clang-format writes it: a brace that ends a line is closed
+    by one at the begin of a line, as far to the right as the first line of the statement."""
+    blocks: list[tuple[int, int, str]] = []
+    begin, indent, statement = 0, 0, ""
+    for number, line in enumerate(text.splitlines(), 1):
+        code = line.partition("//")[0].strip()
+        column = len(line) - len(line.lstrip())
+        if code.startswith("}"):
+            while blocks and blocks[-1][1] > column:
+                blocks.pop()
+            if blocks and blocks[-1][1] == column:
+                opened, _, head = blocks.pop()
+                if "(" in head and not NO_FUNCTION.match(head):
+                    yield opened, number - opened + 1
+        if not begin:
+            begin, indent, statement = number, column, ""
+        statement = f"{statement} {code}".strip()
+        if code.endswith("{"):
+            blocks.append((begin, indent, statement))
+        if not code or code.endswith(("{", "}", ";", ":")):
+            begin = 0
+
+
+def words(repository: Repository) -> Iterator[Violation]:
+    """Sentences use the field's words, not those of `PLAIN`."""
+    for path, number, found in _lines_with(repository, re.compile(rf"\b({'|'.join(PLAIN)})\b")):
+        better = next(PLAIN[own] for own in PLAIN if re.fullmatch(own, found))
+        yield Violation(path, number, f"{found!r}: write {better}")
+
+
 def actors(repository: Repository) -> Iterator[Violation]:
     """Docs, comments and messages say "a reader" or "the caller", never a headless "who"."""
+    for path, number, found in _lines_with(repository, HEADLESS):
+        yield Violation(path, number, f"name the actor in place of {found!r}")
+
+
+def _lines_with(repository: Repository, pattern: re.Pattern[str]) -> Iterator[tuple[str, int, str]]:
+    """(path, line, text) wherever a pattern is found."""
     for path in repository.files(".py", ".pyi", ".cpp", ".hpp", ".md", ".yaml"):
-        for number, line in repository.lines(path):
-            if HEADLESS.search(line) and path != "scripts/checks/source_rules.py":
-                yield Violation(path, number, f"name the actor: {line.strip()}")
+        text = repository.text(path)
+        for found in pattern.finditer(text) if path != "scripts/checks/source_rules.py" else ():
+            yield path, text.count("\n", 0, found.start()) + 1, found[0]
 
 
 def configurations(repository: Repository) -> Iterator[Violation]:
