@@ -110,14 +110,14 @@ class ConnectivityException(TransformException):
     code = 3
 
 
-class InvalidArgumentException(TransformException):
-    """An argument is invalid; ``field`` names it."""
+class InvalidArgumentException(TransformException, ValueError):
+    """An argument is invalid; ``field`` names it. Also a ValueError."""
 
     code = 4
 
 
-class TimeoutException(TransformException):
-    """There was no answer in time."""
+class TimeoutException(TransformException, TimeoutError):
+    """There was no answer in time. Also a TimeoutError."""
 
     code = 5
 
