@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Final, Literal, Self
+
+#: Two bits of a version are the lock's (`zenoh_tf/core/records/lock_words.hpp`).
+_VERSIONS_PER_COMMIT: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +79,11 @@ class FrameInfo:
         """
         change = record["last_change"]
         return cls(**{**record, "last_change": None if change is None else FrameChange(**change)})
+
+    @property
+    def commits(self) -> int:
+        """Count of commits that changed the frame. Compare two: a new frame need not begin at 0."""
+        return self.version // _VERSIONS_PER_COMMIT
 
     @property
     def rate_hz(self) -> float | None:

@@ -5,16 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from zenoh_tf import AuthorityInfo, FrameInfo
 from zenoh_tf.introspection.explain import is_stopped
 from zenoh_tf.text.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.records import watch_frames
-
-#: The bits of a version below the number of commits (zenoh_tf/core/records/lock_words.hpp).
-_VERSIONS_PER_COMMIT: Final = 4
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ def figure(value: float | None, digits: int) -> str:
 def _link(
     frame: FrameInfo, before: FrameInfo, ages: list[float] | None, seconds: float, reference: int
 ) -> LinkRate:
-    commits = max(0, frame.version - before.version) // _VERSIONS_PER_COMMIT
+    commits = max(0, frame.commits - before.commits)
     return LinkRate(
         frame.name,
         frame.parent or "",
