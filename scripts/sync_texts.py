@@ -73,10 +73,6 @@ OWN_TEXTS = {
     source to coordinates in target. Lengths are in metres, stamps in integer nanoseconds. After a
     lost connection the client reconnects by itself. An asynchronous context manager, which closes
     itself at the end.
-
-    Concurrency: all methods, from any task of the event loop that made the client. Any other loop
-    gets RuntimeError, and needs a client of its own.
-
 """: """\
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
     and adds the errors of the service. ``X_target_source`` maps coordinates in source to
@@ -84,9 +80,12 @@ OWN_TEXTS = {
     connection the client reconnects by itself. A context manager, which closes itself at the end.
     A process that is forked after the first connection cannot connect, and every call raises
     ServerUnavailable: start such processes with multiprocessing's "spawn" method.
-
+""",
+        """\
+    Concurrency: all methods, from any task of the event loop that made the client. Any other loop
+    gets RuntimeError, and needs a client of its own.
+""": """\
     Thread safety: all methods.
-
 """,
         """\
         ``"shared"``: from the server's memory, without suspending the caller. ``"query"``: by a
@@ -105,7 +104,7 @@ OWN_TEXTS = {
                 answer, go through a socket of the server, if it is on this host.
 """,
         "def __init__(self, connection: Connection)": (
-            'def __init__(self, connection: Connection, reads: Mode = "auto")'
+            'def __init__(self, connection: Connection, reads: Mode = "shared")'
         ),
         """\
             connection: The open connection to use.
@@ -147,12 +146,15 @@ SharedReads(connection, reads)
     },
     "mirror": {
         """\
-    Its lookups are as fast as those of an embedded tree, and send no message. Those
-    with a `max_age_s` are coroutines, as they may ask it. The others answer without suspending the
-    caller; a `timeout_s` would block the event loop. What they read is
+    Its lookups are as fast as those of an embedded tree, and send no message. Those with a
+    `timeout_s` or a `max_age_s` are coroutines, as they may wait or ask; a thread waits for them,
+    not the event loop. The others are plain methods, which answer at once. What they read is
     always""": """\
     Its lookups are as fast as those of an embedded tree, and send no message. What they read is
     always""",
+        'print(await m.lookup_transform("map", "base"))``': (
+            'print(m.lookup_transform("map", "base"), m.age_s)``'
+        ),
         "An asynchronous context manager, which closes itself at\n    the end.": (
             "A context manager, which closes itself at the end."
         ),

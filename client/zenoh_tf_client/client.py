@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
@@ -41,13 +41,19 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
     A process that is forked after the first connection cannot connect, and every call raises
     ServerUnavailable: start such processes with multiprocessing's "spawn" method.
 
+    Every call raises the ServiceException ServerUnavailable if no server answers in time or the
+    client is closed, ServerBusy or LimitExceeded if the server has too much to do, AccessDenied if
+    its rules do not allow the call, and ProtocolError if a reply is malformed. With
+    ServerUnavailable and ServerRestarted nothing was written; with OutcomeUnknown, which only
+    writes raise, it may have been.
+
     Thread safety: all methods.
 
     Example:
         ``with TransformClient.connect() as tf: print(tf.frames())``
     """
 
-    def __init__(self, connection: Connection, reads: Mode = "auto") -> None:
+    def __init__(self, connection: Connection, reads: Mode = "shared") -> None:
         """Use `TransformClient.connect` instead.
 
         Args:
@@ -75,7 +81,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
         credentials: Credentials = NO_CREDENTIALS,
-        reads: Mode = "auto",
+        reads: Mode = "shared",
     ) -> Self:
         """Connect to the server of a tree.
 
@@ -85,8 +91,8 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/security.md.
-            reads: How lookups are answered. ``"auto"``: from the server's memory, which this
-                process maps, if the server is on this host and shares its tree; else by queries.
+            reads: How lookups are answered. ``"shared"``: from the server's memory, which this
+                process maps, where the server is on this host and shares its tree; else by queries.
                 ``"query"``: by queries. Both give the same answers and errors. With ``"query"``
                 everything goes over Zenoh; else writes, and lookups that the memory cannot
                 answer, go through a socket of the server, if it is on this host.
@@ -149,19 +155,19 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         return self._connection.endpoint
 
     @property
-    def tree(self) -> str:
+    def tree_name(self) -> str:
         """Returns the name of the tree."""
         return self._connection.tree
 
     @property
-    def reads(self) -> Literal["shared", "query"]:
+    def reads(self) -> Mode:
         """Returns how a lookup would be answered now.
 
         ``"shared"``: from the server's memory, in well under a microsecond. ``"query"``: by a query
         of the server, as long as its memory cannot be read. This changes by itself, for example
         when the server restarts; `stats` has the reasons, under names with ``reads_``.
         """
-        return self._reads.way
+        return self._reads.in_use
 
     def gate(
         self,
@@ -215,8 +221,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         Asks the server if no id is known.
 
         Raises:
-            ServerUnavailable: No id is known, and no server answered in time.
-            ProtocolError: The reply is malformed.
+            ServiceException: No id is known, and no server answered.
         """
         return self._connection.instance
 

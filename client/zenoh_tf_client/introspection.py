@@ -29,9 +29,7 @@ class Introspection:
             The names, in no particular order.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.frames()
         if type(found) is not AskServer:
@@ -55,9 +53,7 @@ class Introspection:
         Raises:
             LookupException: The frame is unknown.
             InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.frame(name)
         if type(found) is not AskServer:
@@ -79,9 +75,7 @@ class Introspection:
 
         Raises:
             InvalidArgumentException: A name or the stamp makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         frames = self._ancestors(target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else self.frames()
@@ -101,9 +95,7 @@ class Introspection:
             One record for each authority, in the order of their first commits.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         return self._connection.call(info.authorities())
 
@@ -114,9 +106,7 @@ class Introspection:
             One record for each client that has told its clock, this one included.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         return self._connection.call(info.clients())
 
@@ -134,9 +124,7 @@ class Introspection:
             LookupException: The frame is unknown.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name, stamp or time-out makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
@@ -160,9 +148,7 @@ class Introspection:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name, stamp or time-out makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
@@ -178,8 +164,6 @@ class Introspection:
             asked the server instead, and ``reads_refused_*`` why its memory was not mapped.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         return self._connection.call(info.stats()) | self._reads.stats()

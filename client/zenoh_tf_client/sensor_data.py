@@ -59,10 +59,8 @@ class SensorData:
             ExtrapolationException: A link has no data for one of the times. The error has that time
                 and the link's range as fields.
             InvalidArgumentException: An argument makes no sense, or the arrays do not fit.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as more distinct stamps than a
-                message may have rows.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: There are more distinct stamps than a message may have rows.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``cloud = tf.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))``

@@ -33,11 +33,8 @@ class Writes:
 
         Raises:
             InvalidArgumentException: The transform makes no sense, or would close a cycle.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
 
         Example:
             ``tf.set_transform(StampedTransform("map", "base", time.time_ns(), X_map_base))``
@@ -57,11 +54,8 @@ class Writes:
         Raises:
             InvalidArgumentException: A transform makes no sense, is older than the server's cache
                 time, or would close a cycle.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
         """
         self._connection.call(writes.set_transforms_xact(stampeds, authority, static))
 
@@ -72,11 +66,8 @@ class Writes:
             keep_static: True to keep static transforms.
 
         Raises:
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
         """
         self._connection.call(writes.clear(keep_static))
 
@@ -87,8 +78,7 @@ class Writes:
         keep static transforms do not announce them again until a server starts, and then all.
 
         Raises:
-            ServerUnavailable: No server answered, and nothing was changed.
-            OutcomeUnknown: The request was sent, but no answer came in time.
+            ServiceException: As for every write; see the class.
 
         Example:
             >>> tf.reset()
@@ -107,10 +97,7 @@ class Writes:
         Raises:
             LookupException: The frame is unknown.
             InvalidArgumentException: Other frames are below it, and `subtree` is False.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
         """
         self._connection.call(writes.remove_frame(name, subtree))

@@ -19,7 +19,7 @@ from . import (
 from .repository import Repository, Violation
 
 CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
-    *(docstrings.docstrings, docstrings.references),
+    docstrings.docstrings,
     *(source_rules.imports, source_rules.sizes, source_rules.actors, source_rules.configurations),
     *(source_rules.lock_order, core_rooms.core_rooms, made_files.made_files),
     *(packaging.make_targets, packaging.readme, packaging.metadata, packaging.extras),

@@ -2,7 +2,8 @@
 
 The rule: Google-style docstrings. Every parameter is named in `Args:`; there is a `Returns:`
 section or a first line that begins with "Return", unless the result is None; `Raises:` stands
-exactly where something can be raised.
+exactly where something can be raised. A method may refer to one of the same name instead: "As
+`TransformClient.frames`". Then it explains only what differs.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 import zenoh_tf
 import zenoh_tf_client
 
-from .public_members import REFERRING, Member, class_of, functions, members
+from .public_members import Member, class_of, members
 from .repository import Repository, Violation
 
 CLASSES: list[type] = [
@@ -32,6 +33,7 @@ CLASSES: list[type] = [
     zenoh_tf_client.AsyncBroadcaster,
     zenoh_tf_client.AsyncTransaction,
     zenoh_tf_client.AsyncBatch,
+    zenoh_tf_client.AsyncMirror,
 ]
 #: Methods that raise nothing of their own.
 RAISE_NOTHING = {
@@ -41,15 +43,10 @@ RAISE_NOTHING = {
     "TransformClient": {"batch", "close", "transaction"},
     "Broadcaster": {"close"},
     "Mirror": {"close"},
-    # Only recorded: the handle raises.
-    "Batch": {
-        *("authorities", "chain", "frame", "frames", "latest_common_time", "parent", "stats"),
-        *("lookup_latest_transform", "lookup_latest_transform_xact"),
-        *("lookup_latest_transforms_xact", "set_transform", "set_transforms_xact"),
-    },
 }
-RAISE_NOTHING |= {f"Async{name}": RAISE_NOTHING[name] for name in ("Broadcaster", "Batch")}
-RAISE_NOTHING["AsyncTransformClient"] = RAISE_NOTHING["TransformClient"]
+RAISE_NOTHING |= {
+    f"Async{name}": RAISE_NOTHING[name] for name in ("TransformClient", "Broadcaster", "Mirror")
+}
 #: What parameters and results of these names are measured in.
 UNITS = {r"\w+_ns": "nanosecond", r"\w+_s": "second", r"stamped|translation|points": "metre"}
 RESULTS = {"StampedTransform": "metre", "Velocity": "m/s"}
@@ -57,14 +54,40 @@ RESULTS = {"StampedTransform": "metre", "Velocity": "m/s"}
 
 def docstrings(repository: Repository) -> Iterator[Violation]:
     """Public classes and methods have docstrings that follow the rule."""
+    public = {
+        kind.__name__: {each.name: each for each in members(repository, kind)} for kind in CLASSES
+    }
     for kind in CLASSES:
         path, node = class_of(repository, kind)
         if not ast.get_docstring(node):
             yield Violation(path, node.lineno, f"{kind.__name__} has no docstring")
-        for member in members(repository, kind):
-            for problem in problems(member):
+        for member in public[kind.__name__].values():
+            found = re.match(r"As `(\w+)\.(\w+)`", member.doc)
+            if found:
+                referred = public.get(found[1], {}).get(found[2])
+                all_problems = reference_problems(member, referred)
+            else:
+                all_problems = problems(member)
+            for problem in all_problems:
                 name = f"{kind.__name__}.{member.name}"
                 yield Violation(member.path, member.node.lineno, f"{name}: {problem}")
+
+
+def reference_problems(member: Member, referred: Member | None) -> Iterator[str]:
+    """A method that refers to another one explains only the arguments that are its own."""
+    if referred is None or referred.name != member.name:
+        yield "refer to a public method of the same name"
+        return
+    arguments = member.section("Args")
+    for name in member.parameters:
+        if name in referred.parameters:
+            if member.defaults.get(name) != referred.defaults.get(name):
+                yield f"the default of {name!r} differs from that of {referred.owner.__name__}"
+        elif not re.search(rf"^\s+{name}: \S", arguments, re.M):
+            yield f"explain {name!r} in Args"
+    order = [name for name in referred.parameters if name in member.parameters]
+    if order != [name for name in member.parameters if name in order]:
+        yield f"its arguments have another order than those of {referred.owner.__name__}"
 
 
 def problems(member: Member) -> Iterator[str]:
@@ -102,18 +125,3 @@ def raises_problems(member: Member) -> Iterator[str]:
     for name in re.findall(r"^ {4}(\w+): \S", raises, re.M):
         if not hasattr(zenoh_tf, name) and not name.endswith("Error"):
             yield f"Raises names {name}, which is no error"
-
-
-def references(repository: Repository) -> Iterator[Violation]:
-    """A mirror's methods refer to the embedded tree's, and have their arguments."""
-    path, node = class_of(repository, REFERRING)
-    own = {member.name: member for member in members(repository, zenoh_tf.TransformTree)}
-    for name, function in functions(node).items():
-        if name.startswith("_"):
-            continue
-        if not (ast.get_docstring(function) or "").startswith(f"As `TransformTree.{name}`"):
-            problem = f"{name}: let the docstring begin with: As `TransformTree.{name}`"
-            yield Violation(path, function.lineno, problem)
-        if ast.unparse(function.args) != ast.unparse(own[name].node.args):
-            problem = f"{name}: its arguments differ from TransformTree.{name}'s"
-            yield Violation(path, function.lineno, problem)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import ast
 import functools
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-
-from zenoh_tf_client.mirror.reads import MirrorReads
 
 from .repository import Repository
 
 AnyFunction = ast.FunctionDef | ast.AsyncFunctionDef
 STUBS = ("zenoh_tf/_core.pyi", "zenoh_tf/_core_stubs/transform.pyi")
-#: A base whose methods refer to those of the same names in another class.
-REFERRING = MirrorReads
 
 
 @dataclass(frozen=True)
@@ -36,6 +33,18 @@ class Member:
         arguments = self.node.args
         names = [a.arg for a in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
         return [name for name in names if name not in ("self", "cls")]
+
+    @property
+    def defaults(self) -> dict[str, str]:
+        """The default of each parameter that has one."""
+        arguments = self.node.args
+        positional = [*arguments.posonlyargs, *arguments.args]
+        last = positional[len(positional) - len(arguments.defaults) :]
+        pairs = itertools.chain(
+            zip(last, arguments.defaults, strict=True),
+            zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True),
+        )
+        return {name.arg: ast.unparse(default) for name, default in pairs if default is not None}
 
     @property
     def returns(self) -> str:
@@ -75,7 +84,7 @@ def members(repository: Repository, kind: type) -> Iterator[Member]:
     """The public methods and properties of a class, inherited ones included."""
     seen: set[str] = set()
     for base in kind.__mro__[:-1]:
-        if base is REFERRING or base.__module__ in ("abc", "typing", "builtins"):
+        if base.__module__ in ("abc", "typing", "builtins"):
             continue
         path, node = class_of(repository, base)
         for name, function in functions(node).items():

@@ -35,7 +35,7 @@ _WRONG_MS = 300
 
 
 class Client:
-    reads: Literal["auto", "query"] = "query"
+    reads: Literal["shared", "query"] = "query"
     #: Whether each read is of a time between its call and its return, also without a commit.
     _reads_now = True
 
@@ -131,7 +131,7 @@ class SharedClient(Client):
     the others, which are slower, have their part in the history.
     """
 
-    reads = "auto"
+    reads = "shared"
 
     def _step(self, tf: TransformClient) -> str:
         time.sleep(self._random.uniform(0, 0.01))

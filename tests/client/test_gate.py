@@ -307,7 +307,7 @@ def test_10000_items_of_a_client(start_server: StartServer) -> None:
 
 
 def test_a_mirror_and_shared_memory(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="auto") as client:
+    with start_sharing().connect(reads="shared") as client:
         client.set_transforms_xact([at(100), at(200)])
         with client.mirror() as mirror:
             mirror.wait_for()

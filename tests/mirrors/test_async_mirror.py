@@ -11,7 +11,12 @@ import pytest
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.errors import ServerUnavailable, TimeoutException
+from zenoh_tf.errors import (
+    ExtrapolationException,
+    InvalidArgumentException,
+    ServerUnavailable,
+    TimeoutException,
+)
 from zenoh_tf_client import (
     AsyncMirror,
     AsyncTransaction,
@@ -40,13 +45,15 @@ def test_lookups_and_own_writes(server: ServerProcess) -> None:
     async def test(tf: AsyncTransformClient) -> None:
         await tf.set_transform(stamped("base", 1, 5))
         async with await tf.mirror() as m:
-            assert m.lookup_transform("map", "base") == await tf.lookup_transform("map", "base")
+            assert await m.lookup_transform("map", "base") == await tf.lookup_transform(
+                "map", "base"
+            )
             latest = await tf.lookup_latest_transform("map", "base")
             assert await m.lookup_latest_transform("map", "base") == latest
             for stamp in range(2, 20):
                 await tf.set_transform(stamped("base", stamp))
                 await m.wait_for()
-                assert m.lookup_transform("map", "base").stamp_ns == stamp
+                assert (await m.lookup_transform("map", "base")).stamp_ns == stamp
             assert m.instance == await tf.instance
             with pytest.raises(TimeoutException):
                 await m.wait_for(Receipt(m.instance, m.seq + 1000), timeout_s=0.1)
@@ -94,13 +101,37 @@ def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess)
                 await m.wait_for(Receipt(m.instance, 1 << 40), timeout_s=0.2)
             assert ticks > before
             with pytest.raises(OutsideInterest):
-                m.lookup_transform("map", "other")
+                await m.lookup_transform("map", "other")
             waiting = asyncio.create_task(m.wait_for(Receipt(m.instance, 1 << 40)))
             await asyncio.sleep(0.05)
             waiting.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await waiting
         ticking.cancel()
+
+    run(server, test)
+
+
+def test_the_loop_goes_on_while_lookups_wait(server: ServerProcess) -> None:
+    async def test(tf: AsyncTransformClient) -> None:
+        await tf.set_transform(stamped("base", 1))
+        async with await tf.mirror() as m:
+            waiting = asyncio.gather(
+                m.lookup_transform("map", "base", 2, DEADLINE_S),
+                m.lookup_transform_full("map", 2, "base", 2, "map", DEADLINE_S),
+                m.can_transform("map", "base", 2, DEADLINE_S),
+            )
+            await asyncio.sleep(0.05)
+            await tf.set_transform(stamped("base", 3))  # on the same loop
+            found, full, can = await waiting
+            assert (found.stamp_ns, full.stamp_ns, can) == (2, 2, True)
+            with pytest.raises(ExtrapolationException):
+                await m.lookup_transform("map", "base", 4, timeout_s=0.05)
+            with pytest.raises(ExtrapolationException):
+                await m.lookup_transform_full("map", 4, "base", 4, "map", timeout_s=0.05)
+            assert not await m.can_transform("map", "base", 4, timeout_s=0.05)
+            with pytest.raises(InvalidArgumentException):
+                await m.lookup_transform("map", "base", 4, timeout_s=-1)
 
     run(server, test)
 
@@ -146,7 +177,7 @@ def test_a_gate(server: ServerProcess) -> None:
             assert gate.stats()["held"] == 1
             await tf.set_transform(stamped("base", 5))
             item, transform = await gate.get(DEADLINE_S)
-            assert (item, transform) == ("late", m.lookup_transform("map", "base", 3))
+            assert (item, transform) == ("late", await m.lookup_transform("map", "base", 3))
 
     run(server, test)
 
@@ -154,7 +185,15 @@ def test_a_gate(server: ServerProcess) -> None:
 def test_it_has_the_methods_of_a_mirror() -> None:
     names = {name for name in dir(Mirror) if not name.startswith("_")}
     assert {name for name in dir(AsyncMirror) if not name.startswith("_")} == names
-    asking = {name for name in names if name.startswith("lookup_latest_")}  # if it is too old
-    assert len(asking) == 3
-    for name in names - {"close", "wait_for", "run_transaction"} - asking:
-        assert not inspect.iscoroutinefunction(getattr(AsyncMirror, name)), name
+    may_wait = {"close", "wait_for", "run_transaction"}
+    for name in names:
+        method = getattr(Mirror, name)
+        if callable(method) and {"timeout_s", "max_age_s"} & {
+            *inspect.signature(method).parameters
+        }:
+            may_wait.add(name)
+    may_wait.remove("gate")  # its time-out is that of items
+    assert len(may_wait) == 9
+    for name in names:
+        is_coroutine = inspect.iscoroutinefunction(getattr(AsyncMirror, name))
+        assert is_coroutine == (name in may_wait), name

@@ -114,7 +114,7 @@ def test_a_client_reads_its_own_writes(near: TransformClient) -> None:
     assert near.frame(FRAMES[0]).samples == 0
 
 
-@pytest.mark.parametrize("reads", ["query", "auto"])
+@pytest.mark.parametrize("reads", ["query", "shared"])
 def test_an_asynchronous_client_reads_its_own_writes(replica: ServerProcess, reads: Mode) -> None:
     async def write_and_read() -> None:
         async with await AsyncTransformClient.connect(replica.endpoint, reads=reads) as tf:
@@ -206,7 +206,7 @@ def test_transactions_of_clients_everywhere(primary: ServerProcess, replica: Ser
         assert pose.translation[0] == 3 * rounds
 
 
-@pytest.mark.parametrize("reads", ["query", "auto"])
+@pytest.mark.parametrize("reads", ["query", "shared"])
 def test_a_transaction_of_one_read_is_validated(
     primary: ServerProcess, replica: ServerProcess, reads: Mode
 ) -> None:
@@ -265,7 +265,7 @@ def test_a_client_on_the_host_reads_the_replicas_memory(
     primary: ServerProcess, start_replica: StartServer, socket_folder: Path
 ) -> None:
     replica = start_replica(primary, flags=("--share-dir", str(socket_folder)))
-    with primary.connect(10) as far, replica.connect(10, reads="auto") as tf:
+    with primary.connect(10) as far, replica.connect(10, reads="shared") as tf:
         assert way(tf) == "shared"
         for stamp in range(1, 50):
             tf.set_transforms_xact(step(stamp))
@@ -300,7 +300,7 @@ def test_a_new_copy_has_memory_of_its_own(
     socket_folder: Path,
 ) -> None:
     replica = start_replica(primary, flags=("--share-dir", str(socket_folder)))
-    with replica.connect(10, reads="auto") as tf:
+    with replica.connect(10, reads="shared") as tf:
         tf.set_transforms_xact(step(7))
         assert seen(tf) == 7
         (old,) = socket_folder.glob("*.sock")

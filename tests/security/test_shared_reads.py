@@ -31,10 +31,10 @@ def test_the_offer_follows_the_rules(
     config.write_text(RULES)
     flags = ["--config", str(config), "--users", files.users, *files.server_flags()]
     server = start_sharing(*flags, endpoint=tls_endpoint())
-    with connect(server, files.user("reader"), reads="auto") as tf:
+    with connect(server, files.user("reader"), reads="shared") as tf:
         assert tf.reads == "shared"
         assert not tf.can_transform("map", "base")
-    with connect(server, files.user("wheels"), reads="auto") as tf:
+    with connect(server, files.user("wheels"), reads="shared") as tf:
         assert tf.reads == "query"
         with pytest.raises(AccessDenied, match="may not read"):
             tf.can_transform("map", "base")

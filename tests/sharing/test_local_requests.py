@@ -107,7 +107,7 @@ def test_what_takes_long_goes_over_zenoh(client: TransformClient) -> None:
 
 
 def test_an_sdk_client_uses_it_unless_it_asks_by_query(server: ServerProcess) -> None:
-    with server.connect(reads="auto") as auto, server.connect(reads="query") as query:
+    with server.connect(reads="shared") as auto, server.connect(reads="query") as query:
         for tf in (auto, query):
             tf.set_transform(link())
         assert (through_socket(auto), through_socket(query)) == (1, 0)

@@ -41,7 +41,7 @@ def open_descriptors(server: ServerProcess) -> int:
 
 
 def reads_shared(server: ServerProcess) -> bool:
-    with server.connect(reads="auto") as tf:
+    with server.connect(reads="shared") as tf:
         return tf.reads == "shared"
 
 
@@ -138,7 +138,7 @@ with socket.socket(socket.AF_UNIX) as listener:
     ) as impostor:
         assert impostor.stdout is not None
         assert impostor.stdout.readline() == "listens\n"
-        with server.connect(reads="auto") as tf:
+        with server.connect(reads="shared") as tf:
             assert tf.reads == "query"
             assert tf.stats()["reads_refused_not_trusted"] == 1
             assert not tf.can_transform("map", "base")
@@ -150,7 +150,7 @@ def test_a_client_refuses_a_folder_that_others_may_write_to(
 ) -> None:
     server = start_sharing()
     socket_folder.chmod(0o777)
-    with server.connect(reads="auto") as tf:
+    with server.connect(reads="shared") as tf:
         assert tf.reads == "query" and tf.stats()["reads_refused_not_trusted"] == 1
     socket_folder.chmod(0o700)
     assert reads_shared(server)

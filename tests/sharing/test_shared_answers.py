@@ -36,7 +36,7 @@ def both(
     log = tmp_path_factory.mktemp("log") / "server.log"
     with tempfile.TemporaryDirectory() as path:
         server = ServerProcess(log, free_endpoint(), "main", ("--share-dir", path))
-        with server.connect(reads="auto") as shared, server.connect(reads="query") as query:
+        with server.connect(reads="shared") as shared, server.connect(reads="query") as query:
             assert (shared.reads, query.reads) == ("shared", "query")
             yield shared, query
         server.stop()
@@ -115,7 +115,7 @@ def test_both_ways_give_the_same_answers_and_errors(
 ) -> None:
     rng = random.Random(17)
     server = start_sharing("--concurrency", concurrency)
-    with server.connect(reads="auto") as shared, server.connect(reads="query") as query:
+    with server.connect(reads="shared") as shared, server.connect(reads="query") as query:
         shared.set_transforms_xact(tree_of(rng))
         answered = 0
         for _ in range(1500):

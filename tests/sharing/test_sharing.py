@@ -62,7 +62,7 @@ def asked(tf: TransformClient) -> int:
 
 
 def test_reads_are_shared_and_see_the_clients_own_writes(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="auto") as tf:
+    with start_sharing().connect(reads="shared") as tf:
         assert tf.reads == "shared"
         for x in range(20):
             tf.set_transform(link(x))
@@ -96,7 +96,7 @@ def test_a_method_that_is_kept_keeps_the_connection(start_sharing: StartServer) 
     server = start_sharing()
     with server.connect() as other:
         other.set_transform(link(1))
-        look = server.connect(reads="auto").lookup_transform
+        look = server.connect(reads="shared").lookup_transform
         gc.collect()
         assert look("map", "base", timeout_s=0.0).transform.translation[0] == 1
         timer = threading.Timer(0.2, lambda: other.set_transform(link(2, "later")))
@@ -118,7 +118,7 @@ def test_reads_can_be_queries(start_sharing: StartServer) -> None:
 
 def test_a_lookup_waits_at_the_server(start_sharing: StartServer) -> None:
     server = start_sharing()
-    with server.connect(reads="auto") as tf, server.connect() as other:
+    with server.connect(reads="shared") as tf, server.connect() as other:
         timer = threading.Timer(0.2, lambda: other.set_transform(link(7)))
         timer.start()
         assert tf.lookup_transform("map", "base", timeout_s=30).transform.translation[0] == 7
@@ -129,7 +129,7 @@ def test_a_lookup_waits_at_the_server(start_sharing: StartServer) -> None:
 
 
 def test_a_transaction_is_one_query(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="auto") as tf:
+    with start_sharing().connect(reads="shared") as tf:
         tf.set_transform(link(0))
         asked_before = lookups(tf)
 
@@ -191,7 +191,7 @@ def test_no_answer_is_from_a_killed_server_once_its_successor_has_committed(
 ) -> None:
     endpoint = free_endpoint()
     first = start_sharing(endpoint=endpoint)
-    with first.connect(reads="auto") as tf:
+    with first.connect(reads="shared") as tf:
         tf.set_transform(link(1))
         reader = Reader(tf)
         try:
@@ -215,7 +215,7 @@ def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(
     start_sharing: StartServer,
 ) -> None:
     server = start_sharing()
-    with server.connect(1.0, reads="auto") as tf:
+    with server.connect(1.0, reads="shared") as tf:
         tf.set_transform(link(1))
         server.freeze()
         eventually(lambda: tf.reads == "query")
@@ -237,7 +237,7 @@ def test_all_clients_of_a_connection_follow_its_memory(start_sharing: StartServe
         _tree: SharedTree
 
     other = Other()
-    with start_sharing().connect(reads="auto") as tf:
+    with start_sharing().connect(reads="shared") as tf:
         tf._reads.attach(other)
         assert tf._tree is other._tree is tf._reads.tree is not NO_TREE
     assert tf._tree is other._tree is NO_TREE
@@ -245,7 +245,7 @@ def test_all_clients_of_a_connection_follow_its_memory(start_sharing: StartServe
 
 def test_a_server_without_sharing_is_asked(start_server: StartServer) -> None:
     server = start_server("--no-share")
-    with server.connect(reads="auto") as tf:
+    with server.connect(reads="shared") as tf:
         assert tf.reads == "query"
         tf.set_transform(link(1))
         assert tf.lookup_transform("map", "base").transform.translation[0] == 1
@@ -258,7 +258,7 @@ def test_another_layout_is_refused_with_a_clear_line(
 ) -> None:
     server = start_sharing()
     monkeypatch.setattr(handover, "LAYOUT", (0, 17))
-    with caplog.at_level(logging.INFO, "zenoh_tf.client"), server.connect(reads="auto") as tf:
+    with caplog.at_level(logging.INFO, "zenoh_tf.client"), server.connect(reads="shared") as tf:
         assert tf.reads == "query"
         assert not tf.can_transform("map", "base")
         assert tf.stats()["reads_refused_other_layout"] == 1
@@ -269,7 +269,7 @@ def test_another_layout_is_refused_with_a_clear_line(
 def test_another_host_is_asked(start_sharing: StartServer, monkeypatch: pytest.MonkeyPatch) -> None:
     server = start_sharing()
     monkeypatch.setattr(handover, "boot_id", lambda: "another")
-    with server.connect(reads="auto") as tf:
+    with server.connect(reads="shared") as tf:
         assert tf.reads == "query"
         assert tf.stats()["reads_refused_other_host"] == 1
 
@@ -304,15 +304,15 @@ def test_a_socket_in_another_folder_is_found(
         [path] = socket_folder.glob("*.sock")
         (Path(runtime) / "zenoh-tf").mkdir()
         path.rename(Path(runtime) / "zenoh-tf" / path.name)
-        with server.connect(reads="auto") as tf:
+        with server.connect(reads="shared") as tf:
             assert tf.reads == "query"
         monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
-        with server.connect(reads="auto") as tf:
+        with server.connect(reads="shared") as tf:
             assert tf.reads == "shared"
 
 
 def test_velocities_and_arrays_are_shared(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="auto") as tf:
+    with start_sharing().connect(reads="shared") as tf:
         for k in range(3):
             tf.set_transform(StampedTransform("map", "base", k * 10**9, Transform((2 * k, 0, 0))))
         velocity = tf.lookup_velocity("base", "map", 10**9, 1.0)
@@ -362,14 +362,14 @@ def mapped_regions() -> int:
 
 def test_connections_leave_nothing_behind(start_sharing: StartServer) -> None:
     server = start_sharing()
-    with server.connect(reads="auto"):
+    with server.connect(reads="shared"):
         pass
     eventually(lambda: mapped_regions() == 0)
     descriptors = len(os.listdir("/proc/self/fd"))
     of_server = f"/proc/{server.process.pid}/fd"
     before = len(os.listdir(of_server))
     for _ in range(50):
-        with server.connect(reads="auto") as tf:
+        with server.connect(reads="shared") as tf:
             assert tf.reads == "shared" and mapped_regions() == 1
         del tf
     eventually(lambda: mapped_regions() == 0)

@@ -58,7 +58,7 @@ def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(connection, "TransformClient", Recorder)
     tf2.connect()
-    assert asked == [("tcp/127.0.0.1:7447", "main", "auto")]
+    assert asked == [("tcp/127.0.0.1:7447", "main", "shared")]
 
 
 def test_one_server_at_a_time(start_server: Any) -> None:

@@ -68,12 +68,9 @@ class AsyncBatch(BatchOperations):
         If it raises, every handle raises the same error.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            OutcomeUnknown: No reply came to a batch that writes, which may have been applied.
-            ServerRestarted: The server was restarted while the batch was sent; nothing was applied.
             LimitExceeded: The message is too large, or the server's backlog of requests is full.
             InvalidArgumentException: A `timeout_s` is not from 0 to 3600 s.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call of the client, and every write if the batch writes.
         """
         recorded, self._recorded = self._recorded, []
         if not recorded:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
@@ -44,6 +44,12 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     lost connection the client reconnects by itself. An asynchronous context manager, which closes
     itself at the end.
 
+    Every call raises the ServiceException ServerUnavailable if no server answers in time or the
+    client is closed, ServerBusy or LimitExceeded if the server has too much to do, AccessDenied if
+    its rules do not allow the call, and ProtocolError if a reply is malformed. With
+    ServerUnavailable and ServerRestarted nothing was written; with OutcomeUnknown, which only
+    writes raise, it may have been.
+
     Concurrency: all methods, from any task of the event loop that made the client. Any other loop
     gets RuntimeError, and needs a client of its own.
 
@@ -78,7 +84,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
         credentials: Credentials = NO_CREDENTIALS,
-        reads: Mode = "auto",
+        reads: Mode = "shared",
     ) -> Self:
         """Connect to the server of a tree.
 
@@ -88,8 +94,8 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/security.md.
-            reads: How lookups are answered. ``"auto"``: from the server's memory, which this
-                process maps, if the server is on this host and shares its tree; else by queries.
+            reads: How lookups are answered. ``"shared"``: from the server's memory, which this
+                process maps, where the server is on this host and shares its tree; else by queries.
                 ``"query"``: by queries. Both give the same answers and errors.
 
         Returns:
@@ -156,19 +162,19 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         return self._connection.endpoint
 
     @property
-    def tree(self) -> str:
+    def tree_name(self) -> str:
         """Returns the name of the tree."""
         return self._connection.tree
 
     @property
-    def reads(self) -> Literal["shared", "query"]:
+    def reads(self) -> Mode:
         """Returns how a lookup would be answered now.
 
         ``"shared"``: from the server's memory, without suspending the caller. ``"query"``: by a
         query of the server, as long as its memory cannot be read. This changes by itself, for
         example when the server restarts; `stats` has the reasons, under names with ``reads_``.
         """
-        return self._reads.way
+        return self._reads.in_use
 
     def gate(
         self,
@@ -222,8 +228,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         Asks the server if no id is known: ``await tf.instance``.
 
         Raises:
-            ServerUnavailable: No id is known, and no server answered in time.
-            ProtocolError: The reply is malformed.
+            ServiceException: No id is known, and no server answered.
         """
         return await self._connection.instance()
 
@@ -318,7 +323,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ProtocolError: A reply is malformed.
 
         Example:
-            ``async with await tf.mirror() as m: print(m.lookup_transform("map", "base"))``
+            ``async with await tf.mirror() as m: print(await m.lookup_transform("map", "base"))``
         """
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
         return await in_thread(

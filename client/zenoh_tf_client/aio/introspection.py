@@ -27,9 +27,7 @@ class AsyncIntrospection:
             The names, in no particular order.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.frames()
         if type(found) is not AskServer:
@@ -53,9 +51,7 @@ class AsyncIntrospection:
         Raises:
             LookupException: The frame is unknown.
             InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.frame(name)
         if type(found) is not AskServer:
@@ -77,9 +73,7 @@ class AsyncIntrospection:
 
         Raises:
             InvalidArgumentException: A name or the stamp makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         frames = await self._ancestors(target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else await self.frames()
@@ -99,9 +93,7 @@ class AsyncIntrospection:
             One record for each authority, in the order of their first commits.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         return await self._connection.call(info.authorities())
 
@@ -112,9 +104,7 @@ class AsyncIntrospection:
             One record for each client that has told its clock, this one included.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         return await self._connection.call(info.clients())
 
@@ -132,9 +122,7 @@ class AsyncIntrospection:
             LookupException: The frame is unknown.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name, stamp or time-out makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
@@ -158,9 +146,7 @@ class AsyncIntrospection:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name, stamp or time-out makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._reads.tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
@@ -176,8 +162,6 @@ class AsyncIntrospection:
             asked the server instead, and ``reads_refused_*`` why its memory was not mapped.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         return await self._connection.call(info.stats()) | self._reads.stats()

@@ -51,9 +51,7 @@ class AsyncLookups:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name, stamp or time-out makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``X_map_base = (await tf.lookup_transform("map", "base")).transform``
@@ -96,9 +94,7 @@ class AsyncLookups:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name, stamp or time-out makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._tree.lookup_transform_full(
             target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
@@ -128,9 +124,7 @@ class AsyncLookups:
 
         Raises:
             InvalidArgumentException: `stamp_ns` or `timeout_s` makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
         if type(found) is not AskServer:
@@ -157,9 +151,7 @@ class AsyncLookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._tree.lookup_latest_transform(target, source)
         if found:
@@ -181,9 +173,7 @@ class AsyncLookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``X_map_wrist = (await tf.lookup_latest_transform_xact("map", "wrist")).transform``
@@ -208,9 +198,7 @@ class AsyncLookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``arm, cup = await tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
@@ -240,9 +228,7 @@ class AsyncLookups:
 
         Raises:
             InvalidArgumentException: The lengths differ, or a stamp is not a 64-bit integer.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._tree.lookup_transforms(targets, sources, stamps_ns)
         if type(found) is not AskServer:
@@ -263,9 +249,7 @@ class AsyncLookups:
 
         Raises:
             InvalidArgumentException: A stamp is not a 64-bit integer.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``path = (await tf.sample("map", "camera", stamps_ns)).translations``
@@ -287,9 +271,7 @@ class AsyncLookups:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._tree.latest_common_time(a, b)
         if type(found) is not AskServer:
@@ -330,9 +312,7 @@ class AsyncLookups:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: An argument makes no sense.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
+            ServiceException: As for every call; see the class.
         """
         found = self._tree.lookup_velocity(
             tracking_frame,

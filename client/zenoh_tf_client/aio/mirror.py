@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -9,6 +10,7 @@ from typing import Any, Self, TypeVar
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, TransformArray, wire
 
 from ..mirror.copy import MirrorCopy
+from ..mirror.reads import PLAIN
 from ..requests import lookups
 from ..requests.receipt import Receipt
 from ..requests.request import Request
@@ -26,9 +28,9 @@ T = TypeVar("T")
 class AsyncMirror(MirrorCopy):
     """A copy of the server's tree in this process; made by `AsyncTransformClient.mirror`.
 
-    Its lookups are as fast as those of an embedded tree, and send no message. Those
-    with a `max_age_s` are coroutines, as they may ask it. The others answer without suspending the
-    caller; a `timeout_s` would block the event loop. What they read is
+    Its lookups are as fast as those of an embedded tree, and send no message. Those with a
+    `timeout_s` or a `max_age_s` are coroutines, as they may wait or ask; a thread waits for them,
+    not the event loop. The others are plain methods, which answer at once. What they read is
     always a state that the server's tree has had: the commits up to `seq`, each as a whole, and
     none after it. `age_s` says how old that state may be. Several lookups may see several such
     states, but never go back while the same server runs. Writes go to the server, as always.
@@ -40,8 +42,11 @@ class AsyncMirror(MirrorCopy):
     Concurrency: lookups and properties, from any thread; coroutines, from the client's event loop.
 
     Example:
-        ``async with await tf.mirror() as m: print(m.lookup_transform("map", "base"), m.age_s)``
+        ``async with await tf.mirror() as m: print(await m.lookup_transform("map", "base"))``
     """
+
+    if True:  # asynchronous
+        _taken = PLAIN
 
     def __init__(
         self,
@@ -105,26 +110,73 @@ class AsyncMirror(MirrorCopy):
         if awaited is not None and not self._has(awaited):
             await in_thread(lambda: self._wait_until(awaited, timeout_s))
 
-    # --- lookups beside those of MirrorReads
+    # --- lookups that may wait
+
+    async def lookup_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> StampedTransform:
+        """As `TransformTree.lookup_transform`."""
+        if True:  # asynchronous
+            if timeout_s:
+                return await self._waited(
+                    lambda wait_s: self._tree.lookup_transform(target, source, stamp_ns, wait_s),
+                    timeout_s,
+                )
+        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+
+    async def lookup_transform_full(
+        self,
+        target: str,
+        target_stamp_ns: int | None,
+        source: str,
+        source_stamp_ns: int | None,
+        fixed_frame: str,
+        timeout_s: float = 0.0,
+    ) -> StampedTransform:
+        """As `TransformTree.lookup_transform_full`."""
+        if True:  # asynchronous
+            if timeout_s:
+                return await self._waited(
+                    lambda wait_s: self._tree.lookup_transform_full(
+                        target, target_stamp_ns, source, source_stamp_ns, fixed_frame, wait_s
+                    ),
+                    timeout_s,
+                )
+        return self._tree.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        )
+
+    async def can_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> bool:
+        """As `TransformTree.can_transform`."""
+        if True:  # asynchronous
+            if timeout_s:
+                return self._tree.can_transform(target, source, stamp_ns) or await in_thread(
+                    lambda: self._tree.can_transform(target, source, stamp_ns, timeout_s)
+                )
+        return self._tree.can_transform(target, source, stamp_ns, timeout_s)
+
+    if True:  # asynchronous
+
+        async def _waited(self, lookup: Callable[[float], T], timeout_s: float) -> T:
+            """Call `lookup` with its time-out. If it has to wait, a thread does."""
+            with contextlib.suppress(*lookups.MAY_SUCCEED_LATER):
+                return lookup(0.0)
+            return await in_thread(lambda: lookup(timeout_s))
+
+    # --- lookups that may ask the server
 
     async def lookup_latest_transform(
         self, target: str, source: str, max_age_s: float | None = None
     ) -> LatestTransform:
-        """As `TransformTree.lookup_latest_transform`, or a lookup by query.
+        """As `TransformTree.lookup_latest_transform`, or by query.
 
         Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
             max_age_s: How old the mirror's state may be, in seconds; if it is older, the server is
                 asked. None for any age.
 
-        Returns:
-            ``X_target_source`` in metres, as `AsyncTransformClient.lookup_latest_transform`.
-
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is invalid.
             ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
@@ -134,20 +186,12 @@ class AsyncMirror(MirrorCopy):
     async def lookup_latest_transform_xact(
         self, target: str, source: str, max_age_s: float | None = None
     ) -> LatestTransform:
-        """As `TransformTree.lookup_latest_transform_xact`, or a lookup by query.
+        """As `TransformTree.lookup_latest_transform_xact`, or by query.
 
         Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
             max_age_s: As for `lookup_latest_transform`, in seconds.
 
-        Returns:
-            ``X_target_source`` in metres, as `AsyncTransformClient.lookup_latest_transform_xact`.
-
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is invalid.
             ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
@@ -157,19 +201,12 @@ class AsyncMirror(MirrorCopy):
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]], max_age_s: float | None = None
     ) -> list[LatestTransform]:
-        """As `TransformTree.lookup_latest_transforms_xact`, or a lookup by query.
+        """As `TransformTree.lookup_latest_transforms_xact`, or by query.
 
         Args:
-            pairs: (target, source) frames of each pose.
             max_age_s: As for `lookup_latest_transform`, in seconds.
 
-        Returns:
-            For each pair what `lookup_latest_transform_xact` returns, in order.
-
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is invalid.
             ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
@@ -184,27 +221,13 @@ class AsyncMirror(MirrorCopy):
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
     ) -> AsyncGate:
-        """Make a gate, which holds sensor data until its transform exists.
-
-        Args:
-            target: Frame to express coordinates in.
-            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has taken yet. It drops further ones as `"full"`.
-            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
-            on_drop: Called with each item that is dropped, and the reason; see
-                `zenoh_tf.Dropped`. On the event loop.
-
-        Returns:
-            A `AsyncGate`, to be used in an ``async with`` block.
-
-        Raises:
-            InvalidArgumentException: An argument makes no sense.
+        """As `AsyncTransformClient.gate`: make a gate, which looks up in the mirror.
 
         Example:
             ``async with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
         if True:  # asynchronous
-            return AsyncGate(_Waiting(self), target, queue_size, timeout_s, on_drop)
+            return AsyncGate(_GateSource(self), target, queue_size, timeout_s, on_drop)
         return AsyncGate(self, target, queue_size, timeout_s, on_drop)
 
     async def run_transaction(
@@ -216,18 +239,6 @@ class AsyncMirror(MirrorCopy):
         serializable, however old the mirror is. A read waits for what this mirror's transactions
         have written to the same frames; after a conflict, the next attempt waits for the state that
         the last one was in conflict with.
-
-        Args:
-            function: A coroutine function that reads and sets through the transaction. It may be
-                called several times.
-            attempts: How often to call it at most.
-
-        Returns:
-            What `function` returned in the attempt that was committed.
-
-        Raises:
-            TransactionConflict: Others changed what was read, in every attempt.
-            TransformException: `function` or the commit failed; see `AsyncTransaction.commit`.
 
         Example:
             ``await m.run_transaction(lift)``
@@ -249,19 +260,12 @@ class AsyncMirror(MirrorCopy):
 
 if True:  # asynchronous
 
-    class _Waiting:
-        """The lookups of a mirror's gate: those that wait have a thread, which the loop has not."""
+    class _GateSource:
+        """The lookups of a mirror's gate, all as coroutines."""
 
-        def __init__(self, mirror: MirrorCopy) -> None:
+        def __init__(self, mirror: AsyncMirror) -> None:
+            self.lookup_transform = mirror.lookup_transform
             self._mirror = mirror
-
-        async def lookup_transform(
-            self, target: str, source: str, stamp_ns: int, timeout_s: float
-        ) -> StampedTransform:
-            mirror = self._mirror
-            return await in_thread(
-                lambda: mirror.lookup_transform(target, source, stamp_ns, timeout_s)
-            )
 
         async def lookup_transforms(
             self, targets: str, sources: str, stamps_ns: list[int]

@@ -48,7 +48,9 @@ class AsyncTransaction:
     """One attempt at a read-modify-write; made by `AsyncTransformClient.transaction`.
 
     A context manager: the end of the block commits, unless an exception ends it. Reads do not see
-    the transaction's own sets.
+    the transaction's own sets, and do not wait. They raise the errors of the client's, and
+    TransactionConflict if a frame has changed since the transaction read it before, and
+    ServerRestarted if the server that it has read from is gone.
 
     Concurrency: one task at a time.
     """
@@ -91,29 +93,7 @@ class AsyncTransaction:
     async def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None
     ) -> StampedTransform:
-        """Look up the pose of `source` in `target` at a time, interpolated.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamp_ns: The time in nanoseconds; None for the latest common time of all links
-                between the two frames.
-
-        Returns:
-            ``X_target_source``: it maps coordinates in `source` to coordinates in `target`, in
-            metres. Its ``stamp_ns`` is the time that was used.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or stamp makes no sense.
-            TransactionConflict: A frame changed since this transaction read it before.
-            ServerRestarted: The server that the transaction read from is gone.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
-        """
+        """As `AsyncTransformClient.lookup_transform`."""
         return await self._read(lookups.lookup_transform(target, source, stamp_ns))
 
     async def lookup_transform_full(
@@ -124,32 +104,7 @@ class AsyncTransaction:
         source_stamp_ns: int | None,
         fixed_frame: str,
     ) -> StampedTransform:
-        """Look up the pose of `source` at one time in `target` at another time.
-
-        Args:
-            target: The frame to express the pose in.
-            target_stamp_ns: The time of `target` in nanoseconds; None for the latest common time
-                of `target` and `fixed_frame`.
-            source: The frame whose pose is asked for.
-            source_stamp_ns: The time of `source` in nanoseconds; None for the latest common time
-                of `source` and `fixed_frame`.
-            fixed_frame: The frame that is taken not to move between the two times.
-
-        Returns:
-            ``X_target_source`` from `source` at `source_stamp_ns` to `target` at
-            `target_stamp_ns`, in metres, stamped `target_stamp_ns`.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or stamp makes no sense.
-            TransactionConflict: A frame changed since this transaction read it before.
-            ServerRestarted: The server that the transaction read from is gone.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
-        """
+        """As `AsyncTransformClient.lookup_transform_full`."""
         return await self._read(
             lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame
@@ -157,108 +112,29 @@ class AsyncTransaction:
         )
 
     async def can_transform(self, target: str, source: str, stamp_ns: int | None = None) -> bool:
-        """Tell whether `lookup_transform` with the same arguments would succeed.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamp_ns: The time in nanoseconds; None for the latest common time.
-
-        Returns:
-            True if the lookup would succeed, False if it would raise an error of the tree.
-
-        Raises:
-            InvalidArgumentException: `stamp_ns` is not a 64-bit integer.
-            TransactionConflict: A frame changed since this transaction read it before.
-            ServerRestarted: The server that the transaction read from is gone.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
-        """
+        """As `AsyncTransformClient.can_transform`."""
         return await self._read(lookups.can_transform(target, source, stamp_ns))
 
     async def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
-        """Look up the pose of `source` in `target` from the newest samples, in one snapshot.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-
-        Returns:
-            ``X_target_source`` in metres, the oldest stamp among the samples used (``stamp_ns``)
-            and the newest one (``newest_stamp_ns``).
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name or stamp makes no sense.
-            TransactionConflict: A frame changed since this transaction read it before.
-            ServerRestarted: The server that the transaction read from is gone.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
-
-        Example:
-            ``X_map_cup = (await tx.lookup_latest_transform_xact("map", "cup")).transform``
-        """
+        """As `AsyncTransformClient.lookup_latest_transform_xact`."""
         return await self._read(lookups.lookup_latest_transform_xact(target, source))
 
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> list[LatestTransform]:
-        """Look up several latest poses in one atomic snapshot.
-
-        Args:
-            pairs: (target, source) frames of each pose.
-
-        Returns:
-            For each pair what `lookup_latest_transform_xact` returns, in order.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name or stamp makes no sense.
-            TransactionConflict: A frame changed since this transaction read it before.
-            ServerRestarted: The server that the transaction read from is gone.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
-        """
+        """As `AsyncTransformClient.lookup_latest_transforms_xact`."""
         return await self._read(lookups.lookup_latest_transforms_xact(pairs))
 
     async def latest_common_time(self, a: str, b: str) -> int | None:
-        """Return the newest time that every link between two frames can serve.
-
-        Args:
-            a: One frame.
-            b: The other frame.
-
-        Returns:
-            The time in nanoseconds; None if all links between the frames are static.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or stamp makes no sense.
-            TransactionConflict: A frame changed since this transaction read it before.
-            ServerRestarted: The server that the transaction read from is gone.
-            ServerUnavailable: No server answered in time, or the client is closed.
-            LimitExceeded: A limit of the server was hit, such as its backlog of requests.
-            ProtocolError: The reply is malformed.
-        """
+        """As `AsyncTransformClient.latest_common_time`."""
         return await self._read(lookups.latest_common_time(a, b))
 
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> None:
-        """Add a transform to what the commit writes.
+        """As `AsyncTransformClient.set_transform`, but at the commit.
 
-        Args:
-            stamped: ``X_parent_child``: it maps coordinates in the child frame to coordinates in
-                the parent frame. Metres; nanoseconds.
-            authority: The name to publish as; the same for all sets of a transaction.
-            static: True for a transform that holds at all times; the same for all sets.
+        All sets of a transaction have the same `authority` and `static`.
 
         Raises:
             InvalidArgumentException: An earlier set had another `authority` or `static`.
@@ -271,15 +147,10 @@ class AsyncTransaction:
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> None:
-        """Add transforms to what the commit writes.
-
-        Args:
-            stampeds: Transforms, each ``X_parent_child`` as in `set_transform`.
-            authority: The name to publish as; the same for all sets of a transaction.
-            static: True for transforms that hold at all times; the same for all sets.
+        """As `AsyncTransformClient.set_transforms_xact`, but at the commit.
 
         Raises:
-            InvalidArgumentException: An earlier set had another `authority` or `static`.
+            InvalidArgumentException: As for `set_transform`.
         """
         if self._kind not in (None, (authority, static)):
             raise InvalidArgumentException(
@@ -299,10 +170,8 @@ class AsyncTransaction:
             ServerRestarted: The server that the transaction read from is gone.
             InvalidArgumentException: A transform makes no sense, is older than the server's cache
                 time, or would close a cycle.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the commit may or may not have been applied.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write of the client.
         """
         if self._sets or not self._reads_agree():
             await self._send(self._sets)

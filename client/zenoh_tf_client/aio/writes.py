@@ -31,11 +31,8 @@ class AsyncWrites:
 
         Raises:
             InvalidArgumentException: The transform makes no sense, or would close a cycle.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
 
         Example:
             ``tf.set_transform(StampedTransform("map", "base", time.time_ns(), X_map_base))``
@@ -55,11 +52,8 @@ class AsyncWrites:
         Raises:
             InvalidArgumentException: A transform makes no sense, is older than the server's cache
                 time, or would close a cycle.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
         """
         await self._connection.call(writes.set_transforms_xact(stampeds, authority, static))
 
@@ -70,11 +64,8 @@ class AsyncWrites:
             keep_static: True to keep static transforms.
 
         Raises:
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
         """
         await self._connection.call(writes.clear(keep_static))
 
@@ -85,8 +76,7 @@ class AsyncWrites:
         keep static transforms do not announce them again until a server starts, and then all.
 
         Raises:
-            ServerUnavailable: No server answered, and nothing was changed.
-            OutcomeUnknown: The request was sent, but no answer came in time.
+            ServiceException: As for every write; see the class.
 
         Example:
             >>> await tf.reset()
@@ -105,10 +95,7 @@ class AsyncWrites:
         Raises:
             LookupException: The frame is unknown.
             InvalidArgumentException: Other frames are below it, and `subtree` is False.
-            ServerUnavailable: No server answered, and nothing was written.
-            OutcomeUnknown: No reply came; the write may or may not have been applied.
-            ServerRestarted: The server was restarted meanwhile; nothing was written.
-            LimitExceeded: A limit was hit, such as the number of frames.
-            ProtocolError: The reply is malformed.
+            LimitExceeded: A limit is reached, such as the number of frames.
+            ServiceException: As for every write; see the class.
         """
         await self._connection.call(writes.remove_frame(name, subtree))

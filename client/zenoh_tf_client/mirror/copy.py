@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import weakref
-from typing import Final
+from typing import ClassVar, Final
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
@@ -20,7 +20,7 @@ from ..requests.receipt import Receipt
 from ..session.calls import raise_if_forked
 from ..session.connection import Connection
 from .interest import interested
-from .reads import TAKEN, MirrorReads
+from .reads import PLAIN, WAITING, MirrorReads
 from .source import MirrorSource
 from .transaction_reads import OwnWrites
 
@@ -29,6 +29,9 @@ _all: Final[weakref.WeakSet[MirrorCopy]] = weakref.WeakSet()
 
 class MirrorCopy(MirrorReads):
     """A copy of the server's tree, and its lookups. Thread safety: all methods."""
+
+    #: The methods of its tree that it has as attributes.
+    _taken: ClassVar[tuple[str, ...]] = (*WAITING, *PLAIN)
 
     def __init__(
         self, connection: Connection, timeout_s: float, interest: wire.Interest | None
@@ -141,7 +144,7 @@ class MirrorCopy(MirrorReads):
         if tree is not None and self._interest is not None:
             tree = interested(tree, self._interest)
         self._current = tree
-        for name in TAKEN:
+        for name in self._taken:
             if tree is None:
                 self.__dict__.pop(name, None)
             else:

@@ -19,7 +19,7 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.text import quoted
 
-from .reads import LATEST, TAKEN
+from .reads import LATEST, PLAIN, WAITING
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -120,7 +120,7 @@ def interested(tree: TransformTree, interest: wire.Interest) -> TransformTree:
 
 class _InterestedTree:
     def __init__(self, tree: TransformTree, interest: wire.Interest) -> None:
-        for name in (*TAKEN, *LATEST):
+        for name in (*PLAIN, *WAITING, *LATEST):
             setattr(self, name, explained(getattr(tree, name), tree, interest))
 
         def explain(target: str, source: str, stamp_ns: int | None = None) -> Explanation:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from zenoh_tf import Dropped, LatestTransform, wire
+from zenoh_tf import Dropped, LatestTransform, StampedTransform, wire
 from zenoh_tf.gate import Gate
 
 from ..requests import lookups
@@ -103,26 +103,46 @@ class Mirror(MirrorCopy):
         if awaited is not None and not self._has(awaited):
             self._wait_until(awaited, timeout_s)
 
-    # --- lookups beside those of MirrorReads
+    # --- lookups that may wait
+
+    def lookup_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> StampedTransform:
+        """As `TransformTree.lookup_transform`."""
+        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+
+    def lookup_transform_full(
+        self,
+        target: str,
+        target_stamp_ns: int | None,
+        source: str,
+        source_stamp_ns: int | None,
+        fixed_frame: str,
+        timeout_s: float = 0.0,
+    ) -> StampedTransform:
+        """As `TransformTree.lookup_transform_full`."""
+        return self._tree.lookup_transform_full(
+            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+        )
+
+    def can_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> bool:
+        """As `TransformTree.can_transform`."""
+        return self._tree.can_transform(target, source, stamp_ns, timeout_s)
+
+    # --- lookups that may ask the server
 
     def lookup_latest_transform(
         self, target: str, source: str, max_age_s: float | None = None
     ) -> LatestTransform:
-        """As `TransformTree.lookup_latest_transform`, or a lookup by query.
+        """As `TransformTree.lookup_latest_transform`, or by query.
 
         Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
             max_age_s: How old the mirror's state may be, in seconds; if it is older, the server is
                 asked. None for any age.
 
-        Returns:
-            ``X_target_source`` in metres, as `TransformClient.lookup_latest_transform`.
-
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is invalid.
             ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
@@ -132,20 +152,12 @@ class Mirror(MirrorCopy):
     def lookup_latest_transform_xact(
         self, target: str, source: str, max_age_s: float | None = None
     ) -> LatestTransform:
-        """As `TransformTree.lookup_latest_transform_xact`, or a lookup by query.
+        """As `TransformTree.lookup_latest_transform_xact`, or by query.
 
         Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
             max_age_s: As for `lookup_latest_transform`, in seconds.
 
-        Returns:
-            ``X_target_source`` in metres, as `TransformClient.lookup_latest_transform_xact`.
-
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is invalid.
             ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
@@ -155,19 +167,12 @@ class Mirror(MirrorCopy):
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]], max_age_s: float | None = None
     ) -> list[LatestTransform]:
-        """As `TransformTree.lookup_latest_transforms_xact`, or a lookup by query.
+        """As `TransformTree.lookup_latest_transforms_xact`, or by query.
 
         Args:
-            pairs: (target, source) frames of each pose.
             max_age_s: As for `lookup_latest_transform`, in seconds.
 
-        Returns:
-            For each pair what `lookup_latest_transform_xact` returns, in order.
-
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is invalid.
             ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
@@ -182,21 +187,7 @@ class Mirror(MirrorCopy):
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
     ) -> Gate:
-        """Make a gate, which holds sensor data until its transform exists.
-
-        Args:
-            target: Frame to express coordinates in.
-            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has taken yet. It drops further ones as `"full"`.
-            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
-            on_drop: Called with each item that is dropped, and the reason; see
-                `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.
-
-        Returns:
-            A `Gate`, to be used in a ``with`` block.
-
-        Raises:
-            InvalidArgumentException: An argument makes no sense.
+        """As `TransformClient.gate`: make a gate, which looks up in the mirror.
 
         Example:
             ``with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
@@ -210,18 +201,6 @@ class Mirror(MirrorCopy):
         serializable, however old the mirror is. A read waits for what this mirror's transactions
         have written to the same frames; after a conflict, the next attempt waits for the state that
         the last one was in conflict with.
-
-        Args:
-            function: Reads and sets through the transaction. It may be
-                called several times.
-            attempts: How often to call it at most.
-
-        Returns:
-            What `function` returned in the attempt that was committed.
-
-        Raises:
-            TransactionConflict: Others changed what was read, in every attempt.
-            TransformException: `function` or the commit failed; see `Transaction.commit`.
 
         Example:
             ``m.run_transaction(lift)``

@@ -1,4 +1,4 @@
-"""The lookups of mirrors that are those of the embedded tree.
+"""The lookups of mirrors that never wait: those of the embedded tree.
 
 While there is a copy, the methods here are not called: the mirror has the tree's own methods as
 attributes, because a call of Python's in between would cost half as much as a lookup.
@@ -16,17 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from zenoh_tf import (
     Explanation,
     FrameInfo,
-    StampedTransform,
     TransformArray,
     TransformTree,
     Velocity,
 )
 
-#: The methods that the mirror takes from its tree.
-TAKEN: Final = (
-    "lookup_transform",
-    "lookup_transform_full",
-    "can_transform",
+#: Those that never wait.
+PLAIN: Final = (
     "latest_common_time",
     "lookup_transforms",
     "sample",
@@ -38,6 +34,9 @@ TAKEN: Final = (
     "chain",
     "explain",
 )
+
+#: Those that have a time-out. A mirror that may block its caller has them as attributes as well.
+WAITING: Final = ("lookup_transform", "lookup_transform_full", "can_transform")
 
 #: Those that may ask the server instead.
 LATEST: Final = (
@@ -54,32 +53,6 @@ class MirrorReads(ABC):
     @abstractmethod
     def _tree(self) -> TransformTree:
         """The tree. Raises ServerUnavailable if the mirror is closed."""
-
-    def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> StampedTransform:
-        """As `TransformTree.lookup_transform`."""
-        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
-
-    def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-        timeout_s: float = 0.0,
-    ) -> StampedTransform:
-        """As `TransformTree.lookup_transform_full`."""
-        return self._tree.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-        )
-
-    def can_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> bool:
-        """As `TransformTree.can_transform`."""
-        return self._tree.can_transform(target, source, stamp_ns, timeout_s)
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """As `TransformTree.latest_common_time`."""

@@ -25,9 +25,10 @@ T = TypeVar("T")
 
 
 class BatchOperations(ABC):
-    """The base of `Batch`. Each method has the arguments of `TransformClient`'s of the same name.
+    """The base of `Batch`. Each method records that of `TransformClient` with the same name.
 
-    The handle's `result()` returns what that method returns, and raises what it raises.
+    It checks the arguments at once. The handle's `result()` returns what that method returns, and
+    raises what it raises.
     """
 
     @abstractmethod
@@ -37,23 +38,7 @@ class BatchOperations(ABC):
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[StampedTransform]:
-        """Record a `TransformClient.lookup_transform`.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamp_ns: The time in nanoseconds; None for the latest common time of all links
-                between the two frames.
-            timeout_s: How long the server may wait for writes that make the lookup possible, in
-                seconds from 0 to 3600.
-
-        Returns:
-            A handle of the result. ``X_target_source``: it maps coordinates in `source` to
-            coordinates in `target`, in metres. Its ``stamp_ns`` is the time that was used.
-
-        Raises:
-            InvalidArgumentException: `stamp_ns` is not a 64-bit integer.
-        """
+        """As `TransformClient.lookup_transform`."""
         return self._record(lookups.lookup_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_transform_full(
@@ -65,27 +50,7 @@ class BatchOperations(ABC):
         fixed_frame: str,
         timeout_s: float = 0.0,
     ) -> Handle[StampedTransform]:
-        """Record a `TransformClient.lookup_transform_full`.
-
-        Args:
-            target: The frame to express the pose in.
-            target_stamp_ns: The time of `target` in nanoseconds; None for the latest common time
-                of `target` and `fixed_frame`.
-            source: The frame whose pose is asked for.
-            source_stamp_ns: The time of `source` in nanoseconds; None for the latest common time
-                of `source` and `fixed_frame`.
-            fixed_frame: The frame that is taken not to move between the two times.
-            timeout_s: How long the server may wait for writes that make the lookup possible, in
-                seconds from 0 to 3600.
-
-        Returns:
-            A handle of the result. ``X_target_source`` from `source` at `source_stamp_ns` to
-            `target` at `target_stamp_ns`, in metres, stamped `target_stamp_ns`.
-
-        Raises:
-            InvalidArgumentException: A stamp is not a 64-bit integer, or `timeout_s` is out of
-                range.
-        """
+        """As `TransformClient.lookup_transform_full`."""
         return self._record(
             lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
@@ -95,66 +60,21 @@ class BatchOperations(ABC):
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[bool]:
-        """Record a `TransformClient.can_transform`.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamp_ns: The time in nanoseconds; None for the latest common time of all links
-                between the two frames.
-            timeout_s: How long the server may wait for writes that make the lookup possible, in
-                seconds from 0 to 3600.
-
-        Returns:
-            A handle of the result. True if the lookup would succeed, False if it would raise an
-            error of the tree.
-
-        Raises:
-            InvalidArgumentException: `stamp_ns` is not a 64-bit integer.
-        """
+        """As `TransformClient.can_transform`."""
         return self._record(lookups.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> Handle[LatestTransform]:
-        """Record a `TransformClient.lookup_latest_transform`.
-
-        The links are read one after another, so they may come from different commits.
-        `lookup_latest_transform_xact` reads one snapshot.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-
-        Returns:
-            A handle of the result. ``X_target_source``, the oldest stamp among the samples used
-            (``stamp_ns``) and the newest one (``newest_stamp_ns``).
-        """
+        """As `TransformClient.lookup_latest_transform`."""
         return self._record(lookups.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> Handle[LatestTransform]:
-        """Record a `TransformClient.lookup_latest_transform_xact`.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-
-        Returns:
-            A handle of the result. ``X_target_source``, the oldest stamp among the samples used
-            (``stamp_ns``) and the newest one (``newest_stamp_ns``).
-        """
+        """As `TransformClient.lookup_latest_transform_xact`."""
         return self._record(lookups.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> Handle[list[LatestTransform]]:
-        """Record a `TransformClient.lookup_latest_transforms_xact`.
-
-        Args:
-            pairs: (target, source) frames of each pose.
-
-        Returns:
-            A handle of the result. For each pair what `lookup_latest_transform_xact` returns, in
-            order.
-        """
+        """As `TransformClient.lookup_latest_transforms_xact`."""
         return self._record(lookups.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
@@ -163,51 +83,15 @@ class BatchOperations(ABC):
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
     ) -> Handle[TransformArray]:
-        """Record a `TransformClient.lookup_transforms`.
-
-        Args:
-            targets: (n,) frames to express the poses in, or one frame for all rows.
-            sources: (n,) frames whose poses are asked for, or one frame for all rows.
-            stamps_ns: (n,) times in nanoseconds, or one for all rows; None for the latest common
-                times.
-
-        Returns:
-            A handle of the result. (n,) rows. Row i is ``X_target_source`` of lookup i, in
-            metres. A row that failed has its error's code in ``status``.
-
-        Raises:
-            InvalidArgumentException: The lengths differ, or a stamp is not a 64-bit integer.
-        """
+        """As `TransformClient.lookup_transforms`."""
         return self._record(lookups.lookup_transforms(targets, sources, stamps_ns))
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
-        """Record a `TransformClient.sample`.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamps_ns: (n,) times in nanoseconds; sorted times are fastest.
-
-        Returns:
-            A handle of the result. (n,) rows. Row i is ``X_target_source`` at ``stamps_ns[i]``,
-            in metres. A row that failed has its error's code in ``status``.
-
-        Raises:
-            InvalidArgumentException: A stamp is not a 64-bit integer.
-        """
+        """As `TransformClient.sample`."""
         return self._record(lookups.sample(target, source, stamps_ns))
 
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
-        """Record a `TransformClient.latest_common_time`.
-
-        Args:
-            a: One frame.
-            b: The other frame.
-
-        Returns:
-            A handle of the result. The time in nanoseconds; None if all links between the frames
-            are static.
-        """
+        """As `TransformClient.latest_common_time`."""
         return self._record(lookups.latest_common_time(a, b))
 
     def lookup_velocity(
@@ -221,28 +105,7 @@ class BatchOperations(ABC):
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Handle[Velocity]:
-        """Record a `TransformClient.lookup_velocity`.
-
-        Args:
-            tracking_frame: The frame that moves.
-            observation_frame: The frame that counts as standing still.
-            stamp_ns: The middle of the averaging interval in nanoseconds; None for the latest
-                common time of the two frames.
-            averaging_interval_s: The length of the interval, from 1e-9 to 1e9 seconds.
-            reference_frame: The frame whose axes the velocity is expressed in; None for
-                `observation_frame`.
-            reference_point: (3,) metres: the point of the moving body whose linear velocity is
-                asked for.
-            reference_point_frame: The frame that `reference_point` is expressed in; None for
-                `tracking_frame`.
-
-        Returns:
-            A handle of the result. The mean linear velocity in m/s and the mean angular velocity
-            in rad/s, (3,) each.
-
-        Raises:
-            InvalidArgumentException: An argument makes no sense.
-        """
+        """As `TransformClient.lookup_velocity`."""
         return self._record(
             lookups.lookup_velocity(
                 tracking_frame,
@@ -258,96 +121,37 @@ class BatchOperations(ABC):
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> Handle[bool]:
-        """Record a `TransformClient.set_transform`: store a transform.
-
-        Args:
-            stamped: ``X_parent_child``: it maps coordinates in the child frame to coordinates in
-                the parent frame. Metres; nanoseconds.
-            authority: The name to publish as.
-            static: True for a transform that holds at all times.
-
-        Returns:
-            A handle of the result. True if stored, False if dropped because it is older than
-            the server's cache time.
-        """
+        """As `TransformClient.set_transform`."""
         return self._record(writes.set_transform(stamped, authority, static))
 
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> Handle[None]:
-        """Record a `TransformClient.set_transforms_xact`: store transforms atomically.
-
-        Args:
-            stampeds: Transforms, each ``X_parent_child`` as in `set_transform`.
-            authority: The name to publish as.
-            static: True for transforms that hold at all times.
-
-        Returns:
-            A handle of the result, which is None.
-        """
+        """As `TransformClient.set_transforms_xact`."""
         return self._record(writes.set_transforms_xact(stampeds, authority, static))
 
     # --- introspection
 
     def frames(self) -> Handle[list[str]]:
-        """Record a `TransformClient.frames`: list the names of all frames.
-
-        Returns:
-            A handle of the result. The names, in no particular order.
-        """
+        """As `TransformClient.frames`."""
         return self._record(info.frames())
 
     def frame(self, name: str) -> Handle[FrameInfo]:
-        """Record a `TransformClient.frame`: describe a frame and the link to its parent.
-
-        Args:
-            name: The frame.
-
-        Returns:
-            A handle of the result. The parent, authority, stamps in nanoseconds and counters,
-            read at one instant.
-        """
+        """As `TransformClient.frame`."""
         return self._record(info.frame(name))
 
     def authorities(self) -> Handle[list[AuthorityInfo]]:
-        """Record a `TransformClient.authorities`: list what each authority has published.
-
-        Returns:
-            A handle of the result. One record for each authority, in the order of their first
-            commits.
-        """
+        """As `TransformClient.authorities`."""
         return self._record(info.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> Handle[str | None]:
-        """Record a `TransformClient.parent`: return the parent of a frame.
-
-        Args:
-            frame: The frame.
-            stamp_ns: The time in nanoseconds; None for the newest parent.
-
-        Returns:
-            A handle of the result. The parent's name; None if the frame is a root.
-        """
+        """As `TransformClient.parent`."""
         return self._record(info.parent(frame, stamp_ns))
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> Handle[list[str]]:
-        """Record a `TransformClient.chain`.
-
-        Args:
-            target: The frame where the path begins.
-            source: The frame where the path ends.
-            stamp_ns: The time in nanoseconds; None for the latest common time of all links
-                between the two frames.
-
-        Returns:
-            A handle of the result. The frames in order, from `target` to `source`, both included.
-        """
+        """As `TransformClient.chain`."""
         return self._record(info.chain(target, source, stamp_ns))
 
     def stats(self) -> Handle[dict[str, int]]:
-        """Record a `TransformClient.stats`: return the counters of the tree and of the server.
-
-        Returns:
-            A handle of the result. Values by the counters' names.
-        """
+        """As `TransformClient.stats`."""
         return self._record(info.stats())

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import LatestTransform, StampedTransform, Transform, TransformArray, Velocity, wire
-from zenoh_tf.errors import InvalidArgumentException, ProtocolError
+from zenoh_tf.errors import (
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    ProtocolError,
+)
 from zenoh_tf.points import Sweep
 from zenoh_tf.velocity import interval_ns
 
@@ -17,6 +23,9 @@ from . import columns
 from .request import Call, Read, Request, Rows, VersionedRead, timeout_ns
 
 T = TypeVar("T")
+
+#: Errors of lookups that may succeed after a later write.
+MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, ExtrapolationException)
 
 
 def lookup_transform(

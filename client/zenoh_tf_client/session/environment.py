@@ -25,7 +25,7 @@ KEY_VARIABLE: Final = "ZENOH_TF_KEY"
 USER_VARIABLE: Final = "ZENOH_TF_USER"
 PASSWORD_VARIABLE: Final = "ZENOH_TF_PASSWORD"
 PASSWORD_FILE_VARIABLE: Final = "ZENOH_TF_PASSWORD_FILE"
-#: How lookups are answered: "auto" or "query"; see `TransformClient.connect`.
+#: How lookups are answered: "shared" or "query"; see `TransformClient.connect`.
 READS_VARIABLE: Final = "ZENOH_TF_READS"
 
 
@@ -41,7 +41,7 @@ def tree() -> str:
 
 def reads() -> Mode:
     """How to read; an empty variable counts as unset. `TransformClient.connect` checks it."""
-    return cast(Mode, os.environ.get(READS_VARIABLE) or "auto")
+    return cast(Mode, os.environ.get(READS_VARIABLE) or "shared")
 
 
 def client_credentials(

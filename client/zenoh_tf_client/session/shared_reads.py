@@ -32,8 +32,8 @@ from .connection import Connection
 from .server_info import ServerInfo
 
 T = TypeVar("T")
-Mode = Literal["auto", "query"]
-MODES: Final = ("auto", "query")
+Mode = Literal["shared", "query"]
+MODES: Final = ("shared", "query")
 
 #: How long a server may take to hand its tree over. It has just answered, so it mostly is quick.
 _HANDOVER_S: Final = 2.0
@@ -85,7 +85,7 @@ class Reader(Protocol):
 class SharedReads:
     """The mapped tree of the server that a connection has."""
 
-    def __init__(self, connection: Connection, mode: Mode = "auto") -> None:
+    def __init__(self, connection: Connection, mode: Mode = "shared") -> None:
         """Map the tree, if that is possible now.
 
         Raises:
@@ -107,7 +107,7 @@ class SharedReads:
         self._wanted = threading.Event()
         self._closed = threading.Event()
         self._follows = False
-        self._is_on = mode == "auto"
+        self._is_on = mode == "shared"
         self._held: SharedTree | None = None  # mapped, but not read now; guarded by the lock
         me = weakref.ref(self)  # the connection must not keep it alive
 
@@ -134,7 +134,7 @@ class SharedReads:
             client._tree = self.tree
 
     @property
-    def way(self) -> Literal["shared", "query"]:
+    def in_use(self) -> Mode:
         """How a lookup would be answered now."""
         return "shared" if self.tree.lease_left_s > 0 else "query"
 
@@ -173,7 +173,7 @@ class SharedReads:
 
     def stats(self) -> dict[str, int]:
         """The counters of this client: how it reads, how often not so, and why."""
-        counts = {"shared": int(self.way == "shared"), "mapped": self._mapped}
+        counts = {"shared": int(self.in_use == "shared"), "mapped": self._mapped}
         counts |= {f"asked_{why.name.lower()}": count for why, count in self._asked.items()}
         counts |= {f"refused_{why}": count for why, count in self._refused.items()}
         return {f"reads_{name}": count for name, count in counts.items()}

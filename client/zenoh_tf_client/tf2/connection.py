@@ -49,12 +49,12 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
                 credentials=environment.client_credentials(),
                 reads=environment.reads(),
             )
-        elif (endpoint or _client.endpoint, tree or _client.tree) != (
+        elif (endpoint or _client.endpoint, tree or _client.tree_name) != (
             _client.endpoint,
-            _client.tree,
+            _client.tree_name,
         ):
             raise InvalidArgumentException(
-                f"this process is connected to tree {_client.tree!r} at "
+                f"this process is connected to tree {_client.tree_name!r} at "
                 f"{address(_client.endpoint)}; close() that connection first",
                 field="endpoint",
             )

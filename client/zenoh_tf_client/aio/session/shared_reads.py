@@ -5,12 +5,13 @@ What is in memory is read without suspending the caller.
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from ...requests import lookups
 from ...requests.request import Read, Request, Rows, VersionedRead
+from ...session.shared_reads import Mode
 from .connection import Connection
 
 T = TypeVar("T")
@@ -29,9 +30,9 @@ class SharedReads:
         return self._mapped.tree
 
     @property
-    def way(self) -> Literal["shared", "query"]:
+    def in_use(self) -> Mode:
         """How a lookup would be answered now."""
-        return self._mapped.way
+        return self._mapped.in_use
 
     async def ask(self, why: Any, request: Request[T]) -> T:
         """Ask the server, because the tree in memory has returned an AskServer."""
