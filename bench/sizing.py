@@ -1,5 +1,5 @@
-"""What a server needs of its host, for docs/deploy.md: its memory, and its processor time, so that
-other load matters little."""
+"""What a server needs of its host, for docs/how-to/deploy.md: its memory, and its processor time,
+so that other load matters little."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Draws the rooms and which of them imports which: ``python -m scripts.rooms > docs/rooms.svg``.
+"""Draws the rooms and which of them imports which: ``python -m scripts.rooms >
+docs/figures/rooms.svg``.
 
 A room is a folder, or a module beside folders. It stands above all that it imports. An arrow that
 follows from two others is left out, and so are the exceptions that the contracts name. `make lint`

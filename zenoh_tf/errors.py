@@ -31,7 +31,7 @@ from typing import Final
 
 from .text import cut
 
-#: Field name -> meaning. The same names are used on the wire (docs/protocol.md).
+#: Field name -> meaning. The same names are used on the wire (docs/reference/protocol.md).
 FACTS = {
     "target_frame": "the lookup's target",
     "source_frame": "the lookup's source",

@@ -75,9 +75,9 @@ class TransformTree(_core.Tree):
     ) -> TransformTree:
         """Make a tree from a recording, with its whole history.
 
-        Reads MCAP (ROS 2, ROS 1, Foxglove), rosbag2 and ROS 1 bags; see docs/recordings.md. Links
-        of topics called `tf_static`, in any namespace, hold at all times. What no tree accepts is
-        left out; the logger `zenoh_tf.recordings` tells how much. Needs the libraries of
+        Reads MCAP (ROS 2, ROS 1, Foxglove), rosbag2 and ROS 1 bags; see docs/how-to/recordings.md.
+        Links of topics called `tf_static`, in any namespace, hold at all times. What no tree
+        accepts is left out; the logger `zenoh_tf.recordings` tells how much. Needs the libraries of
         `pip install 'zenoh-tf[recordings]'`.
 
         Args:
@@ -211,7 +211,7 @@ class TransformTree(_core.Tree):
 
         A lidar that moves measures each point from elsewhere. This moves every point along with
         the sensor: from `source` at the point's stamp, through the fixed frame, to `source` at
-        `at_ns`. All poses are of one state of the tree. docs/sensor-data.md tells more.
+        `at_ns`. All poses are of one state of the tree. docs/how-to/sensor-data.md tells more.
 
         Example: `cloud = tree.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))`
 

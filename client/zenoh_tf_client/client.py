@@ -90,7 +90,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
                 ``tls/HOST:PORT``.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
-            credentials: User, password and the files for TLS; see docs/security.md.
+            credentials: User, password and the files for TLS; see docs/how-to/security.md.
             reads: How lookups are answered. ``"shared"``: from the server's memory, which this
                 process maps, where the server is on this host and shares its tree; else by queries.
                 ``"query"``: by queries. Both give the same answers and errors. With ``"query"``
@@ -202,7 +202,8 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
     def replica_age_s(self) -> float | None:
         """Returns how old the last answer of the service may be, in seconds.
 
-        It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
+        It counts if a replica gave it: see docs/how-to/replicas.md. None if the server itself
+        answered.
         """
         return self._connection.replica_age_s
 

@@ -120,11 +120,11 @@ def enumerations(repository: Repository) -> Iterator[Violation]:
     counts = (joint_states.Counts, kinematics.Counts)
     top = {words.split()[1] for words in parsers() if words.startswith("zenoh-tf ")}
     wanted = {
-        "docs/commands.md": {f"zenoh-tf {name}" for name in top},
-        "docs/from-tf2.md": {f"`{reason.name}`" for reason in FilterFailureReason},
-        "docs/urdf.md": {f"`{each.name}`" for kind in counts for each in fields(kind)}
+        "docs/reference/commands.md": {f"zenoh-tf {name}" for name in top},
+        "docs/how-to/from-tf2.md": {f"`{reason.name}`" for reason in FilterFailureReason},
+        "docs/how-to/urdf.md": {f"`{each.name}`" for kind in counts for each in fields(kind)}
         | {f"{joint_states.MAX_JOINTS:,} joints"},
-        "docs/ros2.md": {
+        "docs/how-to/ros2.md": {
             *("`conflicts`", "`rewritten`", "`clock_offset_max_s`", "`stamp_age_s`"),
         },
     }
@@ -133,7 +133,7 @@ def enumerations(repository: Repository) -> Iterator[Violation]:
             if part not in repository.text(page):
                 yield Violation(page, 1, f"does not name {part}: add it")
     statistics = FROM_STATS.keys() | FROM_AUTHORITIES.keys()
-    for number, line in repository.lines("docs/ros2.md"):
+    for number, line in repository.lines("docs/how-to/ros2.md"):
         for name in re.findall(r"`(ros2_[a-z_]+[a-z])`", line):
             if name not in statistics:
-                yield Violation("docs/ros2.md", number, f"there is no counter {name}")
+                yield Violation("docs/how-to/ros2.md", number, f"there is no counter {name}")

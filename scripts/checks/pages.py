@@ -24,13 +24,14 @@ SHOWN = {
     "sensor.py": "README.md",
     "client.py": "README.md",
     "transaction.py": "README.md",
-    "async_client.py": "docs/asyncio.md",
-    "from_tf2.py": "docs/from-tf2.md",
-    "message_filter.py": "docs/from-tf2.md",
+    "async_client.py": "docs/how-to/asyncio.md",
+    "from_tf2.py": "docs/how-to/from-tf2.md",
+    "message_filter.py": "docs/how-to/from-tf2.md",
 }
 MAX_EXAMPLE_LINES = 40
 PACKAGES = ("zenoh_tf", "server/zenoh_tf_server", "client")
-NAMING_FILES = ("docs/architecture.md", "docs/concurrency.md", "docs/glossary.md")
+ARCHITECTURE = "docs/explanation/architecture.md"
+NAMING_FILES = (ARCHITECTURE, "docs/explanation/concurrency.md", "docs/reference/glossary.md")
 FILE_NAME = re.compile(r"[\w/]+\.(?:pyi?|hpp|cpp)\b")
 
 
@@ -67,8 +68,8 @@ def named_files(repository: Repository) -> Iterator[Violation]:
 
 
 def architecture(repository: Repository) -> Iterator[Violation]:
-    """Each table of docs/architecture.md names the files of its folder, or a folder they are in."""
-    page = "docs/architecture.md"
+    """Each table of the architecture page names its folder's files, or a folder they are in."""
+    page = ARCHITECTURE
     tables: dict[str, set[str]] = {}
     folder = ""
     for _, line in repository.lines(page):
@@ -103,24 +104,26 @@ def shown_examples(repository: Repository) -> Iterator[Violation]:
 
 def api_reference(repository: Repository) -> Iterator[Violation]:
     """Every public name is in the API reference."""
-    pages = "".join(repository.text(page) for page in repository.files(".md", under=["docs/api"]))
+    folder = "docs/reference/api"
+    pages = "".join(repository.text(page) for page in repository.files(".md", under=[folder]))
     shown = set(re.findall(r"^::: (\S+)$", pages, re.M))
     for package in (zenoh_tf, zenoh_tf_client):
         for name in package.__all__:
             full = f"{package.__name__}.{name}"
             if full in shown or name.startswith("_") or hasattr(zenoh_tf.errors, name):
                 continue
-            yield Violation("docs/api/README.md", 1, f"add ::: {full} to a page of docs/api")
+            yield Violation(f"{folder}/README.md", 1, f"add ::: {full} to a page of {folder}")
 
 
 def made_pages(repository: Repository) -> Iterator[Violation]:
     """Pages that are made from tables are current."""
+    metrics = "zenoh_tf_server.monitoring.metric_table"
     for page, lines, command in (
-        ("docs/limits.md", list(limits.page()), "zenoh_tf_server.limits"),
-        ("docs/metrics.md", list(metric_table.page()), "zenoh_tf_server.monitoring.metric_table"),
-        ("docs/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
-        ("docs/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
-        ("docs/rooms.svg", list(rooms.picture()), "scripts.rooms"),
+        ("docs/reference/limits.md", list(limits.page()), "zenoh_tf_server.limits"),
+        ("docs/reference/metrics.md", list(metric_table.page()), metrics),
+        ("docs/reference/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
+        ("docs/reference/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
+        ("docs/figures/rooms.svg", list(rooms.picture()), "scripts.rooms"),
     ):
         there = repository.text(page).splitlines()
         if there != lines:
@@ -146,8 +149,8 @@ def measured_numbers(repository: Repository) -> Iterator[Violation]:
 
 
 def documented_calls(repository: Repository) -> Iterator[Violation]:
-    """Calls and imports in docs/from-tf2.md are of methods and names that exist."""
-    page = "docs/from-tf2.md"
+    """Calls and imports in docs/how-to/from-tf2.md are of methods and names that exist."""
+    page = "docs/how-to/from-tf2.md"
     pattern = r"\b(tf|X|Transform|TransformTree)\.(\w+)\(([^`]*)\)"
     for number, line in repository.lines(page):
         for code in re.findall(r"`([^`\n]+)`", line):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from .public_members import parsed
 from .repository import Repository, Violation
 
-PAGE = "docs/from-tf2.md"
+PAGE = "docs/how-to/from-tf2.md"
 FOLDER = "tests/conformance"
 #: Group -> its last row; rows are numbered from 01.
 LAST = {

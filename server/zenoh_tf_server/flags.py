@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     flags.add_argument(
         "--config",
         metavar="FILE",
-        help="TOML file of flags and access rules; the command line wins (docs/security.md)",
+        help="TOML file of flags and access rules; the command line wins (docs/how-to/security.md)",
     )
     _add_network_flags(flags.add_argument_group("network"))
     tree = flags.add_argument_group("tree")
@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     security.add_flags(flags)
     ros2.add_flags(flags)
     federation.add_flags(flags)
-    observed = flags.add_argument_group("logs and metrics (docs/metrics.md)")
+    observed = flags.add_argument_group("logs and metrics (docs/reference/metrics.md)")
     logs.add_flags(observed)
     monitoring.add_flags(observed)
     return flags
@@ -78,7 +78,7 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
         action="append",
         metavar="ENDPOINT",
         help="answer reads from a copy of the tree whose server is here; repeatable for further "
-        "endpoints of it (docs/replicas.md)",
+        "endpoints of it (docs/how-to/replicas.md)",
     )
     flags.add_argument(
         "--workers",

@@ -41,7 +41,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         action=_LimitAction,
         default={},
         metavar="NAME=VALUE",
-        help="set a limit, as in frames=5000; repeatable; --limit help and docs/limits.md list all",
+        help="set a limit, as in frames=5000; repeatable; --limit help lists all",
     )
 
 
@@ -78,7 +78,7 @@ def check(name: str, value: object) -> int:
 def listing(width: int) -> Iterator[str]:
     """The lines of ``--limit help``: each limit with its default and meaning."""
     yield "--limit NAME=VALUE, or NAME = VALUE in [limits] of the file of --config."
-    yield "What happens at each limit: docs/limits.md."
+    yield "What happens at each limit: docs/reference/limits.md."
     yield ""
     for name, default, meaning in [
         ("NAME", "DEFAULT", "LIMITS"),

@@ -1,6 +1,7 @@
-"""Every limit of the server in one table. `limit_flags` and docs/limits.md are made from it.
+"""Every limit of the server in one table. `limit_flags` and docs/reference/limits.md are made from
+it.
 
-``python -m zenoh_tf_server.limits > docs/limits.md`` writes the page.
+``python -m zenoh_tf_server.limits > docs/reference/limits.md`` writes the page.
 """
 
 from __future__ import annotations
@@ -262,7 +263,7 @@ class Limits:
 
 
 def page() -> Iterator[str]:
-    """The lines of docs/limits.md."""
+    """The lines of docs/reference/limits.md."""
     yield "# Limits"
     yield ""
     yield "Everything that a client can make grow has a limit. `zenoh-tf-server --limit"
@@ -305,13 +306,13 @@ def page() -> Iterator[str]:
     yield "map the tree of a server on their host (`--share-dir`) read without limits: they spend"
     yield "their own time. If the host has no memory left for a shared tree, a write gets"
     yield "`LimitExceeded` with the field `host_memory`. Each robot of a site has a share of the"
-    yield "`frames` ([federation](federation.md#a-share-of-the-frames)), with the field"
+    yield "`frames` ([federation](../how-to/federation.md#a-share-of-the-frames)), with the field"
     yield "`max-frames`. The embedded `TransformTree` takes the first five limits as"
     yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
     yield "`max_memory_bytes`. For the last two 0 means no limit there."
     yield "What an `AsyncTransformClient` has under way is limited in the client: see"
-    yield "[asyncio](asyncio.md#bounds). A [gate](sensor-data.md) holds `queue_size` items,"
-    yield "100,000 at most, of 64 frames."
+    yield "[asyncio](../how-to/asyncio.md#bounds). A [gate](../how-to/sensor-data.md) holds"
+    yield "`queue_size` items, 100,000 at most, of 64 frames."
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Times, durations and numbers as people write them: every form of docs/commands.md."""
+"""Times, durations and numbers as people write them: every form of docs/reference/commands.md."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from zenoh_tf.text.flag_values import duration, live_time, number, recorded_time, size, whole
 
 S = 10**9
-PAGE = (Path(__file__).parents[2] / "docs/commands.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs/reference/commands.md").read_text()
 Parse = Callable[[str], Any]
 
 

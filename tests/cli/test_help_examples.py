@@ -29,7 +29,7 @@ def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
     return [shlex.split(line, comments=True) for line in lines]
 
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/commands.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/reference/commands.md"
 ALL = {parser.prog: parser for parser in commands(_parser())}
 #: These have tests of their own, which make the files and servers that they need.
 ELSEWHERE = (

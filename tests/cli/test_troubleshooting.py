@@ -1,4 +1,4 @@
-"""docs/troubleshooting.md: its commands print what it shows, and its snippets run."""
+"""docs/how-to/troubleshooting.md: its commands print what it shows, and its snippets run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zenoh_tf_client import TransformClient
 
 from .conftest import Run
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/troubleshooting.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/troubleshooting.md"
 BLOCKS: list[tuple[str, str]] = re.findall(r"```(\w+)\n(.*?)```", PAGE.read_text(), re.S)
 
 

@@ -271,7 +271,7 @@ def test_refusals_of_a_real_tree_are_of_their_kinds() -> None:
 
 
 def test_the_snippet_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (DOCS / "doctor.md").read_text()
+    text = (DOCS / "reference/doctor.md").read_text()
     snippet = re.findall(r"```python\n(.*?)```", text, re.S)[0]
     patient = Patient()
     stopped(patient)

@@ -9,6 +9,7 @@ from scripts.checks.repository import Repository
 
 CLIENT, AIO = "client/zenoh_tf_client", "client/zenoh_tf_client/aio"
 CORE = "zenoh_tf/core"
+HOW, REF, WHY = "docs/how-to", "docs/reference", "docs/explanation"
 DASHBOARD = "docker/grafana/dashboard.json"
 #: Check, file, a pattern in it, what takes its place, and a part of the report.
 PLANTED: list[tuple[str, str, str, str, str]] = [
@@ -37,19 +38,25 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
         "\nX f(X x,\n    X y) {\n" + 58 * "x;\n" + "}\n",
         "of 61",
     ),
-    ("words", "docs/clocks.md", r"\Z", "It is " + "to" + "ld.\n", "write sent, reported"),
-    ("actors", "docs/clocks.md", r"\Z", "It is for" + " who reads.\n", "name the actor"),
+    ("words", f"{WHY}/clocks.md", r"\Z", "It is " + "to" + "ld.\n", "write sent, reported"),
+    ("actors", f"{WHY}/clocks.md", r"\Z", "It is for" + " who reads.\n", "name the actor"),
     ("configurations", "bench/sizing.py", r"\Z", "zenoh" + ".Config()\n", "zenoh_config.py"),
     ("make_targets", "Makefile", r"\nnative:", "\nother: x ## y\nnative:", "explain make other"),
     ("make_targets", ".ci/run", r"make lint", "make nonsense", "there is no make nonsense"),
     ("make_targets", ".github/workflows/nightly.yml", "- fuzz", "- fuss", "no make fuss"),
-    ("make_targets", "docs/testing.md", "`make fuzz`", "`make fuss`", "there is no make fuss"),
-    ("readme", "README.md", r"\(docs/clocks.md\)", "(docs/clock.md)", "leads nowhere"),
+    ("make_targets", f"{WHY}/testing.md", "`make fuzz`", "`make fuss`", "there is no make fuss"),
+    ("readme", "README.md", r"\(docs/explanation/clocks.md\)", "(docs/clock.md)", "leads nowhere"),
     ("metadata", "CHANGELOG.md", r"0\.1\.0", "0.0.9", "add a section"),
-    ("extras", "docs/view.md", r"\.\[viewer,", "zenoh-tf[view,", "no extra view"),
-    ("links", "docs/state.md", r"\]\([a-z]+\.md", "](nowhere.md", "nowhere.md leads nowhere"),
-    ("links", "docs/from-tf2.md", "#call-by-call", "#calls", "has no heading #calls"),
-    ("named_files", "docs/glossary.md", "`records/frame.hpp`", "`frames.hpp`", "names frames.hpp"),
+    ("extras", f"{HOW}/view.md", r"\.\[viewer,", "zenoh-tf[view,", "no extra view"),
+    ("links", f"{WHY}/state.md", r"\]\([a-z./-]+\.md", "](nowhere.md", "nowhere.md leads nowhere"),
+    ("links", f"{HOW}/from-tf2.md", "#call-by-call", "#calls", "has no heading #calls"),
+    (
+        "named_files",
+        f"{REF}/glossary.md",
+        "`records/frame.hpp`",
+        "`frames.hpp`",
+        "names frames.hpp",
+    ),
     ("architecture", "zenoh_tf/core/new.hpp", r"\Z", "// New.\n", "add zenoh_tf/core/new.hpp"),
     ("lock_order", "zenoh_tf/core/keys.hpp", r"\Z", "  std::mutex mutex_;\n", "add keys.hpp to"),
     (
@@ -66,8 +73,8 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("core_rooms", f"{CORE}/waiting/wait_list.cpp", '#include "tree.hpp"', "", "any more"),
     ("core_rooms", f"{CORE}/extra/new.hpp", r"\Z", "// New.\n", "extra is no room"),
     ("shown_examples", "examples/sensor.py", "0.02", "0.03", "README.md"),
-    ("api_reference", "docs/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
-    ("made_pages", "docs/limits.md", "1,048,576", "1,048,577", "docs/limits.md:26"),
+    ("api_reference", f"{REF}/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
+    ("made_pages", f"{REF}/limits.md", "1,048,576", "1,048,577", f"{REF}/limits.md:26"),
     (
         "measured_numbers",
         "README.md",
@@ -75,18 +82,18 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
         r"\g<1>9",
         "differs from bench",
     ),
-    ("measured_numbers", "docs/mirrors.md", r"takes (?=<!--)", "\n", "begins a line"),
-    ("documented_calls", "docs/from-tf2.md", r"tf\.can_transform\(", "tf.can(", "no method can"),
-    ("documented_calls", "docs/from-tf2.md", r"tf2 import do_\w+", "tf2 import it", "has no it"),
+    ("measured_numbers", f"{HOW}/mirrors.md", r"takes (?=<!--)", "\n", "begins a line"),
+    ("documented_calls", f"{HOW}/from-tf2.md", r"tf\.can_transform\(", "tf.can(", "no method can"),
+    ("documented_calls", f"{HOW}/from-tf2.md", r"tf2 import do_\w+", "tf2 import it", "has no it"),
     ("queries", DASHBOARD, "zenoh_tf_frames", "zenoh_tf_fames", "no metric zenoh_tf_fames"),
     ("panels", DASHBOARD, r'"x": [1-9]\d*', '"x": 0', "overlaps"),
     ("compose_files", "docker/compose.yaml", "pids_limit: ", "pids: ", "docker-compose.yaml"),
     ("scraping", "docker/prometheus/prometheus.yaml", r"server:\d+", "server:1", "metrics are at"),
-    ("flags", "docs/view.md", r"zenoh-tf view ", "zenoh-tf view --loop ", "has no flag --loop"),
-    ("flags", "docs/clocks.md", "`--cache-time`", "`--cash-time`", "flag --cash-time"),
-    ("limits", "docs/state.md", "--limit frames", "--limit frame", "there is no limit frame"),
-    ("defaults", "docs/clocks.md", "default 3600", "default 60", "of --max-future-s is 3600"),
-    ("enumerations", "docs/urdf.md", "`no_stamp`", "", "docs/urdf.md"),
+    ("flags", f"{HOW}/view.md", r"zenoh-tf view ", "zenoh-tf view --loop ", "has no flag --loop"),
+    ("flags", f"{WHY}/clocks.md", "`--cache-time`", "`--cash-time`", "flag --cash-time"),
+    ("limits", f"{WHY}/state.md", "--limit frames", "--limit frame", "there is no limit frame"),
+    ("defaults", f"{WHY}/clocks.md", "default 3600", "default 60", "of --max-future-s is 3600"),
+    ("enumerations", f"{HOW}/urdf.md", "`no_stamp`", "", f"{HOW}/urdf.md"),
     ("conformance", "tests/conformance/test_e_time.py", "test_E02_", "test_E03_", "row E02"),
     (
         "clocks",
@@ -95,7 +102,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
         "assert time.monotonic() - begin < 5\n",
         "compare counts",
     ),
-    ("conformance", "docs/from-tf2.md", "99 cases", "98 cases", "suite has 99 cases"),
+    ("conformance", f"{HOW}/from-tf2.md", "99 cases", "98 cases", "suite has 99 cases"),
 ]
 #: They read each file by itself, so the planted one suffices.
 OF_ONE_FILE = {"actors", "clocks", "configurations", "functions", "imports", "sizes", "words"}

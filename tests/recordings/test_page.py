@@ -1,4 +1,4 @@
-"""Every command and every snippet of docs/recordings.md runs."""
+"""Every command and every snippet of docs/how-to/recordings.md runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zenoh_tf_tools.cli.main import _parser
 from .files import Log, write
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/recordings.md").read_text()
+PAGE = (ROOT / "docs/how-to/recordings.md").read_text()
 COMMANDS = [
     line
     for block in re.findall(r"```sh\n(.*?)```", PAGE, re.S)

@@ -1,4 +1,4 @@
-"""docs/ros2.md, the demo and the compose file do what they say."""
+"""docs/how-to/ros2.md, the demo and the compose file do what they say."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from zenoh_tf_server import flags
 from .conftest import make_server, position
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/ros2.md").read_text()
+PAGE = (ROOT / "docs/how-to/ros2.md").read_text()
 LINES = [
     line
     for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)

@@ -1,4 +1,4 @@
-"""docs/from-tf2.md says what is so: its commands, imports and scripts run."""
+"""docs/how-to/from-tf2.md says what is so: its commands, imports and scripts run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.processes import forks
 from zenoh_tf import StampedTransform, Transform
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/from-tf2.md").read_text()
+PAGE = (ROOT / "docs/how-to/from-tf2.md").read_text()
 CODE = [code.strip() for code in re.findall(r"`([^`\n]+)`", PAGE)]
 EXAMPLE = ROOT / "examples/from_tf2.py"
 FILTER_EXAMPLE = ROOT / "examples/message_filter.py"

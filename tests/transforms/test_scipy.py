@@ -55,7 +55,7 @@ def test_rotations_out_and_back() -> None:
 
 
 def test_rotations_made_by_scipy() -> None:
-    """Roll, pitch, yaw about fixed axes: as docs/notation.md names them."""
+    """Roll, pitch, yaw about fixed axes: as docs/reference/notation.md names them."""
     rotation = spatial.Rotation.from_euler("xyz", [0.1, 0.2, 0.3])
     a = from_rotation(rotation, (1, 2, 3))
     moved = rotation.apply(POINTS) + np.array([1, 2, 3])

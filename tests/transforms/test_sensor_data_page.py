@@ -1,4 +1,4 @@
-"""Every snippet of docs/sensor-data.md runs, in its order, on the embedded tree and on a client."""
+"""Every snippet of docs/how-to/sensor-data.md runs, in order, on a tree and on a client."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from zenoh_tf import Dropped, StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs/sensor-data.md").read_text()
+PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/sensor-data.md").read_text()
 SNIPPETS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 BEGIN_NS, MS = 10**18, 1_000_000
 

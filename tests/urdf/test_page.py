@@ -1,4 +1,4 @@
-"""docs/urdf.md and the help of the command say what is so: every line runs."""
+"""docs/how-to/urdf.md and the help of the command say what is so: every line runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.processes import forks
 from tests.processes.servers import ServerProcess
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/urdf.md").read_text()
+PAGE = (ROOT / "docs/how-to/urdf.md").read_text()
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.M | re.S)
 LINES = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines()]
 #: Those that need each other.

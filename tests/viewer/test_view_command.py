@@ -1,4 +1,4 @@
-"""``zenoh-tf view`` as a process, with every command of docs/view.md."""
+"""``zenoh-tf view`` as a process, with every command of docs/how-to/view.md."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.recordings.files import write
 from zenoh_tf_tools.cli.main import main
 from zenoh_tf_tools.cli.show.view import _EXAMPLES
 
-PAGE = (Path(__file__).parents[2] / "docs/view.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs/how-to/view.md").read_text()
 MODULE = ("-m", "zenoh_tf_tools")
 #: As the module, in a process that lacks a library.
 WITHOUT = "import sys; sys.modules[sys.argv.pop(1)] = None; import zenoh_tf_tools.cli.main as m; "

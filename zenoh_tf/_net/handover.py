@@ -2,7 +2,7 @@
 
 A client connects, and the server sends one message with the file descriptor of its region. A client
 that wants nothing else closes the connection. Else it sends requests (`local_requests`), if the
-server's offer says so. docs/protocol.md describes both.
+server's offer says so. docs/reference/protocol.md describes both.
 
 Internal: for `zenoh_tf_server`, which sends, and `zenoh_tf_client`, which receives.
 """

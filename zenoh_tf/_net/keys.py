@@ -33,7 +33,7 @@ from ..errors import InvalidArgumentException
 from ..text import quoted
 
 PREFIX: Final = "tf/v1"
-#: The types of requests, in the order of docs/protocol.md.
+#: The types of requests, in the order of docs/reference/protocol.md.
 REQUEST_TYPES: Final = (
     "lookup",
     "commit",
@@ -102,7 +102,7 @@ def unescape(chunk: str) -> str:
         canonical = False
     if not canonical:
         raise InvalidArgumentException(
-            f"key chunk {quoted(chunk)} is not a correctly escaped name: see docs/protocol.md",
+            f"key chunk {quoted(chunk)} is no escaped name: see docs/reference/protocol.md",
             field="chunk",
         )
     return name

@@ -1,7 +1,7 @@
 """How requests and replies follow each other on a Unix socket, between processes of one host.
 
 They are the messages that Zenoh would carry, each behind a header. A client sends its id, then a
-request, and the next one after the reply. docs/protocol.md describes it.
+request, and the next one after the reply. docs/reference/protocol.md describes it.
 
 Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """

@@ -2,7 +2,8 @@
 // and commits. Needs a 64-bit target (records/frame.hpp).
 //
 // A tree is made of the rooms below it, from base/ to waiting/. The rooms above define its members
-// and use what they share: commits/, replication/, lookups/. docs/architecture.md has all rooms.
+// and use what they share: commits/, replication/, lookups/. docs/explanation/architecture.md has
+// all rooms.
 //
 // Thread safety: every function, from any thread.
 // Lock order, of the whole core. A thread takes a lock only while it holds none of a later line:

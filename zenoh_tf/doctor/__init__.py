@@ -1,7 +1,7 @@
 """Finds faults of a tree: two publishers of one frame, stopped links, clocks that are off.
 
-`CATALOGUE` lists them by number; docs/doctor.md is made from it. `diagnose` works on plain facts,
-so it serves an embedded tree, a server's and a recording alike.
+`CATALOGUE` lists them by number; docs/reference/doctor.md is made from it. `diagnose` works on
+plain facts, so it serves an embedded tree, a server's and a recording alike.
 """
 
 from zenoh_tf.doctor.catalogue import CATALOGUE, Fault, Finding, diagnose

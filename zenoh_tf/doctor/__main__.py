@@ -1,4 +1,4 @@
-"""``python -m zenoh_tf.doctor > docs/doctor.md`` writes the page about the catalogue."""
+"""``python -m zenoh_tf.doctor > docs/reference/doctor.md`` writes the page about the catalogue."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from zenoh_tf.doctor.catalogue import CATALOGUE
 
 
 def page() -> Iterator[str]:
-    """The lines of docs/doctor.md."""
+    """The lines of docs/reference/doctor.md."""
     yield "# Doctor"
     yield ""
     yield "`zenoh-tf doctor` looks at a served tree for some seconds, or reads a recording"
@@ -16,7 +16,7 @@ def page() -> Iterator[str]:
     yield "each with its evidence. Exit code 0: none; 3: some; 1: it could not look. `--ignore"
     yield "TF301` leaves one out, `--for 10s` looks for ten seconds, and `--json` prints one"
     yield "document. `zenoh-tf explain` says what a single lookup suffers from: see"
-    yield "[troubleshooting](troubleshooting.md)."
+    yield "[troubleshooting](../how-to/troubleshooting.md)."
     yield ""
     yield "A recording does not tell who published what, so its topics stand for the publishers."
     yield "Only the messages show quaternions that are not of length 1 (TF401); what a server has"

@@ -1,4 +1,4 @@
-"""The catalogue of faults. ``python -m zenoh_tf.doctor`` makes docs/doctor.md of it."""
+"""The catalogue of faults. ``python -m zenoh_tf.doctor`` makes docs/reference/doctor.md of it."""
 
 from __future__ import annotations
 
@@ -112,7 +112,8 @@ CATALOGUE: Final = (
         "a clock that is off",
         "The stamps of one computer do not fit those of the others, so lookups across them fail or "
         "join poses of different times.",
-        "Synchronise the clocks (chrony, PTP). docs/clocks.md says how the offsets are measured.",
+        "Synchronise the clocks (chrony, PTP). docs/explanation/clocks.md says how the offsets are "
+        "measured.",
         checks.skewed_clock,
     ),
     Fault(
@@ -144,7 +145,7 @@ CATALOGUE: Final = (
         "time was set back",
         "Stamps jumped back by more than the cache time, and the link's history was cleared. A "
         "simulator was reset, or a clock was corrected.",
-        "Nothing, if that was meant. Else see docs/clocks.md.",
+        "Nothing, if that was meant. Else see docs/explanation/clocks.md.",
         checks.time_jumps,
     ),
     Fault(
@@ -195,7 +196,7 @@ def diagnose(facts: TreeFacts, ignore: Collection[str] = ()) -> list[Finding]:
     """
     for name in ignore:
         if name not in _BY_ID:
-            raise ValueError(f"there is no fault {name!r}; docs/doctor.md lists them")
+            raise ValueError(f"there is no fault {name!r}; docs/reference/doctor.md lists them")
     return [
         Finding(fault, subject, evidence)
         for fault in CATALOGUE

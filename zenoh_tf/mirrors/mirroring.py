@@ -2,7 +2,7 @@
 
 The owner feeds in every stream message (`received`) and every reply (`answered`, `failed`), and
 sends the requests that it is given. It must listen to the stream before it sends the first one.
-docs/protocol.md, "stream", describes the messages.
+docs/reference/protocol.md, "stream", describes the messages.
 
     plan ──> pieces ──> catching up ──> complete ──(gap)──> missed ──> complete
       ^___________________________________________________________|  forgotten, or a new server

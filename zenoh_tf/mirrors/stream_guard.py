@@ -66,7 +66,7 @@ class Alarm:
             log.error(
                 "the copy of tree %r contradicts its server: another client puts messages on the "
                 "server's stream, or replies in its place; the copy is made again (%d times until "
-                "now). Keep strangers out with users or certificates: docs/security.md",
+                "now). Keep strangers out with users or certificates: docs/how-to/security.md",
                 self._tree,
                 count,
             )

@@ -2,7 +2,7 @@
 
 Needs the libraries of ``pip install 'zenoh-tf[recordings]'``. A recording has one reader,
 `Recording`: for a tree (`zenoh_tf.TransformTree.from_recording`), and for `zenoh-tf query` and
-`replay`. docs/recordings.md says which files can be read, and what is a static link.
+`replay`. docs/how-to/recordings.md says which files can be read, and what is a static link.
 
     mcap_file.py, bag_file.py -> decoders.py -> recording.py -> blocks.py -> load.py
     raw messages of a container  their columns                  commits      a tree

@@ -1,4 +1,5 @@
-"""Times, durations and numbers as commands and flags take them: one grammar, in docs/commands.md.
+"""Times, durations and numbers as commands and flags take them: one grammar, in
+docs/reference/commands.md.
 
 Each function is a type for argparse, or makes one. argparse puts the flag's name before its errors.
 """

@@ -2,7 +2,7 @@
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
 `calls` batches, info and admin requests, `stream` what mirrors follow, and `interest` which part of
-it. docs/protocol.md describes it for other languages.
+it. docs/reference/protocol.md describes it for other languages.
 """
 
 from .calls import (

@@ -1,4 +1,4 @@
-"""Messages of batches, info and admin requests (docs/protocol.md)."""
+"""Messages of batches, info and admin requests (docs/reference/protocol.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commit messages: one write transaction as columns (docs/protocol.md, "commit").
+"""Commit messages: one write transaction as columns (docs/reference/protocol.md, "commit").
 
 A put of transforms carries the same body, but its key gives `authority` and `static`.
 """

@@ -1,4 +1,5 @@
-"""Interests of mirrors: which frames one wants, and how often (docs/protocol.md, "interest")."""
+"""Interests of mirrors: which frames one wants, and how often ("interest" in
+docs/reference/protocol.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lookup messages: any number of reads as columns (docs/protocol.md, "lookup").
+"""Lookup messages: any number of reads as columns (docs/reference/protocol.md, "lookup").
 
 A single read has a fast path without numpy, which would be most of its cost: `one_read`,
 `parse_one_read`, `one_answer` and `parse_one_answer`. Its messages are the same. If it has no

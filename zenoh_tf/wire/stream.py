@@ -1,4 +1,5 @@
-"""Messages of the commit stream, snapshots and missed messages (docs/protocol.md, "stream").
+"""Messages of the commit stream, snapshots and missed messages (docs/reference/protocol.md,
+"stream").
 
 The columns are those of `zenoh_tf._core.ChangeLog` and `ChangeReplay`, as tuples in their order.
 """

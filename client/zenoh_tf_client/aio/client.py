@@ -93,7 +93,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
                 ``tls/HOST:PORT``.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
-            credentials: User, password and the files for TLS; see docs/security.md.
+            credentials: User, password and the files for TLS; see docs/how-to/security.md.
             reads: How lookups are answered. ``"shared"``: from the server's memory, which this
                 process maps, where the server is on this host and shares its tree; else by queries.
                 ``"query"``: by queries. Both give the same answers and errors.
@@ -209,7 +209,8 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     def replica_age_s(self) -> float | None:
         """Returns how old the last answer of the service may be, in seconds.
 
-        It counts if a replica gave it: see docs/replicas.md. None if the server itself answered.
+        It counts if a replica gave it: see docs/how-to/replicas.md. None if the server itself
+        answered.
         """
         return self._connection.opened.replica_age_s
 

@@ -36,7 +36,7 @@ class AsyncMirror(MirrorCopy):
     states, but never go back while the same server runs. Writes go to the server, as always.
 
     While the server is away, or the link is cut, the last state is served and its age grows.
-    docs/mirrors.md has the whole contract. An asynchronous context manager, which closes itself at
+    The contract: docs/how-to/mirrors.md. An asynchronous context manager, which closes itself at
     the end.
 
     Concurrency: lookups and properties, from any thread; coroutines, from the client's event loop.

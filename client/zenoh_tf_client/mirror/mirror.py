@@ -33,7 +33,7 @@ class Mirror(MirrorCopy):
     states, but never go back while the same server runs. Writes go to the server, as always.
 
     While the server is away, or the link is cut, the last state is served and its age grows.
-    docs/mirrors.md has the whole contract. A context manager, which closes itself at the end.
+    The contract: docs/how-to/mirrors.md. A context manager, which closes itself at the end.
 
     Thread safety: all methods.
 

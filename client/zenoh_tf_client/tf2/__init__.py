@@ -6,7 +6,7 @@
 No ROS is needed or imported. A message is any object with a message's attributes. A time is any
 object with `.nanoseconds` (rclpy) or `.sec` and `.nanosec` (builtin_interfaces). Results are
 the plain classes of `messages`. The environment variables ZENOH_TF_CONNECT and ZENOH_TF_TREE
-name the server; see `connect`. docs/from-tf2.md lists the differences from tf2.
+name the server; see `connect`. docs/how-to/from-tf2.md lists the differences from tf2.
 """
 
 from zenoh_tf.errors import (

@@ -44,7 +44,7 @@ _NEGATIVE_TIME = re.compile(r"-\.?\d[\w.]*")
 _EPILOG = """\
 values:     DURATION 20ms, 2s or 5min; TIME 2026-01-31T12:00:00Z, 1700000000.5s or now-2s,
             in a recording +10s (after its first stamp) or -2s (before its last one);
-            docs/commands.md has the grammar
+            docs/reference/commands.md has the grammar
 exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 the command has found what is wrong
             (doctor: a fault; explain: why the lookup fails)
 errors:     one line on stderr; with --json a JSON object there, with the keys

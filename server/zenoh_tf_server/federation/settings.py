@@ -39,7 +39,7 @@ class FederationSettings:
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this module."""
-    group = parser.add_argument_group("trees of robots (docs/federation.md)")
+    group = parser.add_argument_group("trees of robots (docs/how-to/federation.md)")
     group.add_argument(
         "--mirror-of",
         action="append",

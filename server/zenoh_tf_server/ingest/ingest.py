@@ -2,7 +2,7 @@
 
 One thread takes the puts from Zenoh, sorts them into a queue per authority (`put_queues`), and
 commits the small ones. A second thread commits the large ones, so that nobody waits for them.
-docs/decisions/0009-puts-queue-per-authority.md has the reasons and the figures.
+docs/explanation/decisions/0009-puts-queue-per-authority.md has the reasons and the figures.
 
 Thread safety: all methods.
 """

@@ -1,6 +1,7 @@
-"""Every metric of the server in one table. The collector and docs/metrics.md are made from it.
+"""Every metric of the server in one table. The collector and docs/reference/metrics.md are made
+from it.
 
-``python -m zenoh_tf_server.monitoring.metric_table > docs/metrics.md`` writes the page.
+``python -m zenoh_tf_server.monitoring.metric_table > docs/reference/metrics.md`` writes the page.
 
 To export a new value, put it into `stats` (`Service.add_counters`) and declare its key in
 `FROM_STATS`. Keys that differ in a label only, such as one queue per request type, share a metric:
@@ -226,7 +227,7 @@ DURATION: Final = Metric(
     'waits; `outcome` is "ok" or "error"',
     ("request_type", "outcome"),
 )
-LIMIT: Final = Metric("limit", "gauge", "a limit of docs/limits.md, by name", ("limit",))
+LIMIT: Final = Metric("limit", "gauge", "a limit of docs/reference/limits.md, by name", ("limit",))
 CLIENTS: Final = _gauge("connected_clients", "clients that are connected")
 CLIENT_AHEAD: Final = _gauge(
     "client_clock_ahead_seconds",
@@ -265,12 +266,12 @@ def all_metrics() -> Iterator[Metric]:
 
 
 def page() -> Iterator[str]:
-    """The lines of docs/metrics.md."""
+    """The lines of docs/reference/metrics.md."""
     yield "# Metrics"
     yield ""
     yield "`zenoh-tf-server --metrics 127.0.0.1:9464` serves metrics for Prometheus at `/metrics`,"
-    yield "and `/healthz` and `/readyz` beside it (see [Deployment](deploy.md)). It needs the"
-    yield "extra: `pip install '.[metrics]'` in a checkout. Without the flag, nothing listens."
+    yield "and `/healthz` and `/readyz` beside it (see [Deployment](../how-to/deploy.md)). It needs"
+    yield "the extra: `pip install '.[metrics]'` in a checkout. Without the flag, nothing listens."
     yield "The port has neither encryption nor passwords: let it listen where only Prometheus"
     yield "reaches it."
     yield ""

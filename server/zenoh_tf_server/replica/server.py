@@ -2,8 +2,8 @@
 
 It declares no key of the primary. Its own keys name its router, so a query of another router's
 client never gets here, and exactly one server executes each read
-(docs/decisions/0014-replicas-have-keys-of-their-own.md). Writes and puts of its clients pass
-through its router to the primary.
+(docs/explanation/decisions/0014-replicas-have-keys-of-their-own.md). Writes and puts of its clients
+pass through its router to the primary.
 """
 
 from __future__ import annotations

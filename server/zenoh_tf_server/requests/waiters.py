@@ -209,7 +209,7 @@ class Waiters:
             raise ServerBusy(
                 f"a lookup waits for more than {UNKNOWN_WAIT_S} s only for a client that is known "
                 "to be there: by its liveliness token, whose id the query's attachment has "
-                "(docs/protocol.md)",
+                "(docs/reference/protocol.md)",
                 field="timeout_s",
                 limit=UNKNOWN_WAIT_S,
                 value=lookup.timeout_ns * 1e-9,

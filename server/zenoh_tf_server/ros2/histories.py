@@ -3,7 +3,8 @@
 A publisher that keeps its last messages has a liveliness token. For each token that appears, its
 owner is asked, and nobody else: so a publisher that does not answer delays no other. An
 AdvancedSubscriber would ask all of them in one query, and hold back live messages until the last
-one has answered, or 10 s have passed (docs/decisions/0016-ros2-through-the-put-queues.md).
+one has answered, or 10 s have passed
+(docs/explanation/decisions/0016-ros2-through-the-put-queues.md).
 
 Thread safety: all methods.
 """

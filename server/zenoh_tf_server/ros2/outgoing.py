@@ -39,7 +39,7 @@ from ..state.static_links import StaticLinks
 from ..state.tree_commits import Stores
 from .publishers import AUTHORITIES, NODE, is_echo
 
-#: Reliable, volatile and transient local, as tf2's broadcasters; see docs/ros2.md.
+#: Reliable, volatile and transient local, as tf2's broadcasters; see docs/how-to/ros2.md.
 _QOS: Final = {"tf": "1:2:1,100:,:,:,,", "tf_static": "1:1:1,1:,:,:,,"}
 #: Transforms that wait for their turn; the oldest commits make room.
 _MAX_WAITING: Final = 200_000

@@ -32,7 +32,7 @@ AUTHORITIES: Final = ("ros2:", "ros2dds:")
 #: The name of a server that publishes for others, for instance in `ros2 node list`.
 NODE: Final = "zenoh_tf"
 #: The authority of such a server at a robot's server, as it is at the site that gathers the robot
-#: (docs/federation.md).
+#: (docs/how-to/federation.md).
 _PUBLISHED_BY_A_SERVER: Final = re.compile(rf":ros2:\d+/{NODE}(@|$)")
 #: Sources that are remembered.
 _MAX_SOURCES: Final = 4096

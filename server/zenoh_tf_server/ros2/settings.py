@@ -37,7 +37,7 @@ class Ros2Settings:
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of ROS 2."""
     group = parser.add_argument_group(
-        "ROS 2: robots with rmw_zenoh or zenoh-bridge-ros2dds (docs/ros2.md)"
+        "ROS 2: robots with rmw_zenoh or zenoh-bridge-ros2dds (docs/how-to/ros2.md)"
     )
     group.add_argument(
         "--ros2",

@@ -79,7 +79,7 @@ OPEN = Security()
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this module."""
-    group = parser.add_argument_group("keys and users (docs/security.md)")
+    group = parser.add_argument_group("keys and users (docs/how-to/security.md)")
     group.add_argument(
         "--tls-certificate",
         metavar="FILE",
@@ -257,7 +257,7 @@ def exposure(security: Security, listen: Sequence[str]) -> str | None:
     return (
         f"ANYONE WHO REACHES {_shown(open_to_all)} CAN READ, CHANGE AND CLEAR THE TREE: nobody has "
         "to prove who they are there. Set --users FILE, or --tls-certificate, --tls-key and "
-        "--tls-ca (docs/security.md), or listen on 127.0.0.1 only"
+        "--tls-ca (docs/how-to/security.md), or listen on 127.0.0.1 only"
     )
 
 

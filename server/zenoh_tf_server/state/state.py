@@ -36,7 +36,7 @@ class StateSettings:
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of the state."""
-    group = parser.add_argument_group("state (docs/state.md)")
+    group = parser.add_argument_group("state (docs/explanation/state.md)")
     group.add_argument(
         "--state-dir",
         type=Path,

@@ -4,7 +4,7 @@ One thread takes the entries of the tree's change log and puts each batch as one
 that comes alone goes out at once; after a message, the next one waits for a millisecond and then
 has everything. With nothing to say, a heartbeat tells the last number. The publisher drops what a
 link does not take: so no listener delays the server or another listener, and those that miss a
-message ask for it (docs/decisions/0010-the-stream-tells-versions.md).
+message ask for it (docs/explanation/decisions/0010-the-stream-tells-versions.md).
 
 Thread safety: all methods.
 """

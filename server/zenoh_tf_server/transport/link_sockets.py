@@ -2,8 +2,8 @@
 
 Zenoh has no call that sends without blocking. A reply to a client that does not read blocks the
 sending thread, and Zenoh's routing tables with it: the next client that comes or goes then stops
-everyone (docs/decisions/0008-replies-never-block.md). So the server asks the kernel about the
-link's socket before it hands a reply to Zenoh.
+everyone (docs/explanation/decisions/0008-replies-never-block.md). So the server asks the kernel
+about the link's socket before it hands a reply to Zenoh.
 
 Only links over TCP (tcp, tls, ws) have such a socket, where the system lists a process's open
 files. All others are unknown to this module.

@@ -163,9 +163,9 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
 }
 
 // Returns true if the rows of a group show that its frame's history must begin again at an earlier
-// time (docs/clocks.md): they are all too old, and so was a sample before them that is a little
-// older, with no good sample in between. Unless the options say so, only a history that ends ahead
-// of the real-time clock restarts.
+// time (docs/explanation/clocks.md): they are all too old, and so was a sample before them that is
+// a little older, with no good sample in between. Unless the options say so, only a history that
+// ends ahead of the real-time clock restarts.
 bool CommitPlan::restarts_history(const FrameWrites& group) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;

@@ -1,9 +1,9 @@
 // The messages of a lookup of one row, whose packing and parsing would cost more than the lookup.
 //
-// docs/protocol.md, "lookup", says what they mean. A message may have its fields in any order and
-// more of them, so only those are parsed here that are byte for byte as this file, and the Python
-// side, write them: without optional fields, and in one order. The general decoder reads all others
-// (zenoh_tf/wire/lookup.py), and says what is wrong with them.
+// docs/reference/protocol.md, "lookup", says what they mean. A message may have its fields in any
+// order and more of them, so only those are parsed here that are byte for byte as this file, and
+// the Python side, write them: without optional fields, and in one order. The general decoder reads
+// all others (zenoh_tf/wire/lookup.py), and says what is wrong with them.
 //
 // Thread safety: functions of their arguments.
 #pragma once

@@ -14,7 +14,7 @@
 // validation there is an instant at which every frame of the read set had the version that was
 // read. That instant is the transaction's linearization point. A writer has a sequentially
 // consistent fence or compare-and-swap before it unlocks, and versions are loaded likewise, so two
-// readers cannot see two independent commits in opposite orders (docs/concurrency.md).
+// readers cannot see two independent commits in opposite orders (docs/explanation/concurrency.md).
 #pragma once
 
 #include <algorithm>

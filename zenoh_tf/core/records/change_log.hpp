@@ -5,7 +5,7 @@
 // is compared. Two commits that write one frame draw in the order of their locks. If a commit has
 // read what another writes, its comparison would find the other's mark had the other drawn first.
 // So the numbers of commits that depend on each other are in their serial order
-// (docs/concurrency.md).
+// (docs/explanation/concurrency.md).
 //
 // Thread safety: writers draw and publish from any thread, without waiting. start(), stop(), wait()
 // and take() are the consumer's, one thread at a time. The rest, from any thread.

@@ -177,7 +177,8 @@ class Ring {
 };
 
 // A frame's ring, as the distance from the frame's newest sample to the ring: one addition to an
-// address that a reader has at hand (docs/decisions/0011-trees-in-shared-memory.md). 0 is none.
+// address that a reader has at hand (docs/explanation/decisions/0011-trees-in-shared-memory.md). 0
+// is none.
 class RelativeRing {
  public:
   [[nodiscard]] ZTF_ALWAYS_INLINE Ring

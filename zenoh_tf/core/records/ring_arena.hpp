@@ -7,9 +7,9 @@
 // Why a ring may be used again although readers may still read it. A frame's ring is given back
 // only after the frame has got a new version without that ring. A reader that loads anything that
 // the next owner has stored there has acquired what happened before, which includes that version.
-// So its validation of the first frame fails, as after any torn read (docs/concurrency.md). The
-// words of a ring are atomics at the same places whoever owns it, and its memory stays valid, so a
-// late reader is safe until it validates.
+// So its validation of the first frame fails, as after any torn read
+// (docs/explanation/concurrency.md). The words of a ring are atomics at the same places whoever
+// owns it, and its memory stays valid, so a late reader is safe until it validates.
 //
 // Thread safety: every function, from any thread. The mutex is rarely taken, as rings double. Lock
 // order: see tree.hpp.

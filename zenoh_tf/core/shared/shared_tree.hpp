@@ -6,9 +6,9 @@
 //
 // Every read is validated as an optimistic read of the owner is, whatever the owner's concurrency
 // control: all of them change versions alike (commits/write_locks.hpp). Then the lease is checked,
-// so that no answer comes from a tree whose successor may have changed (docs/concurrency.md). A
-// read never takes a lock, never writes, and ends: if it finds no valid answer, it throws
-// Unanswered.
+// so that no answer comes from a tree whose successor may have changed
+// (docs/explanation/concurrency.md). A read never takes a lock, never writes, and ends: if it finds
+// no valid answer, it throws Unanswered.
 //
 // Thread safety: every function, from any thread.
 #pragma once

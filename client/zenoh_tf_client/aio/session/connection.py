@@ -27,7 +27,8 @@ from .waits import Wait, Waits
 
 T = TypeVar("T")
 
-#: Calls of one client that are under way; further callers wait for room. docs/asyncio.md has both.
+#: Calls of one client that are under way; further callers wait for room. docs/how-to/asyncio.md has
+#: both.
 MAX_CALLS: Final = 4000
 #: The same for lookups with a `timeout_s`. They have room of their own: they may wait for what
 #: another call is about to write. Fewer, as each is a message, and servers take 2,048 at once.
