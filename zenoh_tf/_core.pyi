@@ -1,8 +1,7 @@
 """The native module `_core`: the tree, and what the server needs of it.
 
-This stub and `_core_stubs/transform.pyi` are the one source of signatures and docstrings: help()
-shows them, too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in
-metres.
+This stub and `_core_stubs/transform.pyi` are the one source of signatures and docstrings: help() shows them,
+too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, in metres.
 """
 
 from collections.abc import Sequence

@@ -201,6 +201,6 @@ def test_saves_at_the_same_time_get_different_versions(tmp_path: Path) -> None:
     stale = original(folders[0], "cell")
     saved.append(folders[0].save("cell", links, "main", ""))
     answers = iter([stale])
-    folders[1].references = lambda name=None: next(answers, original(folders[1], name))  # type:
-    ignore[method-assign] saved.append(folders[1].save("cell", links, "main", ""))
+    folders[1].references = lambda name=None: next(answers, original(folders[1], name))  # type: ignore[method-assign]
+    saved.append(folders[1].save("cell", links, "main", ""))
     assert [each.reference.version for each in saved] == [1, 2, 3, 4]

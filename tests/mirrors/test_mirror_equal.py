@@ -170,8 +170,8 @@ def test_reads_are_a_prefix_in_order(server: ServerProcess) -> None:
             written: list[int] = []
 
             def step(tx: object, written: list[int] = written) -> None:
-                newest = tx.lookup_latest_transform_xact("map", "frame0")  # type:
-                ignore[attr-defined] written[:] = [newest.stamp_ns + 1]
+                newest = tx.lookup_latest_transform_xact("map", "frame0")  # type: ignore[attr-defined]
+                written[:] = [newest.stamp_ns + 1]
                 for one in stampeds(written[0]):
                     tx.set_transform(one)  # type: ignore[attr-defined]
 

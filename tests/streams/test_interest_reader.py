@@ -38,8 +38,7 @@ SERVER_VERSION = (1 << 48) - 1
 
 def mirror_state(mirror: Mirror) -> State:
     found = state(mirror.tree)
-    return {name: (version & SERVER_VERSION, *rest) for name, (version, *rest) in found.items()}  #
-    type: ignore[misc]
+    return {name: (version & SERVER_VERSION, *rest) for name, (version, *rest) in found.items()}  # type: ignore[misc]
 
 
 def path(tree: State, name: str) -> list[str]:
@@ -191,9 +190,8 @@ def test_a_failure_that_rests_on_a_link_above_the_common_ancestor() -> None:
     follow(mirror, reader, begin=True)
     assert sorted(mirror.tree.frames()) == ["a", "b", "top"]
     there, here = failure(tree, "a", "b", 20), failure(mirror.tree, "a", "b", 20)
-    assert (type(there).__name__, there.frame) == ("BackwardExtrapolationException", "odom")  #
-    type: ignore[union-attr] assert (type(here).__name__, here.frame) ==
-    ("NoDataForExtrapolationException", "b")  # type: ignore[union-attr]
+    assert (type(there).__name__, there.frame) == ("BackwardExtrapolationException", "odom")  # type: ignore[union-attr]
+    assert (type(here).__name__, here.frame) == ("NoDataForExtrapolationException", "b")  # type: ignore[union-attr]
 
 
 def test_past_links_above_the_common_ancestor() -> None:

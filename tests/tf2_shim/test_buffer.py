@@ -112,9 +112,9 @@ def test_travel_in_time(buffer: tf2.Buffer) -> None:
 
 
 def test_sets_wait_for_the_server_and_say_what_is_wrong(buffer: tf2.Buffer) -> None:
-    assert buffer.set_transform(link("map", "base", 4, (40.0, 0.0, 0.0)), "wheels") is None  # type:
-    ignore[func-returns-value] assert buffer.lookup_transform("map", "base",
-    at(4)).transform.translation.x == 40.0 buffer.set_transform(link("map", "base", 100), "wheels")
+    assert buffer.set_transform(link("map", "base", 4, (40.0, 0.0, 0.0)), "wheels") is None  # type: ignore[func-returns-value]
+    assert buffer.lookup_transform("map", "base", at(4)).transform.translation.x == 40.0
+    buffer.set_transform(link("map", "base", 100), "wheels")
     buffer.set_transform(link("map", "base", 5), "wheels")  # too old: dropped, as in tf2
     assert not buffer.can_transform("map", "base", at(5))
     with pytest.raises(tf2.InvalidArgumentException, match="map"):

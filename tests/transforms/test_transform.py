@@ -85,8 +85,7 @@ def test_stamps_are_whole_nanoseconds_of_64_bits() -> None:
         with pytest.raises(InvalidArgumentException) as caught:
             StampedTransform("a", "b", stamp, Transform())  # type: ignore[arg-type]
         assert caught.value.field == "stamp_ns"
-    assert StampedTransform("a", "b", np.int64(5), Transform()).stamp_ns == 5  # type:
-    ignore[arg - type]
+    assert StampedTransform("a", "b", np.int64(5), Transform()).stamp_ns == 5  # type: ignore[arg-type]
 
 
 def test_columns_of_a_transform_array() -> None:

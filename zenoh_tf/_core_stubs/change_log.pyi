@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from zenoh_tf import _core
 
-#: (names, authorities, kind, frame, version, parent, authority, stamp, pose, lost), see
-#: wire.Changes
+#: (names, authorities, kind, frame, version, parent, authority, stamp, pose, lost), see wire.Changes
 _Changes = tuple[
     list[str],
     list[str],

@@ -85,8 +85,7 @@ class Metrics:
                 family = families[metric.name] = self._family(metric)
             if metric.kind == "histogram":
                 pairs, sum_s = buckets(value)
-                family.add_metric(labels, buckets=pairs, sum_value=sum_s)  # type:
-                ignore[attr - defined]
+                family.add_metric(labels, buckets=pairs, sum_value=sum_s)  # type: ignore[attr-defined]
             else:
                 family.add_metric(labels, value * metric.scale)  # type: ignore[attr-defined]
         return families.values()
