@@ -175,7 +175,7 @@ def _sets(tf: TransformClient) -> bool:
 @pytest.mark.usefixtures("either_client")
 def test_a_killed_server_ends_calls_as_over_zenoh(start_sharing: StartServer) -> None:
     server = start_sharing()
-    with server.connect(timeout_s=30.0) as tf, ThreadPoolExecutor() as pool:
+    with server.connect(timeout_s=5.0) as tf, ThreadPoolExecutor() as pool:
         tf.set_transform(link())
         server.freeze()
         write = pool.submit(tf.set_transform, link())

@@ -45,8 +45,8 @@ T = TypeVar("T")
 _CLOCK_PERIOD_S: Final = 10.0
 #: The second time comes sooner, as it is the first that can tell a round trip.
 _FIRST_CLOCK_PERIOD_S: Final = 1.0
-#: How much longer a read may take for it.
-_CLOCK_TIMEOUT_S: Final = 0.5
+#: How much longer a call may take for it: Zenoh may never end one sent as the server ends.
+_HELLO_TIMEOUT_S: Final = 0.5
 #: A client that knows no server looks for a replica for this share of a read's time.
 _FIND_SHARE: Final = 0.25
 #: A replica that lacks what the client must see is asked again after these pauses: a commit gets
@@ -222,9 +222,9 @@ class Exchange:
         if time.monotonic() < self._next_hello_s:
             return
         with contextlib.suppress(TransformException):
-            yield from self.hello(_CLOCK_TIMEOUT_S)
+            yield from self.hello(_HELLO_TIMEOUT_S)
             if self.replica is None:  # one may have come
-                yield from self._find_replica(_CLOCK_TIMEOUT_S)
+                yield from self._find_replica(_HELLO_TIMEOUT_S)
 
     def _read_replica(self, request: Request[Any], deadline_s: float) -> Steps[wire.Message | None]:
         """Look for what answers if that is not known, and ask the replica if there is one. None:
@@ -275,7 +275,7 @@ class Exchange:
             self.replica = replace(replica, server=replace(replica.server, instance=instance))
         if time.monotonic() >= self._next_greeting_s:
             with contextlib.suppress(TransformException):  # the read itself was answered
-                yield from self._find_replica(_CLOCK_TIMEOUT_S)
+                yield from self._find_replica(_HELLO_TIMEOUT_S)
         return reply
 
     def _write(self, request: Request[T]) -> Steps[T]:
@@ -334,16 +334,16 @@ class Exchange:
         """
         if self.server is None:
             with contextlib.suppress(ServerUnavailable):
-                yield from self.hello()
+                yield from self.hello(_HELLO_TIMEOUT_S)
                 self._key(request.request_type, request.body())
 
     def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
         """Raise AccessDenied if the rules of a server instance, which never change, do not allow
         a write that got no reply: then it has not run."""
         if self.replica is not None:  # its rules may be others than this client knows
-            yield from self._find_replica(_CLOCK_TIMEOUT_S)
+            yield from self._find_replica(_HELLO_TIMEOUT_S)
         with contextlib.suppress(ServerUnavailable):
-            server = yield from self.hello(_CLOCK_TIMEOUT_S)
+            server = yield from self.hello(_HELLO_TIMEOUT_S)
             if server.instance == (request.instance or instance):
                 self._key(request.request_type, request.body())
 

@@ -37,6 +37,9 @@ _OPEN_S: Final = 0.5
 #: After a failure, how long no other connection is tried.
 _RETRY_S: Final = 5.0
 _READ_BYTES: Final = 8192
+#: A socket fails when its server ends. Zenoh removes its own connection to it at the same time,
+#: and a query that is sent meanwhile may never end; so it is sent so much later.
+_CLOSING_S: Final = 0.02
 
 log = logging.getLogger("zenoh_tf.client")
 
@@ -178,6 +181,7 @@ class LocalRequests:
         except _LostError as lost:
             self._drop(peer)
             sent = lost.sent
+            time.sleep(_CLOSING_S)
         except BaseException:  # a reply that nobody has read would be taken for the next one
             self._drop(peer)
             raise
@@ -235,6 +239,8 @@ class LocalRequests:
             log.debug("requests go over Zenoh: %s (tree %r)", error, self._tree)
             self._drop(peer)
             self._next_try_s = time.monotonic() + _RETRY_S
+            if isinstance(error, ConnectionError):
+                time.sleep(_CLOSING_S)
             return None
         except BaseException:
             self._drop(peer)
