@@ -3,22 +3,247 @@ nothing. Refuses results of another commit than the code that they measure."""
 
 from __future__ import annotations
 
-import argparse
+import itertools
+import json
+import operator
+import re
+import textwrap
+from collections.abc import Iterable
+from pathlib import Path
 
-from bench import numbers, plots
+import matplotlib
+
+matplotlib.use("svg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from bench.machine import ROOT
-from bench.results import Results
+from bench.results import Results, digits, rewrite_pages
+
+PUBLISHED = json.loads((ROOT / "bench/published-2022.json").read_text())
+BLUE, ORANGE, PALE = "#0072B2", "#D55E00", "#7FB8DA"
+plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+# The same picture makes the same file; text stays text, which is small and can be searched.
+plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
+#: A bar's group, its system, its color, its length, and the two ends of the line on it.
+Bar = tuple[str, str, str, float, float, float]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m bench.figures", description=__doc__)
-    parser.add_argument("--anyway", action="store_true", help="draw results of another commit")
-    results = Results()
-    if not parser.parse_args().anyway:
-        results.require_current()
-    numbers.rewrite(results)
-    plots.draw(results, ROOT / "docs/figures")
+def throughput(results: Results) -> Figure:
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5))
+    _published(left, "operations_per_s", "operations_per_s", 1)
+    _measured(left, results, "operations_per_s")
+    _measured(right, results, "reads_per_s", "links read", factor=16)
+    _measured(right, results, "links_written_per_s", "links written", dash=True)
+    _threads_axis(left, "operations/s", "As the report counts: tf2's 16 sets are 16 operations")
+    _threads_axis(right, "links/s", "The same runs, links counted alike")
+    return figure
+
+
+def latency(results: Results) -> Figure:
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), sharey=True)
+    _published(left, "read_latency_mean_ms", "read_latency_mean_ms", 1000)
+    for axes, part in ((left, "paper"), (right, "paper-cached")):
+        _measured(axes, results, "read_us_p50", "median", part=part)
+        _measured(axes, results, "read_us_p999", "99.9 %", part=part, dash=True)
+    _threads_axis(left, "a read of 16 links, µs", "1,000,000 links; published: means")
+    _threads_axis(right, "", "1,000 links")
+    return figure
+
+
+def delay(results: Results) -> Figure:
+    figure, axes = plt.subplots(figsize=(7, 5))
+    _published(axes, "delay_mean_ms", "delay_oldest_ms", 0.001, " (mean stamp)", " (oldest stamp)")
+    _measured(axes, results, "delay_oldest_s", "oldest stamp", part="delay")
+    _measured(axes, results, "delay_mean_s", "mean stamp", part="delay", dash=True)
+    seconds = results.rows("delay")[0]["seconds"]
+    _threads_axis(axes, "age of the data used, s", f"1,000,000 links, runs of {seconds} s")
+    return figure
+
+
+def staleness(results: Results) -> Figure:
+    series = {
+        ("tf2", "latest-common"): ("tf2, latest common time", ORANGE),
+        ("optimistic", "latest-common"): ("zenoh-tf, latest common time", PALE),
+        ("optimistic", "latest-xact"): ("zenoh-tf, latest of every link", BLUE),
+    }
+    figure, axes = plt.subplots(figsize=(7.5, 4.8))
+    bars = []
+    for row in results.rows("staleness"):
+        mean, tail = row["ms_mean"][1], row["ms_p99"][1]
+        group = f"{row['link']}\n{row['rate_hz']:g} Hz"
+        bars.append((group, *series[row["system"], row["read"]], mean, mean, tail))
+    _bars(axes, bars)
+    axes.set_xlabel("age of the data used, ms: mean (number), line to the 99th percentile")
+    axes.set_xlim(right=1.08 * max(bar[5] for bar in bars))
+    _finish(axes, "How old each link of one lookup is, by kind of lookup")
+    return figure
+
+
+def reads(results: Results) -> Figure:
+    systems = {
+        "embedded": ("embedded tree", BLUE),
+        "shared": ("server's memory, another process", PALE),
+        "mirror": ("mirror, another host", "#2F6690"),
+        "tf2": ("tf2 for Python, same process", "#6B8E4E"),
+        "query": ("query of the server", ORANGE),
+        "bare query": ("empty Zenoh query", "#999999"),
+    }
+    figure, axes = plt.subplots(figsize=(7.5, 5))
+    bars = []
+    for row in results.rows("reads"):
+        low, median, high = row["us_per_call"]
+        bars.append((row["case"], *systems[row["system"]], median, low, high))
+    _bars(axes, bars, " µs")
+    axes.set_xscale("log")
+    axes.set_xlim(0.05, 5 * max(bar[5] for bar in bars))
+    axes.set_xlabel("time of a lookup over 4 links from Python, µs")
+    _finish(axes, "A lookup, by where it is answered")
+    return figure
+
+
+def _bars(axes: Axes, bars: Iterable[Bar], unit: str = "") -> None:
+    """Groups of bars, with a legend of systems."""
+    place, ticks, systems = 0.0, {}, set[str]()
+    for group, members in itertools.groupby(bars, operator.itemgetter(0)):
+        first = place
+        for _, system, color, value, low, high in members:
+            label = None if system in systems else system
+            axes.barh(place, value, height=0.8, color=color, label=label)
+            axes.hlines(place, low, high, color="#555555", linewidth=1)
+            axes.text(high, place, f" {digits(value)}{unit}", va="center", fontsize=8)
+            systems.add(system)
+            place += 1
+        ticks[group] = (first + place - 1) / 2
+        place += 0.5
+    axes.set_yticks([*ticks.values()], [*ticks])
+    axes.invert_yaxis()
+
+
+def _published(axes: Axes, ours: str, tf: str, factor: float, *notes: str) -> None:
+    of_ours, of_tf = notes or ("", "")
+    for name, key, note, color in (("proposal", ours, of_ours, BLUE), ("TF", tf, of_tf, ORANGE)):
+        values = [value * factor for value in PUBLISHED[name][key]]
+        lines = axes.plot(PUBLISHED["threads"], values, ":", color=color)
+        plt.setp(lines, label=f"{name}, published{note}", alpha=0.75, linewidth=1.2)
+
+
+def _measured(
+    axes: Axes,
+    results: Results,
+    metric: str,
+    note: str = "",
+    *,
+    part: str = "paper",
+    dash: bool = False,
+    factor: float = 1,
+) -> None:
+    """Medians with quartiles by threads, half of them writers: the report's workload."""
+    for system, read, name, color, marker in (
+        ("optimistic", "latest-xact", "zenoh-tf, optimistic", BLUE, "o"),
+        ("tf2", "latest-common", "tf2", ORANGE, "s"),
+    ):
+        labels = {"system": system, "read": read}
+        labels |= {"direction": "opposite"} if part.startswith("paper") else {}
+        rows = [each for each in results.rows(part, **labels) if each["readers"] == each["writers"]]
+        rows.sort(key=operator.itemgetter("readers"))
+        lows, medians, highs = zip(
+            *([factor * v for v in row[metric]] for row in rows), strict=True
+        )
+        axes.errorbar(
+            [2 * row["readers"] for row in rows],
+            medians,
+            [list(map(operator.sub, medians, lows)), list(map(operator.sub, highs, medians))],
+            label=f"{name}, {note}" if note else name,
+            color=color,
+            elinewidth=1,
+            marker=marker,
+            linewidth=1.8,
+            linestyle="--" if dash else "-",
+            markerfacecolor="white" if dash else color,
+        )
+
+
+def _threads_axis(axes: Axes, ylabel: str, title: str) -> None:
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    axes.xaxis.set_major_formatter(matplotlib.ticker.ScalarFormatter())
+    axes.yaxis.set_major_formatter(lambda value, _: _short(value))
+    axes.set_xlabel("threads, half of them writers")
+    axes.set_ylabel(ylabel)
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+    _finish(axes, title)
+
+
+def _short(value: float) -> str:
+    return matplotlib.ticker.EngFormatter()(value) if value >= 1 else f"{value:g}"
+
+
+def _finish(axes: Axes, title: str) -> None:
+    """Puts the legend below the axes, where no line runs behind it."""
+    axes.set_title(title, fontsize=10)
+    axes.grid(axis="x", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.minorticks_off()
+    axes.tick_params(length=0)
+    axes.legend(fontsize=8, ncols=2, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+
+
+def _caption(results: Results, part: str, published: bool) -> str:
+    file = results.parts[part]
+    about = file["machine"]
+    text = f"Measured on {about['cpu']}, {about['cores']} cores, {about['compiler']},"
+    text += f" {about['tf2'].split(',')[0]}; commit {file['commit'][:12]}. "
+    if part in ("paper", "reads"):
+        text += "Medians of the trials with their quartiles. "
+    text += f"Other programs used {file['background_cores']:g} cores meanwhile."
+    if published:
+        text += f" Published: {PUBLISHED['source']}; {PUBLISHED['machine']}."
+    return text
+
+
+def draw(results: Results, folder: Path) -> None:
+    """Writes all figures into the folder."""
+    for figure_of, part, published in (
+        (throughput, "paper", True),
+        (latency, "paper", True),
+        (delay, "delay", True),
+        (staleness, "staleness", False),
+        (reads, "reads", False),
+    ):
+        figure = figure_of(results)
+        figure.tight_layout(rect=(0, 0.07, 1, 1))
+        width = int(figure.get_figwidth() * 17)
+        caption = textwrap.fill(_caption(results, part, published), width)
+        figure.text(0.01, 0.01, caption, fontsize=7, color="#444444")
+        save(figure, folder / f"{figure_of.__name__}.svg")
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Writes a figure in a fraction of the bytes: without comments, names of groups and fallback
+    fonts, a tenth of a point exact."""
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.savefig(path, facecolor="white", metadata=nothing)
+    svg = path.read_text()
+    for pattern, text in (
+        (r"<\?xml[^>]*>\s*|<!DOCTYPE[^>]*>\s*|(?s:<!--.*?-->)\s*", ""),
+        (r'<g id="[^"]*"/>\s*', ""),
+        (r'<g id="[^"]*">', "<g>"),
+        (r' transform="rotate\(-0 [^"]*"', ""),
+        (r"(?<=font-family: ).*?sans-serif", "sans-serif"),
+        (r"(-?\d+\.\d)\d+(?=[^<>]*>)", r"\1"),
+        (r"(?<=[;:]) (?=[^<>]*>)|(?<=\d) ?\n(?=[MLz\"])", " "),
+        (r"<g>\s*</g>\s*|\n +", "\n"),
+    ):
+        svg = re.sub(pattern, text, svg)
+    path.write_text(svg)
+    plt.close(figure)
+    print(path)
 
 
 if __name__ == "__main__":
-    main()
+    kept = Results()
+    kept.require_current()
+    rewrite_pages(kept)
+    draw(kept, ROOT / "docs/figures")

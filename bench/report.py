@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,27 +16,15 @@ Trial = dict[str, float]
 
 @dataclass
 class Cell:
-    """One system in one case; cells with equal labels are compared with each other."""
+    """One system in one case, by its labels."""
 
     labels: dict[str, Any]
-    system: str
-    read: str = ""
     run: Callable[[], Trial] = dict
     trials: list[Trial] = field(default_factory=list)
 
     def values(self, metric: str) -> list[float]:
         """A value for each trial; NaN if that trial did not measure it."""
         return [trial.get(metric, math.nan) for trial in self.trials]
-
-    def record(self) -> dict[str, Any]:
-        """The labels, and the quartiles of each metric."""
-        record = {**self.labels, "system": self.system}
-        record |= {"read": self.read} if self.read else {}
-        record["trials"] = len(self.trials)
-        for metric in dict.fromkeys(name for trial in self.trials for name in trial):
-            if found := quartiles(self.values(metric)):
-                record[metric] = found
-        return record
 
 
 def ratios(ours: Iterable[float], theirs: Iterable[float]) -> list[float]:
@@ -59,21 +46,6 @@ def equal_poses(ours: list[float], theirs: list[float]) -> bool:
     return near and ours[7:] == theirs[7:]
 
 
-@dataclass(frozen=True)
-class Target:
-    """The median of these values must reach the limit."""
-
-    name: str
-    limit: float
-    values: Sequence[float]
-    at_least: bool = True
-
-    @property
-    def reached(self) -> bool:
-        median = quartiles(self.values)[1]
-        return median >= self.limit if self.at_least else median <= self.limit
-
-
 class Report:
     """What one part measures. ``quick``: one short trial each, to see that it works."""
 
@@ -82,32 +54,44 @@ class Report:
         self.rows: list[dict[str, Any]] = []
         self.targets: list[dict[str, Any]] = []
 
-    def repetitions(self, count: int = 9) -> int:
-        return 1 if self.quick else count
-
     def seconds(self, slice_s: float) -> float:
         return min(slice_s, 0.02) if self.quick else slice_s
 
-    def measure(self, cells: Sequence[Cell], repetitions: int) -> None:
+    def compare(
+        self, case: Mapping[str, Any], runs: Mapping[str, Callable[[], Trial]], repetitions: int = 9
+    ) -> dict[str, Cell]:
+        """Runs all systems once to warm up, then by turns; returns a cell for each."""
+        cells = {name: Cell({**case, "system": name}, run) for name, run in runs.items()}
+        for cell in () if self.quick else cells.values():
+            cell.run()
+        self.measure(list(cells.values()), repetitions)
+        return cells
+
+    def measure(self, cells: Sequence[Cell], repetitions: int = 9) -> None:
         """Runs all cells by turns, in the given order; prints and keeps them."""
-        for _ in range(repetitions):
+        for _ in range(1 if self.quick else repetitions):
             for cell in cells:
                 cell.trials.append(cell.run())
-        for labels, cells_of_case in itertools.groupby(cells, lambda cell: cell.labels):
-            records = [cell.record() for cell in cells_of_case]
-            self.rows += records
-            _print(labels, records)
+        for cell in cells:
+            self.add(cell.labels, *cell.trials)
 
-    def check(self, targets: Iterable[Target]) -> None:
-        """Prints and keeps those targets that have values."""
-        for target in targets:
-            if found := quartiles(target.values):
-                sign, verdict = ">=" if target.at_least else "<=", "MISSED"
-                if target.reached:
-                    verdict = "reached"
-                print(f"{verdict:<8}{target.name} {sign} {target.limit:,g}: {_text(found)}")
-                row = {"name": target.name, "wanted": f"{sign} {target.limit:,.3g}"}
-                self.targets.append(row | {"found": found, "reached": target.reached})
+    def add(self, labels: Mapping[str, Any], *trials: Trial) -> None:
+        """Prints and keeps the quartiles of each metric."""
+        metrics = dict.fromkeys(name for trial in trials for name in trial)
+        values = {name: [trial.get(name, math.nan) for trial in trials] for name in metrics}
+        found = {name: quartiles(each) for name, each in values.items() if quartiles(each)}
+        self.rows.append({**labels, "trials": len(trials)} | found)
+        print(", ".join(str(label) for label in labels.values()))
+        for name, each in found.items():
+            print(f"    {name:<28} {_text(each)}", flush=True)
+
+    def target(self, name: str, values: Sequence[float], sign: str, limit: float) -> None:
+        """The median of the values must be ">=" or "<=" the limit. Nothing is kept of no values."""
+        if found := quartiles(values):
+            reached = found[1] >= limit if sign == ">=" else found[1] <= limit
+            print(f"{'reached' if reached else 'MISSED'} {name} {sign} {limit:,g}: {_text(found)}")
+            row = {"name": name, "wanted": f"{sign} {limit:,.3g}", "found": found}
+            self.targets.append(row | {"reached": reached})
 
     def write(self, path: Path, header: dict[str, Any]) -> None:
         """The header, then one case of a system a line: its labels, then its metrics, each as
@@ -139,18 +123,7 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def _print(labels: dict[str, Any], records: list[dict[str, Any]]) -> None:
-    """Medians with quartiles, a line for each metric and system."""
-    print("\n" + ", ".join(f"{key}: {value}" for key, value in labels.items()))
-    measured = [key for record in records for key in record if isinstance(record[key], list)]
-    for metric in dict.fromkeys(measured):
-        for record in records:
-            if metric in record:
-                name = f"{record['system']} {record.get('read', '')}"
-                print(f"{metric:<28} {name:<32} {_text(record[metric])}", flush=True)
-
-
 def _text(values: list[float]) -> str:
     """The median, [the quartiles]."""
     texts = [f"{value / 1e6:.3g}M" if value >= 1e6 else f"{value:,.4g}" for value in values]
-    return f"{texts[1]} [{texts[0]}-{texts[2]}]" if len({*texts}) > 1 else "".join(texts[:1])
+    return f"{texts[1]} [{texts[0]}-{texts[2]}]" if len({*texts}) > 1 else texts[0]

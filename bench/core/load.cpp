@@ -30,8 +30,10 @@ void pin(unsigned nth, unsigned count) {
 }
 
 Clock::duration to_duration(double seconds) {
-  return std::chrono::duration_cast<Clock::duration>(Seconds(seconds));
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
 }
+
+double age_s(Stamp now, Stamp stamp) { return static_cast<double>(now - stamp) * 1e-9; }
 
 // Sorts in part; requires a value.
 template <class T>
@@ -92,37 +94,35 @@ class Worker {
  private:
   void call(unsigned begin, unsigned end) {
     counts_.sums[kCalls] += end - begin;
-    if (reads() && begin < end) {
-      Reply last;
+    Reply last;
+    if (reads())
       counts_.sums[kDone] +=
           instance_.system->lookup(trial_.read, &requests_[begin], end - begin, last);
-    }
     for (; !reads() && begin < end; ++begin) counts_.sums[kDone] += write();
   }
 
   unsigned write() {
-    if (trial_.own_links) {
+    if (trial_.own_links) {  // own links of two threads are no neighbours
       Stamp& stamp = instance_.next_stamp[thread_];
-      return instance_.system->write(own_link(thread_), 1, stamp += trial_.period);
+      return instance_.system->write(2 * thread_ + 1, 1, stamp += trial_.period);
     }
     const FrameIndex top = random_.below(trial_.draw.frames - trial_.draw.length);
-    return instance_.system->write(top + 1, trial_.draw.length, instance_.clock.now());
+    return instance_.system->write(top + 1, trial_.draw.length, instance_.now());
   }
 
   // Makes a read beside the counted ones: time of the call less the stamps of the data used.
   void measure_delay() {
     const Request row = trial_.draw(random_);
     Reply reply;
-    const Stamp now = instance_.clock.now();
+    const Stamp now = instance_.now();
     if (!instance_.system->lookup(trial_.read, &row, 1, reply)) return;
     ++counts_.sums[kDelays];
-    counts_.sums[kOldest_s] += static_cast<double>(now - reply.stamp) * 1e-9;
+    counts_.sums[kOldest_s] += age_s(now, reply.stamp);
     for (FrameIndex frame = row.target; frame < row.source; ++frame) {
       const Request link{frame, frame + 1};
-      const Stamp asked = instance_.clock.now();
+      const Stamp asked = instance_.now();
       if (instance_.system->lookup(Read::latest_common, &link, 1, reply))
-        counts_.sums[kMean_s] +=
-            static_cast<double>(asked - reply.stamp) * 1e-9 / trial_.draw.length;
+        counts_.sums[kMean_s] += age_s(asked, reply.stamp) / trial_.draw.length;
     }
   }
 
@@ -135,11 +135,10 @@ class Worker {
 };
 
 // Adds the figures of readers or of writers to those of the trial.
-void summarize(Metrics& metrics, const std::string& role, Counts& counts, double seconds,
-               bool transactions) {
+void summarize(Metrics& metrics, bool reads, Counts& counts, double seconds, bool transactions) {
   if (counts.ns.empty()) return;
   const auto& sums = counts.sums;
-  const bool reads = role == "read";
+  const std::string role = reads ? "read" : "write";
   metrics[reads ? "reads_per_s" : "links_written_per_s"] = sums[kDone] / seconds;
   // The report counts each of tf2's sets as an operation, and a transaction of many as one.
   metrics["operations_per_s"] += sums[reads || !transactions ? kDone : kCalls] / seconds;
@@ -161,13 +160,13 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
   std::vector<std::unique_ptr<Worker>> workers;
   for (unsigned t = 0; t < trial.readers + trial.writers; ++t)
     workers.push_back(std::make_unique<Worker>(instance, trial, t));
-  instance.clock.resume();
+  instance.resume();
   const auto start = Clock::now() + to_duration(std::min(1.0, trial.seconds / 4));
   const auto end = start + to_duration(trial.seconds);
   std::vector<std::thread> threads;
   for (auto& worker : workers) threads.emplace_back([&] { worker->run(start, end); });
   for (std::thread& thread : threads) thread.join();
-  instance.clock.pause();
+  instance.pause();
   Metrics metrics;
   for (const bool reads : {true, false}) {
     Counts all;
@@ -177,8 +176,7 @@ Metrics run_trial(Instance& instance, const Trial& trial) {
       for (int i = 0; i < kCounts; ++i) all.sums[i] += sums[i];
       all.ns.insert(all.ns.end(), ns.begin(), ns.end());
     }
-    summarize(metrics, reads ? "read" : "write", all, trial.seconds,
-              instance.system->has_transactions());
+    summarize(metrics, reads, all, trial.seconds, instance.system->has_transactions());
   }
   return metrics;
 }
@@ -187,7 +185,7 @@ Metrics measure_staleness(Instance& instance, Read read, const std::vector<doubl
                           double seconds) {
   const auto links = static_cast<FrameIndex>(rates_hz.size());
   std::vector<std::thread> publishers;
-  instance.clock.resume();
+  instance.resume();
   const auto begin = Clock::now() + std::chrono::milliseconds(300);  // when all have published
   const auto end = begin + to_duration(seconds);
   for (FrameIndex link = 1; link <= links; ++link)
@@ -195,7 +193,7 @@ Metrics measure_staleness(Instance& instance, Read read, const std::vector<doubl
       // Publishers know nothing of each other: no two start together.
       for (auto next = Clock::now() + period * link / (links + 1); next < end; next += period) {
         std::this_thread::sleep_until(next);
-        instance.system->write(link, 1, instance.clock.now());
+        instance.system->write(link, 1, instance.now());
       }
     });
   std::this_thread::sleep_until(begin);
@@ -203,25 +201,26 @@ Metrics measure_staleness(Instance& instance, Read read, const std::vector<doubl
   for (unsigned n = 0; Clock::now() < end; ++n) {
     std::this_thread::sleep_for(std::chrono::microseconds(500 + n * 7919 % 1000));  // no fixed rate
     const Request row{0, links};
-    const Stamp now = instance.clock.now();
+    const Stamp now = instance.now();
     Reply reply;
     if (!instance.system->lookup(read, &row, 1, reply)) continue;
     for (FrameIndex i = 0; i < links; ++i) {
       // A lookup at a common time uses every link as it was then.
       const Request link{i, i + 1};
       if (read != Read::latest_common) instance.system->lookup(read, &link, 1, reply);
-      ages_ms[i].push_back(static_cast<double>(now - reply.stamp) * 1e-6);
+      ages_ms[i].push_back(1000 * age_s(now, reply.stamp));
     }
   }
   for (std::thread& publisher : publishers) publisher.join();
-  instance.clock.pause();
+  instance.pause();
   Metrics metrics;
   for (FrameIndex i = 0; i < links; ++i) {
-    if (ages_ms[i].empty()) continue;
+    std::vector<double>& ages = ages_ms[i];
+    if (ages.empty()) continue;
     const std::string link = "link" + std::to_string(i);
-    metrics[link + "_ms_mean"] = std::accumulate(ages_ms[i].begin(), ages_ms[i].end(), 0.0) /
-                                 static_cast<double>(ages_ms[i].size());
-    metrics[link + "_ms_p99"] = percentile(ages_ms[i], 0.99);
+    metrics[link + "_ms_mean"] =
+        std::reduce(ages.begin(), ages.end()) / static_cast<double>(ages.size());
+    metrics[link + "_ms_p99"] = percentile(ages, 0.99);
   }
   return metrics;
 }

@@ -11,38 +11,30 @@
 namespace bench {
 
 using Clock = std::chrono::steady_clock;
-using Seconds = std::chrono::duration<double>;
 // Named figures; those that were not measured are left out.
 using Metrics = std::map<std::string, double>;
-
-// The time of a system's stamps. It stands still while other systems have their trials: otherwise
-// a trial would begin with data as old as the other trials were long.
-class PausedClock {
- public:
-  [[nodiscard]] Stamp now() const { return time_ + (Clock::now() - resumed_).count(); }
-  void resume() { resumed_ = Clock::now(); }
-  void pause() { time_ = now(); }
-
- private:
-  Stamp time_ = kStart + 1'000'000;
-  Clock::time_point resumed_{};
-};
 
 // A system, with what its trials hand on to each other.
 struct Instance {
   std::unique_ptr<System> system;
-  PausedClock clock;
   Stamp next_stamp[kMaxThreads];  // of each thread's own link
-};
 
-// Own links of two threads are no neighbours.
-constexpr FrameIndex own_link(unsigned thread) { return 2 * thread + 1; }
+  // The time of the stamps stands still while other systems have their trials: otherwise a trial
+  // would begin with data as old as the other trials were long.
+  [[nodiscard]] Stamp now() const { return paused_at_ + (Clock::now() - resumed_).count(); }
+  void resume() { resumed_ = Clock::now(); }
+  void pause() { paused_at_ = now(); }
+
+ private:
+  Stamp paused_at_ = kStart + 1'000'000;
+  Clock::time_point resumed_{};
+};
 
 struct Trial {
   unsigned readers, writers;
   Read read;
   Draw draw;
-  bool own_links;  // each writing thread sets own_link(); else random rows
+  bool own_links;  // each writing thread sets a link of its own; else random rows
   Stamp period;    // between two stamps of an own link
   double seconds;
 };

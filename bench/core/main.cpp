@@ -64,12 +64,9 @@ class Bench {
 #ifdef BENCH_WITH_TF2
     if (system == "tf2") instance_.system = make_tf2_system(names_, options_);
 #endif
-    Metrics metrics;  // none without the system
-    if (instance_.system) {
-      fill();
-      metrics["bytes_per_frame"] = (resident_bytes() - before) / size();
-    }
-    print(metrics);
+    if (!instance_.system) return print({});
+    fill();
+    print({{"bytes_per_frame", (resident_bytes() - before) / size()}});
   }
 
   void obey(const std::string& line) {
@@ -86,12 +83,9 @@ class Bench {
       for (std::string rate; std::getline(rates, rate, ',');) rates_hz.push_back(std::stod(rate));
       return print(measure_staleness(instance_, read, rates_hz, seconds));
     }
-    const unsigned readers = settings.count("readers"), writers = settings.count("writers");
-    const bool own_links = settings.count("own_links") != 0;
-    if (readers + writers > kMaxThreads || (own_links && own_link(readers + writers) > size()))
-      throw std::invalid_argument("threads");
-    const Trial trial{readers, writers, read, draw_of(settings), own_links, period_, seconds};
-    print(run_trial(instance_, trial));
+    print(run_trial(instance_,
+                    {settings.count("readers"), settings.count("writers"), read, draw_of(settings),
+                     settings.count("own_links") != 0, period_, seconds}));
   }
 
  private:
@@ -113,9 +107,7 @@ class Bench {
   [[nodiscard]] Stamp end() const { return kStart + samples_ * period_; }
 
   [[nodiscard]] Draw draw_of(const Settings& settings) const {
-    const Draw draw{size(), settings.count("length"), (end() - kStart) / 4};
-    if (draw.length < 1 || draw.length >= draw.frames) throw std::invalid_argument("length");
-    return draw;
+    return {size(), settings.count("length"), (end() - kStart) / 4};
   }
 
   // Prints the poses and stamps that answer 500 requests, the same for every system. With vary=1,
@@ -129,18 +121,17 @@ class Bench {
       if (settings.count("vary") && i % 2)
         instance_.system->write(requests[i].target + 1, draw.length / 2 + 1, end() + 1000 * i);
     }
-    std::cout << '[';
-    const char* separator = "";
+    const char* separator = "[[";
     for (const Request& request : requests) {
       Reply reply;
       if (!instance_.system->lookup(read, &request, 1, reply))
         throw std::runtime_error("no answer to " + settings.at("read"));
       const auto& [x, y, z, qx, qy, qz, qw] = reply.pose;
-      std::cout << std::exchange(separator, ", ") << '[';
+      std::cout << std::exchange(separator, "], [");
       for (const double value : {x, y, z, qx, qy, qz, qw}) std::cout << value << ", ";
-      std::cout << reply.stamp << ']';
+      std::cout << reply.stamp;
     }
-    std::cout << ']' << std::endl;
+    std::cout << "]]" << std::endl;
   }
 
   const Names names_;
@@ -157,7 +148,7 @@ class Bench {
 int main(int count, char** values) try {
   std::stringstream words;
   for (int i = 1; i < count; ++i) words << values[i] << ' ';
-  std::cout.precision(17);  // tells every double from its neighbours
+  std::cout.precision(17);  // distinguishes every double from its neighbours
   bench::Bench bench{bench::Settings(words)};
   for (std::string line; std::getline(std::cin, line);) bench.obey(line);
   return 0;

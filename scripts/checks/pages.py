@@ -9,8 +9,7 @@ from collections.abc import Iterator
 
 import zenoh_tf
 import zenoh_tf_client
-from bench import numbers
-from bench.results import Results
+from bench.results import MARKER, Results
 from scripts import rooms
 from tests.mutation import fault_page
 from zenoh_tf.doctor import __main__ as doctor
@@ -135,14 +134,17 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
 
 def measured_numbers(repository: Repository) -> Iterator[Violation]:
     """Measured numbers in pages are those of bench/results."""
-    found = numbers.numbers(Results())
+    results = Results()
     for page in repository.pages():
         text = repository.text(page)
-        for match in numbers.MARKER.finditer(text):
+        for match in MARKER.finditer(text):
             key, number = match["key"], text.count("\n", 0, match.start()) + 1
-            if key not in found:
+            try:
+                measured = results.number(key)
+            except KeyError:
                 yield Violation(page, number, f"no result has the key {key}")
-            elif match["text"] != found[key]:
+                continue
+            if match["text"] != measured:
                 yield Violation(page, number, f"{key} differs from bench/results: make figures")
             elif text[: match.start()].endswith("\n") and "\n" not in match["text"]:
                 yield Violation(page, number, f"{key} begins a line, so a paragraph ends before it")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bench import native
 from bench.__main__ import PARTS
+from bench.parts import native
 from zenoh_tf_server.limits import Limits
 
 ROOT = Path(__file__).parents[2]

@@ -8,33 +8,28 @@ from pathlib import Path
 import pytest
 
 from bench import __main__ as bench
-from bench import machine, numbers, results
-from bench.report import Cell, Report, Target
+from bench import machine, results
+from bench.report import Cell, Report
 
 
 def written(folder: Path, **header: object) -> results.Results:
     report = Report()
     trials = iter([{"us": 1.0}, {"us": 1234.56}, {"us": 3.0}])
-    cells = [
-        Cell({"case": "a"}, "ours", run=lambda: next(trials)),
-        Cell({"depth": 4}, "theirs", trials=[{"rate": 5.0}] * 3),
-    ]
-    report.measure(cells[:1], 3)
-    report.measure(cells[1:], 0)
-    report.check([Target("ours", 2, [1.0, 2.5, 9.0]), Target("theirs", 2, [2.5], False)])
+    report.measure([Cell({"case": "a", "system": "ours"}, lambda: next(trials))], 3)
+    report.add({"depth": 4, "system": "theirs"}, *[{"rate": 5e6}] * 3)
+    report.target("ours", [1.0, 2.5, 9.0], ">=", 2)
+    report.target("theirs", [2.5], "<=", 2)
     report.write(folder / "part.json", {"part": "part", "commit": "abc"} | header)
     return results.Results(folder)
 
 
 def test_results_have_quartiles_by_case(tmp_path: Path) -> None:
     kept = written(tmp_path)
-    assert kept.quartiles("part", "us", case="a") == [2, 3, 619]
-    assert kept.quartiles("part", "rate", depth=4, system="theirs") == [5, 5, 5]
+    assert kept.quartiles["part/a/ours/us"] == [2, 3, 619]
+    assert kept.quartiles["part/theirs/4/rate"] == [5e6] * 3
     assert [row["trials"] for row in kept.rows("part")] == [3, 3]
     assert [target["reached"] for target in kept.targets()] == [True, False]
-    assert kept.targets("part", "ours")[0]["found"] == [1.75, 2.5, 5.75]
-    with pytest.raises(SystemExit, match="2 rows of part"):
-        kept.median("part", "us")
+    assert kept.quartiles["part/ours"] == [1.75, 2.5, 5.75]
 
 
 def test_a_busy_or_changed_checkout_keeps_no_results(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,20 +77,22 @@ def test_results_of_other_code_make_no_figures(
         machine.changed_since("0" * 40)
 
 
-def test_pages_take_their_numbers_from_the_results() -> None:
-    page = "It takes <!-- bench:a-b -->7<!-- / --> µs,\n<!-- bench:table -->\nx\n<!-- / -->"
-    filled = numbers.filled(page, {"a-b": "8", "table": "\ny\n"})
-    assert filled == page.replace("7", "8").replace("x", "y")
-    with pytest.raises(KeyError, match="a-b"):
-        numbers.filled(page, {})
+def test_pages_take_their_numbers_from_the_results(tmp_path: Path) -> None:
+    about = {"load": 0.5, "background_cores": 0, "date": "", "seconds": 60}
+    kept = written(tmp_path, machine={"cpu": "CPU", "cores": "2"}, **about)
+    page = "<!-- bench:part/a/ours/us;range -->{}<!-- / --> µs,\n<!-- bench:machine -->{}<!-- / -->"
+    assert kept.filled(page.format(7, "\nx\n")) == page.format("3 (2 to 619)", "2 cores of an CPU")
+    assert kept.number("part/theirs/4/rate;M") == "5"
+    assert "| `part` | theirs | &lt;= 2 | 2.5 (2.5 to 2.5) |" in kept.number("missed-table")
+    with pytest.raises(KeyError, match="part/b"):
+        kept.number("part/b")
 
 
 @pytest.mark.timeout(180)  # it loads Matplotlib
 def test_kept_results_are_small_and_make_all_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plots = pytest.importorskip("bench.plots")
-    monkeypatch.setattr(plots, "ROOT", tmp_path)
+    plots = pytest.importorskip("bench.figures")
     kept = results.Results()
     assert kept.parts.keys() == bench.PARTS.keys()
     assert all(path.stat().st_size < 20_000 for path in results.FOLDER.glob("*.json"))

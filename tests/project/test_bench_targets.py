@@ -6,25 +6,26 @@ from collections.abc import Callable
 
 import pytest
 
-from bench import native
-from bench.report import Cell, Report, Target, equal_poses, quartiles, ratios
+from bench.parts import native
+from bench.report import Cell, Report, equal_poses, quartiles, ratios
 
 READS, WRITES, P50, P999 = "reads_per_s", "links_written_per_s", "read_us_p50", "read_us_p999"
 
 
 def cell(system: str, readers: int, writers: int, **values: list[float]) -> Cell:
     labels = {"links": 1000, "direction": "opposite", "readers": readers, "writers": writers}
+    labels |= {"system": system, "read": "latest-common"}
     defaults = {READS: 3 * [1.0], P50: 3 * [0.1], P999: 3 * [0.3], "operations_per_s": 3 * [1.0]}
     metrics = defaults | ({WRITES: 3 * [1.0]} if writers else {}) | values
     trials = [dict(zip(metrics, row, strict=True)) for row in zip(*metrics.values(), strict=True)]
-    return Cell(labels, system, "latest-common", trials=trials)
+    return Cell(labels, trials=trials)
 
 
 @pytest.fixture
 def check() -> Callable[..., dict[str, bool]]:
     def checked(*cells: Cell, cores: int = 2) -> dict[str, bool]:
         report = Report()
-        report.check(native.paper_targets(cells, cores))
+        native.check_paper(report, cells, cores)
         return {
             f"{row['name'].partition(': ')[2]} {row['wanted']}": row["reached"]
             for row in report.targets
@@ -56,10 +57,11 @@ def test_answers_are_equal_up_to_the_rotations_sign() -> None:
 
 
 def test_target_compares_the_median() -> None:
-    assert Target("", 2, [1.0, 2.0, 90.0]).reached
-    assert not Target("", 2.1, [1.0, 2.0, 90.0]).reached
-    assert Target("", 2, [1.0, 2.0, 90.0], at_least=False).reached
-    assert not Target("", 1.9, [1.0, 2.0, 90.0], at_least=False).reached
+    report = Report()
+    for sign, limit in ((">=", 2), (">=", 2.1), ("<=", 2), ("<=", 1.9)):
+        report.target("", [1.0, 2.0, 90.0], sign, limit)
+    report.target("nothing measured", [], ">=", 1)
+    assert [target["reached"] for target in report.targets] == [True, False, True, False]
 
 
 def test_beside_tf2(check: Callable[..., dict[str, bool]]) -> None:

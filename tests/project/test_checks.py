@@ -30,7 +30,13 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("made_files", f"{AIO}/transaction.py", r"asyncio.sleep", "wait", "apply nowhere: ['asyncio.s"),
     ("imports", "zenoh_tf/_net/keys.py", r"\A", "import yaml\n", "imports yaml"),
     ("sizes", "zenoh_tf/_net/keys.py", r"\Z", 400 * "\n", "split it by subject"),
-    ("functions", "bench/sizing.py", r"\Z", "def f():\n" + 60 * "    x\n", "function of 61 lines"),
+    (
+        "functions",
+        "bench/parts/service.py",
+        r"\Z",
+        "def f():\n" + 60 * "    x\n",
+        "function of 61 lines",
+    ),
     (
         "functions",
         f"{CORE}/tree.cpp",
@@ -40,7 +46,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ),
     ("words", f"{WHY}/clocks.md", r"\Z", "It is " + "to" + "ld.\n", "write sent, reported"),
     ("actors", f"{WHY}/clocks.md", r"\Z", "It is for" + " who reads.\n", "name the actor"),
-    ("configurations", "bench/sizing.py", r"\Z", "zenoh" + ".Config()\n", "zenoh_config.py"),
+    ("configurations", "bench/parts/service.py", r"\Z", "zenoh" + ".Config()\n", "zenoh_config.py"),
     ("make_targets", "Makefile", r"\nnative:", "\nother: x ## y\nnative:", "explain make other"),
     ("make_targets", ".ci/run", r"make lint", "make nonsense", "there is no make nonsense"),
     ("make_targets", ".github/workflows/nightly.yml", "- fuzz", "- fuss", "no make fuss"),
@@ -78,7 +84,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     (
         "measured_numbers",
         "README.md",
-        "(bench:latest-bare-query -->)",
+        "(bench:reads/latest common time/bare query/us_per_call -->)",
         r"\g<1>9",
         "differs from bench",
     ),

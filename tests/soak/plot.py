@@ -5,21 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("svg")
 from matplotlib import pyplot as plt
 
-from bench.plots import compact
+from bench.figures import BLUE, ORANGE, save
 
-BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#777777"
+GREY = "#777777"
 
 
 def draw(samples: list[dict[str, Any]], path: Path) -> None:
     """Draw samples of any number into an SVG file."""
-    plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
-    # The same picture makes the same file; text stays text, which is small and can be searched.
-    plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
     minutes = [each["s"] / 60 for each in samples]
     for field, label, color in (
@@ -48,7 +42,4 @@ def draw(samples: list[dict[str, Any]], path: Path) -> None:
     )
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, facecolor="white", metadata={"Date": None})
-    path.write_text(compact(path.read_text()))
-    plt.close(figure)
-    print(path)
+    save(figure, path)

@@ -15,74 +15,60 @@ from collections.abc import Awaitable, Callable, Iterator
 import uvloop
 
 from bench.machine import resident_mb
-from bench.process import server
-from bench.python_system import SOURCE, TARGET
-from bench.queries import fill
-from bench.report import Cell, Report, Target, Trial, ratios
+from bench.parts.chain import SOURCE, TARGET
+from bench.report import Report, Trial, ratios
+from bench.server import Server, fill, query_client
 from zenoh_tf_client import AsyncTransformClient, TransformClient
 
 #: Calls in a trial of single lookups: few, so that the systems take turns often.
-LONE = 50
-TOGETHER = 1000
+LONE, TOGETHER = 50, 1000
 #: More than the client has room for.
 UNDER_WAY = 10_000
 LOOPS = {"asyncio": asyncio.new_event_loop, "uvloop": uvloop.new_event_loop}
 
-_Loop = tuple[asyncio.Runner, AsyncTransformClient]
+#: Runs a trial of an asynchronous client on its loop.
+Run = Callable[[Callable[[AsyncTransformClient], Awaitable[Trial]]], Trial]
 
 
 def measure(report: Report) -> None:
     """Single lookups by query, many at once, and memory while a stopped server answers none."""
     with (
-        server() as (process, endpoint),
-        TransformClient.connect(endpoint, reads="query") as tf,
+        Server() as server,
+        query_client(server.endpoint) as tf,
         contextlib.ExitStack() as stack,
     ):
         fill(tf)
-        loops = {n: stack.enter_context(_client(make, endpoint)) for n, make in LOOPS.items()}
-        for name, trial, calls, repetitions, limit in (
+        loops = {n: stack.enter_context(_client(n, server.endpoint)) for n in LOOPS}
+        for case, trial, calls, repetitions, limit in (
             ("one lookup after another", _one_by_one, LONE, 41, 1.15),
             (f"{TOGETHER} lookups, at once if the client can", _at_once, TOGETHER, 9, 1 / 5),
         ):
-            cells = [Cell({"case": name}, "synchronous", run=functools.partial(_sync, tf, calls))]
-            for loop_name, loop in loops.items():
-                run = functools.partial(_run, loop, trial)
-                cells.append(Cell({"case": name}, loop_name, run=run))
-            for cell in cells:
-                cell.run()  # warms up
-            report.measure(cells, report.repetitions(repetitions))
-            us = [cell.values("us_per_call") for cell in cells]
-            report.check(
-                Target(f"{name}, {cell.system} to synchronous", limit, ratios(own, us[0]), False)
-                for cell, own in zip(cells[1:], us[1:], strict=True)
-            )
-        labels = {"case": f"memory with {UNDER_WAY} lookups under way"}
-        cells = []
-        for loop_name, make in LOOPS.items():
-            with _client(make, endpoint) as fresh:
-                trials = [_run(fresh, functools.partial(_memory, process.pid))]
-                cells.append(Cell(labels, loop_name, trials=trials))
-        report.measure(cells, 0)
+            runs = {name: functools.partial(run, trial) for name, run in loops.items()}
+            runs = {"synchronous": functools.partial(_synchronous, tf, calls)} | runs
+            cells = report.compare({"case": case}, runs, repetitions)
+            us = {name: cell.values("us_per_call") for name, cell in cells.items()}
+            for name in LOOPS:
+                values = ratios(us[name], us["synchronous"])
+                report.target(f"{case}, {name} to synchronous", values, "<=", limit)
+        for name in LOOPS:
+            with _client(name, server.endpoint) as run:
+                labels = {"case": f"memory with {UNDER_WAY} lookups under way", "system": name}
+                report.add(labels, run(functools.partial(_memory, server.pid)))
 
 
 @contextlib.contextmanager
-def _client(factory: Callable[[], asyncio.AbstractEventLoop], endpoint: str) -> Iterator[_Loop]:
-    with asyncio.Runner(loop_factory=factory) as runner:
+def _client(loop: str, endpoint: str) -> Iterator[Run]:
+    with asyncio.Runner(loop_factory=LOOPS[loop]) as runner:
         tf = runner.run(AsyncTransformClient.connect(endpoint, timeout_s=60.0, reads="query"))
-        yield runner, tf
+
+        async def run(trial: Callable[[AsyncTransformClient], Awaitable[Trial]]) -> Trial:
+            return await trial(tf)
+
+        yield lambda trial: runner.run(run(trial))
         runner.run(tf.close())
 
 
-def _run(loop: _Loop, trial: Callable[[AsyncTransformClient], Awaitable[Trial]]) -> Trial:
-    runner, tf = loop
-
-    async def run() -> Trial:
-        return await trial(tf)
-
-    return runner.run(run())
-
-
-def _sync(tf: TransformClient, calls: int) -> Trial:
+def _synchronous(tf: TransformClient, calls: int) -> Trial:
     times = timeit.repeat(lambda: tf.lookup_transform(TARGET, SOURCE), number=1, repeat=calls)
     return {"us_per_call": 1e6 * statistics.median(times)}
 
