@@ -72,7 +72,8 @@ class _Maker:
         self._applied = applied
 
     def made(self, text: str) -> str:
-        for before, after in sync_texts.OWN_TEXTS.get(Path(self._source).stem, {}).items():
+        module = self._source.removeprefix("aio/").removesuffix(".py")
+        for before, after in sync_texts.OWN_TEXTS.get(module, {}).items():
             if text.count(before) != 1:
                 raise Unmade(f"{self._source} must have this text once: {before!r}")
             text = text.replace(before, after)

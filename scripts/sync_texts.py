@@ -12,6 +12,7 @@ FILES = {
     "mirror_transaction": "mirror/transaction",
     "client": "client",
     "gate": "../../zenoh_tf/gate",
+    "session/shared_reads": "session/shared_reads",
 }
 #: Modules that are written for each client: by asynchronous module the synchronous one.
 MODULES = {"aio.gate": "zenoh_tf.gate"}
@@ -114,26 +115,26 @@ OWN_TEXTS = {
 """,
         ", for asyncio; made by": "; made by",
         "use await ": "use ",
-        """\
-SharedReads(connection)
-        connection.mapped.attach(self)
-""": """\
-SharedReads(connection, reads)
-        self._reads.attach(self)
-""",
+        "mapped_tree import Mode,": "mapped_tree import MappedTree, Mode,",
+        "mapped = connection.mapped": "mapped = MappedTree(connection, reads)",
         "open client of the running event loop": "open client",
         "Calls of other tasks that wait for a reply fail at once.": (
             "Calls of other threads that wait for a reply fail soon."
         ),
         "exists. Not a coroutine.": "exists.",
         ": ``await tf.instance``.": ".",
-        "self._connection.instance()": "self._connection.instance",
         " Not a coroutine, as it only records.": "",
         """\
         Not a coroutine, as it does not ask the server.
 
 """: "",
         "An `AsyncWatch`, for ``async with`` and ``async for``": "A `Watch`, for `with` and `for`",
+    },
+    "session/shared_reads": {
+        " What is in memory is read without suspending the caller.": "",
+        "Concurrency: all methods, from any task of the client's event loop.": (
+            "Thread safety: all methods."
+        ),
     },
     "watch": {
         "An asynchronous context manager": "A context manager",

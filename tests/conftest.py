@@ -18,7 +18,7 @@ from tests.processes.servers import Pool, ServerProcess, starts
 from tests.support.both_clients import Blocking, LoopThread
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.session.shared_reads import Mode
+from zenoh_tf_client.session.mapped_tree import Mode
 
 __all__ = ["ServerProcess", "free_endpoint"]
 

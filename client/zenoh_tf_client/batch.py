@@ -46,10 +46,10 @@ class Batch(BatchOperations):
         self._recorded: list[tuple[Request[Any], Handle[Any]]] = []
 
     def __repr__(self) -> str:
-        state = "closed" if self._connection.closed else "open"
+        opened = self._connection
         return (
-            f"<Batch of {len(self._recorded)} operations for {self._connection.endpoint}, "
-            f"tree {self._connection.tree!r}, {state}>"
+            f"<Batch of {len(self._recorded)} operations for {opened.endpoint}, "
+            f"tree {opened.tree!r}, {'closed' if self._connection.closed else 'open'}>"
         )
 
     def __enter__(self) -> Self:

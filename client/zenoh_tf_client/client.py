@@ -24,7 +24,8 @@ from .publish.broadcaster import Broadcaster
 from .requests.receipt import Receipt
 from .sensor_data import SensorData
 from .session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE, Connection
-from .session.shared_reads import Mode, SharedReads, check
+from .session.mapped_tree import MappedTree, Mode, check
+from .session.shared_reads import SharedReads
 from .transaction import Transaction, run_transaction
 from .writes import Writes
 
@@ -69,8 +70,9 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._reads = SharedReads(connection, reads)
-        self._reads.attach(self)
+        mapped = MappedTree(connection, reads)
+        self._reads = SharedReads(connection, mapped)
+        mapped.attach(self)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
@@ -115,11 +117,11 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
-        connection = self._connection
+        opened = self._connection
         return (
-            f"<TransformClient {address(connection.endpoint)}, tree {connection.tree!r}, "
-            f"server {connection.known_instance or 'unknown'}, "
-            f"{'closed' if connection.closed else 'open'}>"
+            f"<TransformClient {address(opened.endpoint)}, tree {opened.tree!r}, "
+            f"server {opened.known_instance or 'unknown'}, "
+            f"{'closed' if self._connection.closed else 'open'}>"
         )
 
     def __enter__(self) -> Self:
@@ -142,7 +144,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         """
         # The connection first: a thread inside `send` may hold its broadcaster for long.
         self._connection.close()
-        self._reads.close()
+        self._reads.mapped.close()
         self._close_broadcasters()
 
     def _close_broadcasters(self) -> None:
@@ -167,7 +169,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         of the server, as long as its memory cannot be read. This changes by itself, for example
         when the server restarts; `stats` has the reasons, under names with ``reads_``.
         """
-        return self._reads.in_use
+        return self._reads.mapped.in_use
 
     def gate(
         self,
@@ -224,7 +226,10 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         Raises:
             ServiceException: No id is known, and no server answered.
         """
-        return self._connection.instance
+        opened = self._connection
+        if (known := opened.known_instance) is not None:
+            return known
+        return opened.instance
 
     def batch(self) -> Batch:
         """Start a batch: many operations in one round trip.

@@ -31,10 +31,10 @@ class Introspection:
         Raises:
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.frames()
+        found = self._reads.mapped.tree.frames()
         if type(found) is not AskServer:
             return found
-        self._reads.note(found)
+        self._reads.mapped.note(found)
         names, after = self._connection.call(info.frames_page(None))
         while after is not None:
             page, after = self._connection.call(info.frames_page(after))
@@ -55,7 +55,7 @@ class Introspection:
             InvalidArgumentException: A name is empty or not valid UTF-8.
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.frame(name)
+        found = self._reads.mapped.tree.frame(name)
         if type(found) is not AskServer:
             return found
         return self._reads.ask(found, info.frame(name))
@@ -83,7 +83,7 @@ class Introspection:
 
     def _ancestors(self, target: str, source: str, stamp_ns: int | None) -> list[FrameInfo]:
         """The frames from both up to their roots, read at one instant."""
-        found = self._reads.tree.ancestors(target, source, stamp_ns)
+        found = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
         return self._reads.ask(found, info.ancestors(target, source, stamp_ns))
@@ -126,7 +126,7 @@ class Introspection:
             InvalidArgumentException: A name, stamp or time-out makes no sense.
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.parent(frame, stamp_ns)
+        found = self._reads.mapped.tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
             return found
         return self._reads.ask(found, info.parent(frame, stamp_ns))
@@ -150,7 +150,7 @@ class Introspection:
             InvalidArgumentException: A name, stamp or time-out makes no sense.
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.chain(target, source, stamp_ns)
+        found = self._reads.mapped.tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
         return self._reads.ask(found, info.chain(target, source, stamp_ns))
@@ -166,4 +166,4 @@ class Introspection:
         Raises:
             ServiceException: As for every call; see the class.
         """
-        return self._connection.call(info.stats()) | self._reads.stats()
+        return self._connection.call(info.stats()) | self._reads.mapped.stats()

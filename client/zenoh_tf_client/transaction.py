@@ -73,10 +73,10 @@ class Transaction:
         self._kind: tuple[str, bool] | None = None  # (authority, static), one per commit
 
     def __repr__(self) -> str:
+        opened = self._connection
         return (
             f"<Transaction of {self._reads} reads and {len(self._sets)} sets at "
-            f"{self._connection.endpoint}, tree {self._connection.tree!r}, "
-            f"server {self._instance or 'unknown'}, "
+            f"{opened.endpoint}, tree {opened.tree!r}, server {self._instance or 'unknown'}, "
             f"{'closed' if self._connection.closed else 'open'}>"
         )
 

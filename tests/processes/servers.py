@@ -13,7 +13,7 @@ from pathlib import Path
 
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.connection import Connection
-from zenoh_tf_client.session.shared_reads import Mode
+from zenoh_tf_client.session.mapped_tree import Mode
 
 from . import forks
 from .ports import free_endpoint

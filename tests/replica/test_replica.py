@@ -23,7 +23,7 @@ from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
 from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.requests.receipt import Receipt
-from zenoh_tf_client.session.shared_reads import Mode
+from zenoh_tf_client.session.mapped_tree import Mode
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.sharing import SharingSettings
 from zenoh_tf_server.replica.copies import SharedCopies

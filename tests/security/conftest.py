@@ -14,7 +14,7 @@ from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
 from tests.support.certificates import issue
 from zenoh_tf_client import Credentials, TransformClient
-from zenoh_tf_client.session.shared_reads import Mode
+from zenoh_tf_client.session.mapped_tree import Mode
 
 CLIENTS = (
     *("reader", "listener", "wheels", "arm"),

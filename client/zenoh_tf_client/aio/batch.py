@@ -44,10 +44,10 @@ class AsyncBatch(BatchOperations):
         self._recorded: list[tuple[Request[Any], Handle[Any]]] = []
 
     def __repr__(self) -> str:
-        state = "closed" if self._connection.closed else "open"
+        opened = self._connection.opened
         return (
-            f"<AsyncBatch of {len(self._recorded)} operations for {self._connection.endpoint}, "
-            f"tree {self._connection.tree!r}, {state}>"
+            f"<AsyncBatch of {len(self._recorded)} operations for {opened.endpoint}, "
+            f"tree {opened.tree!r}, {'closed' if self._connection.closed else 'open'}>"
         )
 
     async def __aenter__(self) -> Self:

@@ -14,7 +14,7 @@ from ..mirror.interest import interest_of
 from ..mirror.watching import Terms
 from ..requests.receipt import Receipt
 from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
-from ..session.shared_reads import Mode, check
+from ..session.mapped_tree import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
 from .gate import AsyncGate
@@ -72,8 +72,9 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
                 "use await AsyncTransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._reads = SharedReads(connection)
-        connection.mapped.attach(self)
+        mapped = connection.mapped
+        self._reads = SharedReads(connection, mapped)
+        mapped.attach(self)
         self._broadcasters: set[AsyncBroadcaster] = set()  # those that are open
 
     @classmethod
@@ -119,11 +120,11 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
-        connection = self._connection
+        opened = self._connection.opened
         return (
-            f"<AsyncTransformClient {address(connection.endpoint)}, tree {connection.tree!r}, "
-            f"server {connection.known_instance or 'unknown'}, "
-            f"{'closed' if connection.closed else 'open'}>"
+            f"<AsyncTransformClient {address(opened.endpoint)}, tree {opened.tree!r}, "
+            f"server {opened.known_instance or 'unknown'}, "
+            f"{'closed' if self._connection.closed else 'open'}>"
         )
 
     async def __aenter__(self) -> Self:
@@ -149,7 +150,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         else:
             # The connection first: a thread inside `send` may hold its broadcaster for long.
             self._connection.close()
-            self._reads.close()
+            self._reads.mapped.close()
             self._close_broadcasters()
 
     def _close_broadcasters(self) -> None:
@@ -159,12 +160,12 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     @property
     def endpoint(self) -> str:
         """Returns the endpoint that the client connects to."""
-        return self._connection.endpoint
+        return self._connection.opened.endpoint
 
     @property
     def tree_name(self) -> str:
         """Returns the name of the tree."""
-        return self._connection.tree
+        return self._connection.opened.tree
 
     @property
     def reads(self) -> Mode:
@@ -174,7 +175,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         query of the server, as long as its memory cannot be read. This changes by itself, for
         example when the server restarts; `stats` has the reasons, under names with ``reads_``.
         """
-        return self._reads.in_use
+        return self._reads.mapped.in_use
 
     def gate(
         self,
@@ -220,7 +221,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
 
         None if there is none yet. See `Mirror.wait_for`.
         """
-        return self._connection.last_receipt
+        return self._connection.opened.last_receipt
 
     @property
     async def instance(self) -> str:
@@ -231,7 +232,10 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         Raises:
             ServiceException: No id is known, and no server answered.
         """
-        return await self._connection.instance()
+        opened = self._connection.opened
+        if (known := opened.known_instance) is not None:
+            return known
+        return await self._connection.run(lambda: opened.instance)
 
     def batch(self) -> AsyncBatch:
         """Start a batch: many operations in one round trip. Not a coroutine, as it only records.

@@ -29,10 +29,10 @@ class AsyncIntrospection:
         Raises:
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.frames()
+        found = self._reads.mapped.tree.frames()
         if type(found) is not AskServer:
             return found
-        self._reads.note(found)
+        self._reads.mapped.note(found)
         names, after = await self._connection.call(info.frames_page(None))
         while after is not None:
             page, after = await self._connection.call(info.frames_page(after))
@@ -53,7 +53,7 @@ class AsyncIntrospection:
             InvalidArgumentException: A name is empty or not valid UTF-8.
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.frame(name)
+        found = self._reads.mapped.tree.frame(name)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.frame(name))
@@ -81,7 +81,7 @@ class AsyncIntrospection:
 
     async def _ancestors(self, target: str, source: str, stamp_ns: int | None) -> list[FrameInfo]:
         """The frames from both up to their roots, read at one instant."""
-        found = self._reads.tree.ancestors(target, source, stamp_ns)
+        found = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.ancestors(target, source, stamp_ns))
@@ -124,7 +124,7 @@ class AsyncIntrospection:
             InvalidArgumentException: A name, stamp or time-out makes no sense.
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.parent(frame, stamp_ns)
+        found = self._reads.mapped.tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.parent(frame, stamp_ns))
@@ -148,7 +148,7 @@ class AsyncIntrospection:
             InvalidArgumentException: A name, stamp or time-out makes no sense.
             ServiceException: As for every call; see the class.
         """
-        found = self._reads.tree.chain(target, source, stamp_ns)
+        found = self._reads.mapped.tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.chain(target, source, stamp_ns))
@@ -164,4 +164,4 @@ class AsyncIntrospection:
         Raises:
             ServiceException: As for every call; see the class.
         """
-        return await self._connection.call(info.stats()) | self._reads.stats()
+        return await self._connection.call(info.stats()) | self._reads.mapped.stats()

@@ -106,7 +106,7 @@ class AsyncMirror(MirrorCopy):
             ``await tf.set_transform(stamped); await m.wait_for()``
         """
         raise_if_forked()
-        awaited = receipt or self._connection.last_receipt
+        awaited = receipt or self._connection.opened.last_receipt
         if awaited is not None and not self._has(awaited):
             await in_thread(lambda: self._wait_until(awaited, timeout_s))
 

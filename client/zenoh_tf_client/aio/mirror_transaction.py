@@ -49,7 +49,7 @@ class AsyncMirrorTransaction(AsyncTransaction):
         """Wait until the mirror has what the last attempt was in conflict with."""
         if self._attempt == 1:
             return True
-        wanted = self._connection.last_receipt
+        wanted = self._connection.opened.last_receipt
         try:
             await in_thread(lambda: self._mirror._wait_until(wanted, CATCH_UP_S))
         except (TimeoutException, ServerRestarted):
@@ -60,7 +60,7 @@ class AsyncMirrorTransaction(AsyncTransaction):
         await super().commit()
         if self._sets:
             frames = [stamped.child_frame for stamped in self._sets]
-            self._mirror._own_writes.add(frames, self._connection.last_receipt)
+            self._mirror._own_writes.add(frames, self._connection.opened.last_receipt)
 
     async def check_reads(self, error: Exception) -> None:
         if not isinstance(error, OutsideInterest):  # which is no error of the server's tree

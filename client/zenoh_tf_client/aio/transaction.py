@@ -71,10 +71,10 @@ class AsyncTransaction:
         self._kind: tuple[str, bool] | None = None  # (authority, static), one per commit
 
     def __repr__(self) -> str:
+        opened = self._connection.opened
         return (
             f"<AsyncTransaction of {self._reads} reads and {len(self._sets)} sets at "
-            f"{self._connection.endpoint}, tree {self._connection.tree!r}, "
-            f"server {self._instance or 'unknown'}, "
+            f"{opened.endpoint}, tree {opened.tree!r}, server {self._instance or 'unknown'}, "
             f"{'closed' if self._connection.closed else 'open'}>"
         )
 
@@ -200,7 +200,7 @@ class AsyncTransaction:
         """Whether what was read needs no comparison with the server's state."""
         # A single read of the server is one snapshot by itself; several were taken at different
         # times, and one of a replica may be old.
-        most = 0 if self._connection.reads_may_be_old else 1
+        most = 0 if self._connection.opened.reads_may_be_old else 1
         return self._reads <= most
 
     async def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:

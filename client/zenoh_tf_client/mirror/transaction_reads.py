@@ -12,7 +12,7 @@ from zenoh_tf.shared_tree import AskServer
 
 from ..requests.receipt import Receipt
 from ..requests.request import Read, Rows
-from ..session.shared_reads import read_tree
+from ..session.mapped_tree import read_tree
 from .interest import explained
 
 T = TypeVar("T")

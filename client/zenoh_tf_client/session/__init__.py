@@ -2,7 +2,8 @@
 
 In comes a `Request`; out goes its result. `exchange` decides as steps, without I/O, what is sent
 and when it is sent again; `connection` takes these steps with blocking calls, `aio.session` on an
-event loop. `shared_reads` maps the server's tree, so that a lookup there sends nothing.
+event loop. `mapped_tree` maps the server's tree, so that a lookup there sends nothing, and
+`shared_reads` asks the server where that has no answer.
 `local_requests` sends short requests through the server's socket instead of Zenoh, and `calls`
 keeps threads out of Zenoh while the process ends.
 

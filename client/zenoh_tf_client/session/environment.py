@@ -10,7 +10,7 @@ from zenoh_tf._net import credentials
 from zenoh_tf._net.credentials import Credentials
 
 from .connection import DEFAULT_ENDPOINT, DEFAULT_TREE
-from .shared_reads import Mode
+from .mapped_tree import Mode
 
 #: The server's endpoint, for example "tcp/robot:7447".
 ENDPOINT_VARIABLE: Final = "ZENOH_TF_CONNECT"

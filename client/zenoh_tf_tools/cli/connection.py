@@ -10,7 +10,7 @@ from zenoh_tf import LookupException, TransformException
 from zenoh_tf.text.similar import did_you_mean
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session import environment
-from zenoh_tf_client.session.shared_reads import Mode
+from zenoh_tf_client.session.mapped_tree import Mode
 
 
 @contextmanager

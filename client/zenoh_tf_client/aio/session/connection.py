@@ -15,10 +15,9 @@ from typing import Final, Self, TypeVar
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 
-from ...requests.receipt import Receipt
 from ...requests.request import Request
 from ...session import connection
-from ...session.shared_reads import Mode, SharedReads
+from ...session.mapped_tree import MappedTree, Mode
 from .message import Operation
 from .outbox import Outbox
 from .threads import in_thread
@@ -40,7 +39,7 @@ _CLOSED: Final = "the connection is closed"
 class Connection:
     """Makes the calls of one loop; see the module. Close it with `close`."""
 
-    def __init__(self, opened: connection.Connection, mapped: SharedReads) -> None:
+    def __init__(self, opened: connection.Connection, mapped: MappedTree) -> None:
         """Use an open connection from the running loop, and the tree that it has mapped."""
         self.opened = opened
         self.mapped = mapped
@@ -63,52 +62,20 @@ class Connection:
     ) -> Self:
         """Connect; raises what the synchronous `Connection` raises."""
 
-        def connect() -> tuple[connection.Connection, SharedReads]:
+        def connect() -> tuple[connection.Connection, MappedTree]:
             opened = connection.Connection(endpoint, tree, timeout_s, credentials)
-            return opened, SharedReads(opened, reads)
+            return opened, MappedTree(opened, reads)
 
-        def close(opened: tuple[connection.Connection, SharedReads]) -> None:
+        def close(opened: tuple[connection.Connection, MappedTree]) -> None:
             opened[0].close()
             opened[1].close()
 
         return cls(*await in_thread(connect, undo=close))
 
     @property
-    def endpoint(self) -> str:
-        """The endpoint that it connects to."""
-        return self.opened.endpoint
-
-    @property
-    def tree(self) -> str:
-        """The name of the tree."""
-        return self.opened.tree
-
-    @property
-    def known_instance(self) -> str | None:
-        """Instance id of the server that answered last; None if no server is known."""
-        return self.opened.known_instance
-
-    @property
-    def reads_may_be_old(self) -> bool:
-        """True once a replica has answered: only the server can tell whether a read is current."""
-        return self.opened.reads_may_be_old
-
-    @property
-    def last_receipt(self) -> Receipt | None:
-        """Of the latest write that the server has replied to; None if there was none."""
-        return self.opened.last_receipt
-
-    @property
     def closed(self) -> bool:
         """True once `close` was called."""
         return self._transport.is_closed
-
-    async def instance(self) -> str:
-        """The same id; asks for it if none is known."""
-        instance = self.known_instance
-        if instance is None:
-            return await self.run(lambda: self.opened.instance)
-        return instance
 
     async def call(self, request: Request[T]) -> T:
         """Send a request; return its result, or raise its error.

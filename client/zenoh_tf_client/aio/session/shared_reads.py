@@ -1,58 +1,40 @@
-"""Reads the server's tree in memory for an asynchronous client; see `...session.shared_reads`.
-
-What is in memory is read without suspending the caller.
-"""
+"""Lookups in the server's memory, and by query where that has no answer."""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from zenoh_tf.shared_tree import AskServer, SharedTree
+from zenoh_tf.shared_tree import AskServer
 
 from ...requests import lookups
 from ...requests.request import Read, Request, Rows, VersionedRead
-from ...session.shared_reads import Mode
+from ...session.mapped_tree import MappedTree
 from .connection import Connection
 
 T = TypeVar("T")
 
 
 class SharedReads:
-    """The mapped tree of the server that a connection has. Thread safety: the loop's thread."""
+    """The lookups of one client. What is in memory is read without suspending the caller.
 
-    def __init__(self, connection: Connection) -> None:
+    Concurrency: all methods, from any task of the client's event loop.
+    """
+
+    def __init__(self, connection: Connection, mapped: MappedTree) -> None:
         self._connection = connection
-        self._mapped = connection.mapped
-
-    @property
-    def tree(self) -> SharedTree:
-        """The mapped tree, or what stands for it."""
-        return self._mapped.tree
-
-    @property
-    def in_use(self) -> Mode:
-        """How a lookup would be answered now."""
-        return self._mapped.in_use
+        self.mapped = mapped
 
     async def ask(self, why: Any, request: Request[T]) -> T:
         """Ask the server, because the tree in memory has returned an AskServer."""
-        self._mapped.count(why)
+        self.mapped.count(why)
         try:
             return await self._connection.call(request)
         finally:
-            self._mapped.note(why)
+            self.mapped.note(why)
 
     async def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""
-        found = self._mapped.read_mapped_versions(request)
+        found = self.mapped.read_versions(request)
         if not isinstance(found, AskServer):
             return found
         return await self.ask(found, lookups.with_versions(request))
-
-    def note(self, why: AskServer) -> None:
-        """Let a thread look for the tree of a new server, if there is one."""
-        self._mapped.note(why)
-
-    def stats(self) -> dict[str, int]:
-        """The counters of this client: how it reads, how often not so, and why."""
-        return self._mapped.stats()
