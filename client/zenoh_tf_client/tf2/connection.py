@@ -19,7 +19,7 @@ from .wait_loop import WaitLoop
 
 _lock = threading.Lock()
 _client: TransformClient | None = None
-_waits: WaitLoop | None = None  # of `_client`, once a message filter waits
+_waits: WaitLoop | None = None  # of `_client`, once a lookup waits
 
 
 def connect(endpoint: str | None = None, tree: str | None = None) -> TransformClient:
@@ -62,7 +62,7 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
 
 
 def wait_loop() -> WaitLoop:
-    """Return the loop on which the process's message filters wait, on its connection.
+    """Return the loop on which the process's lookups wait, on its connection.
 
     Raises what `connect` raises.
     """
@@ -78,8 +78,8 @@ def wait_loop() -> WaitLoop:
 def close() -> None:
     """Close the process's connection and all broadcasters. The next use opens a new connection.
 
-    Message filters drop what they hold. A script need not call it: connections are closed when
-    the interpreter ends.
+    Waiting lookups fail, and message filters drop what they hold. A script need not call it:
+    connections are closed when the interpreter ends.
     """
     global _client, _waits
     with _lock:

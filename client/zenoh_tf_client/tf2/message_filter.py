@@ -17,34 +17,27 @@ from concurrent.futures import Future
 from types import TracebackType
 from typing import Any, Final, Self
 
-from zenoh_tf import StampedTransform
 from zenoh_tf.errors import (
-    ConnectivityException,
-    ExtrapolationException,
     InvalidArgumentException,
     LimitExceeded,
-    LookupException,
     ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     ServiceException,
     TransformException,
 )
+from zenoh_tf_client.requests.lookups import MAY_SUCCEED_LATER
 
 from .buffer import Buffer
 from .connection import wait_loop
-from .messages import TransformStamped, message_of
+from .messages import TransformStamped
 from .times import nanoseconds, stamp_ns
 from .wait_loop import WaitLoop
 
 log = logging.getLogger("zenoh_tf.client")
 
-#: One lookup waits at most this long at the server, which allows an hour at most; then again.
-_ROUND_S: Final = 60.0
 #: The pause before a message waits again, because there was no server or it was busy.
 _PAUSE_S: Final = 0.5
-#: Errors of lookups that may succeed after a later write.
-_MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, ExtrapolationException)
 #: Errors that may be over when the server is back.
 _NO_SERVER: Final = (ServerBusy, ServerRestarted, ServerUnavailable)
 
@@ -269,7 +262,7 @@ class TransformFilter:
             self._settle(
                 held,
                 [
-                    message_of(await _look_up(loop, target, frame, stamp, deadline_s))
+                    await _look_up(loop, target, frame, stamp, deadline_s)
                     for target in self._targets
                 ],
             )
@@ -356,17 +349,14 @@ class MessageFilter(TransformFilter):
 
 async def _look_up(
     loop: WaitLoop, target: str, frame: str, stamp: int | None, deadline_s: float
-) -> StampedTransform:
-    """Look up a transform as soon as it is there; raises the lookup's error at the deadline."""
+) -> TransformStamped:
+    """As `WaitLoop.look_up`; waits for a server that is busy or away, too."""
     while True:
-        begin_s = time.monotonic()
-        round_s = max(0.0, min(_ROUND_S, deadline_s - begin_s))
         try:
-            return await loop.client.lookup_transform(target, frame, stamp, round_s)
-        except _MAY_SUCCEED_LATER:
-            # The server answers early if no write can make the lookup succeed.
-            if time.monotonic() - begin_s < _ROUND_S / 2:
-                raise
+            return await loop.look_up(
+                lambda client, wait_s: client.lookup_transform(target, frame, stamp, wait_s),
+                deadline_s,
+            )
         except _NO_SERVER:
             if loop.is_closed or time.monotonic() + _PAUSE_S >= deadline_s:
                 raise
@@ -377,7 +367,7 @@ def _reason(error: TransformException) -> FilterFailureReason:
     stamp, oldest = error.stamp_ns, error.oldest_stamp_ns
     if stamp is not None and oldest is not None and stamp < oldest:
         return FilterFailureReason.OUT_THE_BACK
-    if isinstance(error, _MAY_SUCCEED_LATER):
+    if isinstance(error, MAY_SUCCEED_LATER):
         return FilterFailureReason.NO_TRANSFORM_FOUND
     if isinstance(error, InvalidArgumentException) and error.field == "frame_id":
         return FilterFailureReason.EMPTY_FRAME_ID

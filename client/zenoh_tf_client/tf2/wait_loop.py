@@ -1,4 +1,4 @@
-"""The lookups of message filters, which wait at the server, on one event loop of the process.
+"""The lookups of futures and message filters, which wait at the server, on one event loop.
 
 A waiting lookup costs a task, not a thread, and one that is cancelled leaves the server at once.
 """
@@ -6,18 +6,28 @@ A waiting lookup costs a task, not a thread, and one that is cancelled leaves th
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
-from collections.abc import Coroutine
+import time
+from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
-from zenoh_tf import threads
+from zenoh_tf import StampedTransform, threads
 from zenoh_tf.errors import ServerUnavailable
 from zenoh_tf_client.aio.client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import Connection
 from zenoh_tf_client.client import TransformClient
+from zenoh_tf_client.requests.lookups import MAY_SUCCEED_LATER
+
+from .messages import TransformStamped, message_of
 
 T = TypeVar("T")
+#: One lookup of a client, which waits for so many seconds at most.
+Lookup = Callable[[AsyncTransformClient, float], Awaitable[StampedTransform]]
+
+#: One lookup waits at most this long at the server, which allows an hour at most; then again.
+_ROUND_S: Final = 60.0
 
 
 class WaitLoop:
@@ -59,6 +69,21 @@ class WaitLoop:
             if not self._closed:
                 self._closed = True
                 self._loop.call_soon_threadsafe(self._end.set)
+
+    async def look_up(self, lookup: Lookup, deadline_s: float = math.inf) -> TransformStamped:
+        """Look up as soon as the transform exists. For coroutines that `start` runs.
+
+        Raises the lookup's error at the deadline, or once no write can make it succeed.
+        """
+        while True:
+            begin_s = time.monotonic()
+            round_s = max(0.0, min(_ROUND_S, deadline_s - begin_s))
+            try:
+                return message_of(await lookup(self.client, round_s))
+            except MAY_SUCCEED_LATER:
+                # The server answers early if no write can make the lookup succeed.
+                if time.monotonic() - begin_s < _ROUND_S / 2:
+                    raise
 
     async def _main(self, started: Future[asyncio.AbstractEventLoop]) -> None:
         #: For the coroutines that `start` runs.

@@ -2,33 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import Any
 
 from .future import TransformFuture
 from .messages import TransformStamped
+from .times import stamp_ns
 
 
-class WaitingLookups(ABC):
-    """The base of `Buffer`, which does the lookups."""
-
-    @abstractmethod
-    def lookup_transform(
-        self, target_frame: str, source_frame: str, time: Any, timeout: Any = ...
-    ) -> TransformStamped:
-        """See `Buffer.lookup_transform`."""
-
-    @abstractmethod
-    def lookup_transform_full(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-        timeout: Any = ...,
-    ) -> TransformStamped:
-        """See `Buffer.lookup_transform_full`."""
+class WaitingLookups:
+    """A base of `Buffer`."""
 
     def wait_for_transform_async(
         self, target_frame: str, source_frame: str, time: Any
@@ -44,7 +26,9 @@ class WaitingLookups(ABC):
             A future of what `lookup_transform` returns or raises.
         """
         return TransformFuture(
-            lambda timeout: self.lookup_transform(target_frame, source_frame, time, timeout)
+            lambda client, wait_s: client.lookup_transform(
+                target_frame, source_frame, stamp_ns(time), wait_s
+            )
         )
 
     def wait_for_transform_full_async(
@@ -68,8 +52,13 @@ class WaitingLookups(ABC):
             A future of what `lookup_transform_full` returns or raises.
         """
         return TransformFuture(
-            lambda timeout: self.lookup_transform_full(
-                target_frame, target_time, source_frame, source_time, fixed_frame, timeout
+            lambda client, wait_s: client.lookup_transform_full(
+                target_frame,
+                stamp_ns(target_time),
+                source_frame,
+                stamp_ns(source_time),
+                fixed_frame,
+                wait_s,
             )
         )
 
