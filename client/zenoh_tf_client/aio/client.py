@@ -298,19 +298,19 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
 
         Lookups in it are as fast as in an embedded tree. A copy of the whole tree costs memory as
         the server's does, and processor time for every change; one for some pairs of frames costs
-        that for the frames on the ways between them.
+        that for the frames on the paths between them.
 
         Args:
             pairs: (target, source) frames of the lookups that the mirror is for. It has the frames
-                on the ways between them, whichever these are at a time, and no others. The frames
-                need not exist yet. None for all frames.
+                on the paths between them, which follow the current topology, and no others. The
+                frames need not exist yet. None for all frames.
             max_delay_s: How long the server may gather changes of the pairs' frames before it sends
                 them, in seconds, up to 10; None for 0.05. Each message costs more than what is in
                 it, so that 0 costs about four times as much, beside frames at 100 Hz. A change
                 after a pause is sent sooner.
-            max_rate_hz: Thin the stream: so many times a second at most, the newest sample of each
-                frame that has changed. Lookups at a time interpolate between those. From 0.001 to
-                1,000; None for all samples, at once.
+            max_rate_hz: Thin the stream: at most at this rate, the server sends the newest sample
+                of each frame that has changed. Lookups at a time interpolate between those. From
+                0.001 to 1,000; None for all samples, at once.
             timeout_s: How long to wait for the first copy, in seconds.
 
         Returns:
@@ -318,14 +318,12 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             if not before.
 
         Raises:
-            ServerUnavailable: No server answered in time, or the client is closed.
             ServerBusy: Too many mirrors have pairs or rates of their own.
-            AccessDenied: The server's access rules do not allow to read.
             TimeoutException: The copy was not complete in time.
             LimitExceeded: A frame's history is larger than a reply of the server may be, or there
                 are too many pairs or frames.
             InvalidArgumentException: An argument is wrong; `field` names it.
-            ProtocolError: A reply is malformed.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``async with await tf.mirror() as m: print(await m.lookup_transform("map", "base"))``
@@ -351,26 +349,23 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         Args:
             target: The frame to express the pose in.
             source: The frame whose pose is followed. Neither need exist yet.
-            max_rate_hz: At most so many poses a second, each the newest of its time, from 0.001 to
+            max_rate_hz: The highest rate of poses, each the newest of its time, from 0.001 to
                 1,000. None for all changes; the server may gather them for 0.05 s.
-            min_translation_m: Do not tell a move by this distance or less from the pose that was
-                told last as `"found"` or `"moved"`, in metres; infinite for a dead-band of angles
-                alone.
+            min_translation_m: Ignore a move by this distance or less from the last pose that was
+                `"found"` or `"moved"`, in metres; infinite for a dead-band of angles alone.
             min_rotation_rad: The same for the angle of the rotation between the two, in radians.
                 Either one being exceeded suffices.
-            heartbeat_s: Tell the pose after so many seconds without an event, from 0.01 to 3600.
+            heartbeat_s: Return the pose after so many seconds without an event, from 0.01 to 3600.
 
         Returns:
             An `AsyncWatch`, for ``async with`` and ``async for``; closed with the client.
 
         Raises:
-            ServerUnavailable: As for `mirror`, and so for the others.
             ServerBusy: Too many mirrors and watches have pairs or rates of their own.
-            AccessDenied: The server's access rules do not allow to read.
             TimeoutException: The first copy was not complete within 30 s.
             LimitExceeded: A name is too long, or there are too many frames between the two.
-            InvalidArgumentException: An argument makes no sense; `field` names it.
-            ProtocolError: A reply is malformed.
+            InvalidArgumentException: An argument is invalid; `field` names it.
+            ServiceException: As for every call; see the class.
 
         Example:
             ``async for event in await tf.watch("map", "base"): print(event.pose)``
