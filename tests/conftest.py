@@ -16,6 +16,7 @@ import uvloop
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import Pool, ServerProcess, starts
 from tests.support.both_clients import Blocking, LoopThread
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.mapped_tree import Mode
@@ -168,7 +169,7 @@ def near(replica: ServerProcess) -> Iterator[TransformClient]:
         yield tf
 
 
-@pytest.fixture(params=["optimistic", "2pl", "giant"])
+@pytest.fixture(params=CONTROLS)
 def any_server(request: pytest.FixtureRequest, lend_server: LendServer) -> ServerProcess:
     """A server for each concurrency control in turn."""
     return lend_server("--concurrency", request.param)
@@ -210,7 +211,7 @@ def either_client(
     thread.stop()
 
 
-@pytest.fixture(params=["optimistic", "2pl", "giant"])
+@pytest.fixture(params=CONTROLS)
 def tree(request: pytest.FixtureRequest) -> TransformTree:
     """map -> base at 10 s and 20 s, base -> camera static, base -> arm at 12 s and 18 s."""
     tree = TransformTree(cache_time_s=10.0, concurrency=request.param)

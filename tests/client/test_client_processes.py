@@ -12,6 +12,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.servers import ServerProcess
+from tests.support.concurrency import CONTROLS, FRAME_LOCKS
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
@@ -95,7 +96,7 @@ def run_together(code: str, *arguments: tuple[str, ...]) -> list[int]:
             process.communicate()
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_no_update_is_lost(start_server: StartServer, concurrency: str) -> None:
     server = start_server("--concurrency", concurrency)
     with server.connect() as tf:
@@ -106,7 +107,7 @@ def test_no_update_is_lost(start_server: StartServer, concurrency: str) -> None:
         assert sum(attempts) > 200, "no transaction was retried, so the test proves nothing"
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
 def test_no_read_is_torn(start_server: StartServer, concurrency: str) -> None:
     server = start_server("--concurrency", concurrency)
     with server.connect() as tf:

@@ -10,6 +10,7 @@ import pytest
 
 from tests.conftest import LendServer
 from tests.processes import forks
+from tests.support.concurrency import CONTROLS
 from tests.support.recorded import RUN, Question, needs_recording, questions
 from zenoh_tf import StampedTransform, TransformException
 from zenoh_tf_client import Batch, Handle, TransformClient
@@ -20,7 +21,7 @@ def answer(handle: Handle[StampedTransform]) -> StampedTransform | TransformExce
 
 
 @needs_recording
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_every_recorded_answer_agrees(lend_server: LendServer, concurrency: str) -> None:
     server = lend_server("--cache-time", "1000s", "--concurrency", concurrency)
     replay = [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, "replay"]

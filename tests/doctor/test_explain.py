@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.concurrency import CONTROLS
 from tests.support.recorded import needs_recording, questions, transforms
 from zenoh_tf import (
     Explanation,
@@ -243,7 +244,7 @@ def test_names_that_are_alike() -> None:
     assert did_you_mean([], names) is None
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_it_is_of_one_instant(concurrency: Any) -> None:
     """A transaction moves both links at once: their newest stamps are never seen apart."""
     tree = TransformTree(concurrency=concurrency)

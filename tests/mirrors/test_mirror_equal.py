@@ -12,6 +12,7 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
+from tests.support.concurrency import FRAME_LOCKS
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Mirror, TransformClient
@@ -111,7 +112,7 @@ def assert_equal(m: Mirror, tf: TransformClient, stamps: list[int]) -> None:
         assert np.array_equal(here.translations[found], there.translations[found]), name
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
 def test_equal_after_random_traffic(start_server: StartServer, concurrency: str) -> None:
     server = start_server(
         *("--concurrency", concurrency, "--limit", "frames=128", "--time-jump", "clear"),

@@ -8,6 +8,7 @@ from typing import Literal
 
 import pytest
 
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import TransformTree
 
 from .calls import Fault, ask, same
@@ -106,7 +107,7 @@ def check(histories: Iterable[History], concurrency: Concurrency) -> Counter[str
 
 
 @pytest.mark.timeout(60 + len(SEEDS) * 0.2)
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_every_answer_is_the_oracles(concurrency: Concurrency) -> None:
     events = check(map(history, SEEDS), concurrency)
     for event in sorted(events):

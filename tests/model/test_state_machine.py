@@ -20,6 +20,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from tests.support.concurrency import FRAME_LOCKS
 from zenoh_tf import TransformTree
 
 from .calls import Call, ask, same
@@ -172,7 +173,7 @@ SETTINGS = settings(
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
 def test_every_program_of_calls(concurrency: Concurrency) -> None:
     machine = type("Machine", (TreeAndOracle,), {"concurrency": concurrency})
     run_state_machine_as_test(machine, settings=SETTINGS)

@@ -14,6 +14,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import (
     InvalidArgumentException,
     StampedTransform,
@@ -109,7 +110,7 @@ def rounded(found: Any) -> str:
     return number.sub(lambda text: f"{round(float(text[0]), 7) + 0.0:g}", repr(found))
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_both_ways_give_the_same_answers_and_errors(
     start_sharing: StartServer, concurrency: str
 ) -> None:

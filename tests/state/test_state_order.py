@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import NotDurable, TransformException
@@ -67,7 +68,7 @@ def statics(tree: TransformTree) -> dict[str, tuple[str, int, float]]:
     return found
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_the_file_has_what_the_tree_has(tmp_path: Path, concurrency: str) -> None:
     chance = random.SystemRandom().randrange(1 << 20)
     print(f"seed {chance}")

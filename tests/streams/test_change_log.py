@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.concurrency import CONTROLS
 from tests.support.logged_trees import FEW_FRAMES, Mirror, Writer, logged, make_tree, state
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows
@@ -28,7 +29,7 @@ def drain(log: ChangeLog, replay: ChangeReplay, position: int) -> int:
 
 
 @pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_a_snapshot_and_the_changes_after_it_are_the_tree(
     concurrency: str, max_frames: int
 ) -> None:
@@ -85,7 +86,7 @@ def test_the_changes_before_a_snapshot_do_no_harm() -> None:
 
 
 @pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> None:
     tree, log = logged(concurrency, max_frames)
     stop = threading.Event()
@@ -130,7 +131,7 @@ def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> N
         assert state(mirror.tree) == expected
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_mirrors_made_while_writers_free_ids(concurrency: str) -> None:
     """They are compared at once: the samples that lose parents are soon pruned."""
     for seed in range(12):

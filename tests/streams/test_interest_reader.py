@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from tests.support.concurrency import CONTROLS
 from tests.support.logged_trees import (
     FEW_FRAMES,
     FRAMES,
@@ -292,7 +293,7 @@ def failure(
     return None
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
     """Each commit moves a chain as a whole, by turns under two parents; frames come and go."""
     tree, _ = logged(concurrency)

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.processes.servers import ServerProcess
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import (
     BackwardExtrapolationException,
     ForwardExtrapolationException,
@@ -86,7 +87,7 @@ STAMPS: dict[str, NDArray[np.int64]] = {
 PAIRS = [("map", "camera"), ("camera", "map"), ("box", "camera"), ("map", "box"), ("map", "map")]
 
 
-@pytest.fixture(params=["optimistic", "2pl", "giant"])
+@pytest.fixture(params=CONTROLS)
 def tree(request: pytest.FixtureRequest) -> TransformTree:
     concurrency: Literal["optimistic", "2pl", "giant"] = request.param
     tree = TransformTree(concurrency=concurrency)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.processes.servers import ServerProcess
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import StampedTransform, Transform, TransformTree, Velocity
 from zenoh_tf.errors import (
     ConnectivityException,
@@ -53,7 +54,7 @@ def circle(t: float) -> Transform:
     return turned("z", t, (np.cos(t), np.sin(t), 0.0))
 
 
-@pytest.fixture(params=["optimistic", "2pl", "giant"])
+@pytest.fixture(params=CONTROLS)
 def tree(request: pytest.FixtureRequest) -> TransformTree:
     concurrency: Literal["optimistic", "2pl", "giant"] = request.param
     return TransformTree(concurrency=concurrency)

@@ -19,6 +19,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.support import torn
+from tests.support.concurrency import FRAME_LOCKS
 from zenoh_tf import TransformTree
 
 SECONDS = float(os.environ.get("ZTF_TORN_SECONDS", "3"))
@@ -53,12 +54,12 @@ def in_threads(
         return [w.result() for w in writers], [r.result() for r in readers]
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
 def test_threads(concurrency: Literal["optimistic", "2pl"]) -> None:
     check(*in_threads(concurrency, TRANSACTIONAL))
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
 def test_threads_see_torn_answers_without_a_transaction(
     concurrency: Literal["optimistic", "2pl"],
 ) -> None:
@@ -87,7 +88,7 @@ def in_processes(
     return outputs[:2], seen
 
 
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl"])
+@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
 def test_processes(start_server: StartServer, concurrency: str) -> None:
     server = start_server("--concurrency", concurrency)
     with server.connect() as tf:

@@ -4,6 +4,7 @@ from typing import Literal
 
 import pytest
 
+from tests.support.concurrency import CONTROLS
 from tests.support.recorded import Question, needs_recording, questions, transforms
 from zenoh_tf import StampedTransform, TransformException, TransformTree
 
@@ -20,7 +21,7 @@ def ask(tree: TransformTree, q: Question) -> StampedTransform | TransformExcepti
 
 
 @needs_recording
-@pytest.mark.parametrize("concurrency", ["optimistic", "2pl", "giant"])
+@pytest.mark.parametrize("concurrency", CONTROLS)
 def test_every_recorded_answer_agrees(
     concurrency: Literal["optimistic", "2pl", "giant"],
 ) -> None:

@@ -109,16 +109,18 @@ def test_a_live_pair(published: TransformClient) -> None:
         assert isinstance(unknown.error, LookupException)
 
 
-@pytest.mark.parametrize("name", ["$x_{", "\\frac", "a\u202eb", "x" * 500])
-def test_figures_with_any_name(tmp_path: Path, name: str) -> None:
+def test_figures_with_any_name(tmp_path: Path) -> None:
     from zenoh_tf_tools.plotting.figure import save  # noqa: PLC0415 - seconds, for one test
 
     nothing = np.full((3, 7), np.nan)
     poses = np.array([[1.0, 2, 3, 0, 0, 0, 1]] * 3)
     poses[1] = np.nan
     times_s, ages_s = np.arange(3.0), np.array([0.0, np.nan, -1.0])
-    for rows, ages in ((poses, ages_s), (nothing, nothing[:, 0])):
-        save(PairHistory(times_s, rows, ages, None), name, name, tmp_path / "plot.png")
+    for rows, ages, target, source in (
+        (poses, ages_s, "$x_{", "\\frac"),
+        (nothing, nothing[:, 0], "a\u202eb", "x" * 500),
+    ):
+        save(PairHistory(times_s, rows, ages, None), target, source, tmp_path / "plot.png")
         assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
