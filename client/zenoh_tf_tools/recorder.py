@@ -23,12 +23,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.mirrors.feed import MirrorFeed
-from zenoh_tf.recordings.blocks import join, slice_rows, take_rows, with_own_names
 from zenoh_tf.recordings.writer import RecordingWriter
-from zenoh_tf.ros2.cdr import TfMessage
-from zenoh_tf.wire.stream import CLEARED, NO_PARENT, REMOVED, STATIC
+from zenoh_tf.wire.stream import CLEARED, REMOVED
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
@@ -42,8 +41,6 @@ _SNAPSHOT_ROWS: Final = 200
 _MAX_AGE_NS: Final = 3600 * 10**9
 #: From here on, stamps as old as that are of 64 bits, too.
 _FIRST_NEWEST_NS: Final = -(1 << 63) + _MAX_AGE_NS
-#: Bytes of a row in a queue, roughly.
-_ROW_BYTES: Final = 100
 
 
 @dataclass(slots=True)
@@ -65,7 +62,7 @@ class _Item(NamedTuple):
 
     log_ns: int
     static: bool
-    rows: TfMessage
+    rows: TransformRows
 
 
 class Recorder:
@@ -137,17 +134,16 @@ class Recorder:
         self._end_snapshot()
         self._seq = max(self._seq, message.last)
         assert message.changes is not None
-        names, _, kind, frame, _, parent, _, stamp, pose, _ = message.changes
-        self.counters.removals += int(np.isin(kind, (CLEARED, REMOVED)).sum())
-        has_sample = kind <= STATIC
-        rows = TfMessage(names, parent, frame[has_sample], stamp, pose)
-        static = kind[has_sample] == STATIC
+        self.counters.removals += int(np.isin(message.changes[2], (CLEARED, REMOVED)).sum())
+        samples = wire.samples_of_changes(message.changes)
+        chosen = np.flatnonzero(samples.has_parent)
+        rows, static = samples.rows(chosen), samples.static[chosen]
         log_ns = time.time_ns()
         # Split where static and dynamic samples meet: a link may be the one and then the other.
         bounds = [0, *(np.flatnonzero(np.diff(static)) + 1).tolist(), len(static)]
         for begin, end in pairwise(bounds):
             if begin < end:
-                item = _Item(log_ns, bool(static[begin]), slice_rows(rows, begin, end))
+                item = _Item(log_ns, bool(static[begin]), rows[begin:end])
                 self._put(item, may_wait=False)
 
     def _on_copy(self, tree: TransformTree | None, instance: str) -> None:
@@ -170,7 +166,7 @@ class Recorder:
         if not pieces:
             return
         static, histories = _rows_of(pieces)
-        count = len(histories.stamp)
+        count = len(histories)
         times = np.full(count, time.time_ns())
         if is_first:
             # As if it had been recorded when it happened, so that it is played again so.
@@ -181,19 +177,18 @@ class Recorder:
         self._put(_Item(first_ns, True, static), may_wait=True)
         for begin in range(0, count, _SNAPSHOT_ROWS):
             end = min(begin + _SNAPSHOT_ROWS, count)
-            rows = with_own_names(slice_rows(histories, begin, end))
-            self._put(_Item(int(times[end - 1]), False, rows), may_wait=True)
+            self._put(_Item(int(times[end - 1]), False, histories[begin:end]), may_wait=True)
 
     def _put(self, item: _Item, *, may_wait: bool) -> None:
         """Queue a message, or count it as dropped if there is no room. A snapshot has room: it is
         no larger than the copy of the tree."""
-        count = len(item.rows.stamp)
+        count = len(item.rows)
         if not count:
             return
         with self._changed:
             if self._error is not None:
                 return
-            size = count * _ROW_BYTES
+            size = item.rows.nbytes
             if not may_wait and self._queued_bytes + size > self._max_queue_bytes:
                 self.counters.dropped += count
                 return
@@ -215,7 +210,7 @@ class Recorder:
                         return
                     item = self._queue.popleft() if self._queue else None
                     if item is not None:
-                        self._queued_bytes -= len(item.rows.stamp) * _ROW_BYTES
+                        self._queued_bytes -= item.rows.nbytes
                 if item is not None:
                     if is_flushed:
                         flush_at_s = time.monotonic() + _FLUSH_S
@@ -231,7 +226,7 @@ class Recorder:
 
     def _write_rows(self, item: _Item) -> None:
         """Write a message without the samples that the format cannot hold."""
-        count = len(item.rows.stamp)
+        count = len(item.rows)
         try:
             self._writer.write(*item)
         except InvalidArgumentException:
@@ -239,24 +234,20 @@ class Recorder:
                 self.counters.unrepresentable += 1
                 return
             for begin, end in pairwise((0, count // 2, count)):
-                rows = with_own_names(slice_rows(item.rows, begin, end))
-                self._write_rows(item._replace(rows=rows))
+                self._write_rows(item._replace(rows=item.rows[begin:end]))
             return
         self.counters.messages += 1
         self.counters.transforms += 0 if item.static else count
         self.counters.static += count if item.static else 0
 
 
-def _rows_of(pieces: list[wire.Frames]) -> tuple[TfMessage, TfMessage]:
+def _rows_of(pieces: list[wire.Frames]) -> tuple[TransformRows, TransformRows]:
     """The static links of a snapshot, and all other samples by their stamps."""
-    parts = []
-    for names, _, frame, _, static, _, count, stamp, parent, pose in pieces:
-        # A sample whose parent was removed has none.
-        has_parent = parent != NO_PARENT
-        child, is_static = np.repeat(frame, count), np.repeat(static, count).astype(bool)
-        for chosen in (has_parent & is_static, has_parent & ~is_static):
-            parts.append(
-                TfMessage(names, parent[chosen], child[chosen], stamp[chosen], pose[chosen])
-            )
-    histories = join(parts[1::2])
-    return join(parts[0::2]), take_rows(histories, np.argsort(histories.stamp, kind="stable"))
+    static: list[TransformRows] = []
+    dynamic: list[TransformRows] = []
+    for piece in pieces:
+        samples = wire.samples_of_frames(piece)
+        for parts, chosen in ((static, samples.static), (dynamic, ~samples.static)):
+            parts.append(samples.rows(np.flatnonzero(samples.has_parent & chosen)))
+    histories = TransformRows.join(dynamic)
+    return TransformRows.join(static), histories[np.argsort(histories.stamp, kind="stable")]

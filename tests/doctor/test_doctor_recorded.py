@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from tests.support.recorded import needs_recording, transforms
+from zenoh_tf._core import TransformRows
 from zenoh_tf.doctor import RecordedFacts, diagnose
-from zenoh_tf.ros2.cdr import TfMessage
 
 S = 10**9
 Q = (0.0, 0.0, 0.0, 1.0)
@@ -15,15 +13,11 @@ Q = (0.0, 0.0, 0.0, 1.0)
 Row = tuple[str, str, float, tuple[float, ...]]
 
 
-def columns(*rows: Row) -> TfMessage:
+def columns(*rows: Row) -> TransformRows:
     """Rows of parent, child, stamp in seconds and quaternion."""
-    names = sorted({name for row in rows for name in row[:2]})
-    return TfMessage(
-        names,
-        np.array([names.index(row[0]) for row in rows], np.uint32),
-        np.array([names.index(row[1]) for row in rows], np.uint32),
-        np.array([round(row[2] * S) for row in rows]),
-        np.array([(0.0, 0.0, 0.0, *row[3]) for row in rows]),
+    return TransformRows.of_tuples(
+        (parent, child, round(stamp_s * S), (0.0, 0.0, 0.0, *turn))
+        for parent, child, stamp_s, turn in rows
     )
 
 

@@ -15,11 +15,11 @@ import pytest
 import zenoh
 
 from tests.attack.processes import Server
-from tests.ros2.conftest import message_of
 from tests.support.seed import seed
+from zenoh_tf._core import TransformRows
 from zenoh_tf._net import zenoh_config
 from zenoh_tf.ros2 import attachment
-from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
+from zenoh_tf.ros2.cdr import encode_tf_message
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_data
 from zenoh_tf_client import TransformClient
 
@@ -76,8 +76,7 @@ class Draw:
             )
             for _ in range(draw.randrange(4))
         ]
-        message: TfMessage = message_of(rows)
-        payload = encode_tf_message(message)
+        payload = encode_tf_message(TransformRows.of_tuples(rows))
         if draw.random() < 0.6:
             return self._mutator.damaged(payload)
         if draw.random() < 0.2:
@@ -112,7 +111,7 @@ def test_damaged_messages_of_ros_break_nothing() -> None:
             assert stats["bad_puts"] > MESSAGES // 20 and stats["puts"] > 100
             assert stats["dropped_by_queue"] == 0
             # A good message is heard beside it all.
-            good = message_of([("good", "frame", 5, [1.0, 0, 0, 0, 0, 0, 1])])
+            good = TransformRows.of_tuples([("good", "frame", 5, [1.0, 0, 0, 0, 0, 0, 1])])
             key = KEYS[0].format(topic="tf", type=TF_MESSAGE.chunk, hash=TF_MESSAGE.hash)
             session.put(key, encode_tf_message(good))
             assert tf.lookup_transform("good", "frame", timeout_s=30).transform.translation[0] == 1

@@ -49,8 +49,8 @@ def frames(count: int, samples: int = 1, authorities: tuple[str, ...] = ("wheels
     )
 
 
-def commit_of(put: Put) -> wire.Commit:
-    return wire.parse_commit(wire.unpack(put.payload))
+def children_of(put: Put) -> list[str]:
+    return [put.payload.names[child] for child in put.payload.child]
 
 
 def test_a_first_copy_has_many_frames_in_a_put() -> None:
@@ -58,27 +58,20 @@ def test_a_first_copy_has_many_frames_in_a_put() -> None:
     puts = list(robot.of_frames(frames(10_000, authorities=("wheels", "arm"))))
     assert len(puts) <= 10_000 / 100 and not refused
     assert robot.received == 10_000
-    stored = [
-        (commit.rows.names[child], put.static)
-        for put in puts
-        for commit in [commit_of(put)]
-        for child in commit.rows.child.tolist()
-    ]
+    stored = [(name, put.static) for put in puts for name in children_of(put)]
     assert sorted(stored) == sorted((f"r/part{n}", n % 4 == 0) for n in range(1, 10_001))
     assert {put.authority for put in puts} == {"r:wheels", "r:arm"}
     for put in puts:
-        commit = commit_of(put)
-        assert set(commit.rows.parent.tolist()) == {commit.rows.names.index("map")}
-        assert len(commit.rows.names) <= 129 and len(commit.rows) <= 1024
+        assert set(put.payload.parent.tolist()) == {put.payload.names.index("map")}
+        assert len(put.payload.names) <= 129 and len(put.payload) <= 1024
 
 
 def test_histories_are_whole_and_in_order() -> None:
     robot, _ = rows_of()
     tree = TransformTree()
     for put in robot.of_frames(frames(30, samples=700)):
-        commit = commit_of(put)
-        assert len(commit.rows) <= 1024
-        tree._commit_rows(commit.rows, static=put.static)
+        assert len(put.payload) <= 1024
+        tree._commit_rows(put.payload, static=put.static)
     for number in range(1, 31):
         assert tree.frame(f"r/part{number}").samples == (1 if number % 4 == 0 else 700)
 
@@ -88,20 +81,16 @@ def test_a_refused_put_is_committed_frame_by_frame() -> None:
     [put] = robot.of_frames(frames(3, samples=5))
     assert put.parts is not None
     parts = put.parts(put)
-    names = [
-        [commit.rows.names[child] for child in commit.rows.child]
-        for commit in map(commit_of, parts)
+    assert [children_of(part) for part in parts] == [
+        [f"r/part{number}"] * 5 for number in range(1, 4)
     ]
-    assert names == [[f"r/part{number}"] * 5 for number in range(1, 4)]
     assert all(part.parts is None and part.authority == "r:wheels" for part in parts)
 
 
 def test_what_is_above_the_share_is_refused_and_counted() -> None:
     robot, refused = rows_of(most=10)
     puts = list(robot.of_frames(frames(30, authorities=("wheels", "arm"))))
-    children = {
-        commit.rows.names[child] for commit in map(commit_of, puts) for child in commit.rows.child
-    }
+    children = {name for put in puts for name in children_of(put)}
     assert len(children) == 10 and robot.over_quota == 20
     assert sum(count for _, count, _ in refused) == 20
     assert {authority for authority, _, _ in refused} == {"r:wheels", "r:arm"}

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import random
 
-import numpy as np
-
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.recordings.decoders import decoder
-from zenoh_tf.ros2.cdr import TfMessage, decode_tf_message, encode_tf_message
+from zenoh_tf.ros2.cdr import decode_tf_message, encode_tf_message
 
 from .readers import rows
 
@@ -20,13 +19,16 @@ def messages(seed: int) -> list[bytes]:
     for _ in range(seeded.randrange(1, 30)):
         count = seeded.randrange(4)
         names = seeded.sample(["map", "odom", "base", "größe", "a" * 40, ""], 3)
-        columns = (
-            np.array(seeded.choices(range(3), k=count), np.uint32),
-            np.array(seeded.choices(range(3), k=count), np.uint32),
-            np.array([seeded.randrange(-(2**31), 2**31) * 10**9 for _ in range(count)], np.int64),
-            np.array([[seeded.random() for _ in range(7)] for _ in range(count)]).reshape(count, 7),
-        )
-        data = bytearray(encode_tf_message(TfMessage(names, *columns)))
+        sent = [
+            (
+                seeded.choice(names),
+                seeded.choice(names),
+                seeded.randrange(-(2**31), 2**31) * 10**9,
+                [seeded.random() for _ in range(7)],
+            )
+            for _ in range(count)
+        ]
+        data = bytearray(encode_tf_message(TransformRows.of_tuples(sent)))
         if seeded.random() < 0.3:
             data[seeded.randrange(len(data))] = seeded.choice((0, 1, 0x80, 0xFF))
         if seeded.random() < 0.1:

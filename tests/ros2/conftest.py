@@ -7,17 +7,15 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import START_TIMEOUT_S, ServerProcess
-from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf_client import TransformClient
 
 #: No rotation, one metre ahead.
@@ -105,15 +103,3 @@ def authorities(tf: TransformClient) -> dict[str, Any]:
 def wait_for_authority(tf: TransformClient, name: str) -> Any:
     """The record of an authority, once there is one."""
     return wait_for(lambda: authorities(tf).get(name))
-
-
-def message_of(rows: Sequence[tuple[str, str, int, Sequence[float]]]) -> TfMessage:
-    """The message of some rows: parent, child, stamp in ns, pose."""
-    names = list(dict.fromkeys(name for row in rows for name in row[:2]))
-    return TfMessage(
-        names,
-        np.array([names.index(row[0]) for row in rows], np.uint32),
-        np.array([names.index(row[1]) for row in rows], np.uint32),
-        np.array([row[2] for row in rows], np.int64),
-        np.array([row[3] for row in rows], np.float64).reshape(-1, 7),
-    )

@@ -18,14 +18,11 @@ from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, ProtocolError
 from zenoh_tf.ros2.cdr import (
     JointState,
-    TfMessage,
     decode_joint_state,
     decode_tf_message,
     encode_joint_state,
     encode_tf_message,
 )
-
-from .conftest import message_of
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
@@ -37,10 +34,6 @@ STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 ONE = bytes.fromhex(
     "00010000 01000000 64000000 05000000 04000000 6d617000 05000000 6f646f6d 00 000000"
 ) + struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1)
-
-
-def _message(rows: TransformRows) -> TfMessage:
-    return TfMessage(rows.names, rows.parent, rows.child, rows.stamp, rows.pose)
 
 
 def oracle_tf(rows: list[tuple[str, str, int, list[float]]]) -> Any:
@@ -61,7 +54,7 @@ def oracle_tf(rows: list[tuple[str, str, int, list[float]]]) -> Any:
     )
 
 
-def rows_of(message: TfMessage) -> list[tuple[str, str, int, list[float]]]:
+def rows_of(message: TransformRows) -> list[tuple[str, str, int, list[float]]]:
     return [
         (message.names[parent], message.names[child], stamp, pose)
         for parent, child, stamp, pose in zip(
@@ -82,9 +75,9 @@ TF_ROWS = st.lists(
 def test_golden_bytes() -> None:
     row = ("map", "odom", 100_000_000_005, [1.0, 2, 3, 0, 0, 0, 1])
     assert rows_of(decode_tf_message(ONE)) == [row]
-    assert encode_tf_message(message_of([row])) == ONE
+    assert encode_tf_message(TransformRows.of_tuples([row])) == ONE
     stamped = StampedTransform("map", "odom", row[2], Transform((1, 2, 3), (0, 0, 0, 1)))
-    assert encode_tf_message(_message(TransformRows.of([stamped]))) == ONE
+    assert encode_tf_message(TransformRows.of([stamped])) == ONE
 
 
 @settings(max_examples=200, deadline=None)
@@ -95,7 +88,7 @@ def test_transforms_as_rosbags_has_them(rows: list[Any], little: bool) -> None:
     )
     assert rows_of(decode_tf_message(theirs)) == rows
     if little:
-        ours = encode_tf_message(message_of(rows))
+        ours = encode_tf_message(TransformRows.of_tuples(rows))
         assert ours == theirs[: len(ours)] and not any(theirs[len(ours) :])
 
 
@@ -131,7 +124,7 @@ def test_joints_as_rosbags_has_them(
 def test_names_are_listed_once() -> None:
     message = decode_tf_message(
         encode_tf_message(
-            message_of(
+            TransformRows.of_tuples(
                 [
                     ("map", "a", 1, [0.0] * 7),
                     ("map", "b", 2, [0.0] * 7),
@@ -142,6 +135,13 @@ def test_names_are_listed_once() -> None:
     )
     assert message.names == ["map", "a", "b"]
     assert message.parent.tolist() == [0, 0, 1]
+
+
+def test_frames_get_other_names() -> None:
+    rows = decode_tf_message(ONE, rename=lambda names: [f"r1/{name}" for name in names])
+    assert rows.names == ["r1/map", "r1/odom"] and rows.child.tolist() == [1]
+    with pytest.raises(InvalidArgumentException):
+        decode_tf_message(ONE, rename=lambda names: names[:1])
 
 
 def changed(at: int, value: bytes) -> bytes:
@@ -213,8 +213,8 @@ def test_arrays_of_another_length_are_refused() -> None:
 
 def test_rows_are_limited() -> None:
     rows = [("map", "odom", 0, [0.0] * 6 + [1.0])] * 4
-    payload = encode_tf_message(message_of(rows))
-    assert len(decode_tf_message(payload, 4).stamp) == 4
+    payload = encode_tf_message(TransformRows.of_tuples(rows))
+    assert len(decode_tf_message(payload, 4)) == 4
     with pytest.raises(LimitExceeded) as caught:
         decode_tf_message(payload, 3)
     assert (caught.value.field, caught.value.limit, caught.value.value) == ("rows", 3, 4)
@@ -225,7 +225,7 @@ def test_rows_are_limited() -> None:
 
 def test_a_long_message_is_decoded() -> None:
     row = ("map", "odom", 7, [0.5] * 7)
-    message = decode_tf_message(encode_tf_message(message_of([row] * 2000)))
+    message = decode_tf_message(encode_tf_message(TransformRows.of_tuples([row] * 2000)))
     assert message.names == ["map", "odom"] and message.pose.shape == (2000, 7)
     assert set(message.stamp.tolist()) == {7}
 
@@ -233,15 +233,15 @@ def test_a_long_message_is_decoded() -> None:
 @pytest.mark.parametrize("stamp_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1])
 def test_stamps_beyond_ros_are_refused(stamp_ns: int) -> None:
     with pytest.raises(InvalidArgumentException) as caught:
-        encode_tf_message(message_of([("a", "b", stamp_ns, [0.0] * 7)]))
+        encode_tf_message(TransformRows.of_tuples([("a", "b", stamp_ns, [0.0] * 7)]))
     assert caught.value.field == "stamp_ns"
 
 
-@pytest.mark.parametrize("name", ["a\0b", "\ud800"])
-def test_names_that_cannot_be_sent_are_refused(name: str) -> None:
+@pytest.mark.parametrize(("name", "field"), [("a\0b", "names"), ("\ud800", "frame")])
+def test_names_that_cannot_be_sent_are_refused(name: str, field: str) -> None:
     with pytest.raises(InvalidArgumentException) as caught:
-        encode_tf_message(message_of([(name, "b", 0, [0.0] * 7)]))
-    assert caught.value.field == "names"
+        encode_tf_message(TransformRows.of_tuples([(name, "b", 0, [0.0] * 7)]))
+    assert caught.value.field == field
 
 
 def test_damaged_messages_raise_typed_errors_only() -> None:

@@ -14,7 +14,7 @@ from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._core import TransformRows
-from zenoh_tf.ros2.cdr import JointState, TfMessage, encode_joint_state, encode_tf_message
+from zenoh_tf.ros2.cdr import JointState, encode_joint_state, encode_tf_message
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE
 from zenoh_tf_client import TransformClient
 
@@ -30,10 +30,6 @@ from .conftest import (
 )
 
 KEY = f"0/%s/{TF_MESSAGE.chunk}/{TF_MESSAGE.hash}"
-
-
-def _message(rows: TransformRows) -> TfMessage:
-    return TfMessage(rows.names, rows.parent, rows.child, rows.stamp, rows.pose)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +100,7 @@ def test_messages_without_a_token_are_named_by_their_topic(tf: TransformClient, 
 def peer_message(parent: str, child: str) -> str:
     """A message of one transform, in hexadecimal."""
     row = StampedTransform(parent, child, time.time_ns(), Transform(AHEAD[:3], AHEAD[3:]))
-    return encode_tf_message(_message(TransformRows.of([row]))).hex()
+    return encode_tf_message(TransformRows.of([row])).hex()
 
 
 @pytest.mark.parametrize("history", ["cache", "queryable"])

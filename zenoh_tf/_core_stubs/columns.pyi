@@ -2,8 +2,7 @@
 not a module at run time.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +23,18 @@ class TransformRows:
     ) -> None: ...
     @staticmethod
     def of(stampeds: Sequence[StampedTransform]) -> TransformRows: ...
+    # Of each row: parent, child, stamp in ns, the seven numbers of its pose.
+    @staticmethod
+    def of_tuples(tuples: Iterable[tuple[str, str, int, Sequence[float]]]) -> TransformRows: ...
+    @staticmethod
+    def join(parts: Iterable[TransformRows]) -> TransformRows: ...
     # The columns of a message; None if they are malformed.
     @staticmethod
     def parse(
         names: object, parent: object, child: object, stamp: object, pose: object
     ) -> TransformRows | None: ...
-    def take(self, rows: NDArray[np.int64]) -> TransformRows: ...  # with all names
+    # Some rows, by their numbers; without unused names if these are many.
+    def __getitem__(self, rows: slice | NDArray[np.int64]) -> TransformRows: ...
     # Parent, child, stamp and pose as the columns of a message.
     def columns(self) -> tuple[bytes, bytes, bytes, bytes]: ...
     def __len__(self) -> int: ...
@@ -45,6 +50,8 @@ class TransformRows:
     def pose(self) -> NDArray[np.float64]: ...
     @property
     def newest_stamp(self) -> int: ...  # INT64_MIN if there is no row
+    @property
+    def nbytes(self) -> int: ...  # of rows and names
 
 # Pairs of frames as names (each once) and the columns target, source (rows of names). A single name
 # stands for all rows.
@@ -52,21 +59,12 @@ def columns_of_pairs(
     targets: str | Sequence[str], sources: str | Sequence[str], rows: int
 ) -> tuple[list[str], NDArray[np.uint32], NDArray[np.uint32]]: ...
 
-# A ROS 2 TFMessage in CDR as (names, parent, child, stamp_ns, pose), see `zenoh_tf.ros2.cdr`; of a
-# malformed one the (field, what was expected).
-def decode_tf_message(message: bytes) -> tuple[Any, ...]: ...
+# A ROS 2 TFMessage in CDR, see `zenoh_tf.ros2.cdr`; of a malformed one the (field, what was
+# expected). If `rename` gives two frames one name, the rows have it twice.
+def decode_tf_message(
+    message: bytes, rename: Callable[[list[str]], list[str]] | None = None
+) -> TransformRows | tuple[str, str]: ...
 
-# The same of many messages, with the number of malformed ones, which have no rows, and the (field,
-# what was expected) of the first of these.
-def decode_tf_messages(
-    messages: list[bytes],
-) -> tuple[
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
-    int,
-    str,
-    str,
-]: ...
+# The rows of many messages, the number of malformed ones, which have no rows, and the (field, what
+# was expected) of the first of these.
+def decode_tf_messages(messages: list[bytes]) -> tuple[TransformRows, int, str, str]: ...

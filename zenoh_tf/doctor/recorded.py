@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
-from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf.tree import TransformTree
 
 from .._core import TransformRows
@@ -37,7 +35,7 @@ class RecordedFacts:
         self._first_ns: int | None = None
         self._last_ns = 0
 
-    def add(self, log_ns: int, topic: str, static: bool, rows: TfMessage) -> None:
+    def add(self, log_ns: int, topic: str, static: bool, rows: TransformRows) -> None:
         """Add a message.
 
         Args:
@@ -87,33 +85,17 @@ class RecordedFacts:
         if newest is not None:
             self._longest_ns[frame] = max(self._longest_ns[frame], stamp_ns - newest)
 
-    def _commit(self, topic: str, static: bool, rows: TfMessage) -> None:
+    def _commit(self, topic: str, static: bool, rows: TransformRows) -> None:
         try:
-            self._commit_rows(topic, static, rows, slice(None))
+            self._commit_rows(topic, static, rows)
         except (InvalidArgumentException, LimitExceeded):
             # One row makes the tree reject all of them.
-            for row in range(len(rows.stamp)):
+            for row in range(len(rows)):
                 try:
-                    self._commit_rows(topic, static, rows, slice(row, row + 1))
+                    self._commit_rows(topic, static, rows[row : row + 1])
                 except (InvalidArgumentException, LimitExceeded) as error:
                     self._refused[topic] += 1
                     self._last_refusal[topic] = str(error)
 
-    def _commit_rows(self, topic: str, static: bool, rows: TfMessage, which: slice) -> None:
-        columns: list[Any] = [rows.parent[which], rows.child[which]]
-        names, (parent, child) = _own_names(rows.names, columns)
-        self._tree._commit_rows(
-            TransformRows(names, parent, child, rows.stamp[which], rows.pose[which]),
-            authority=topic,
-            static=static,
-            drop_old=True,
-        )
-
-
-def _own_names(
-    names: list[str], columns: list[NDArray[np.uint32]]
-) -> tuple[list[str], list[NDArray[np.uint32]]]:
-    """The names that the columns use, and the columns with their indexes."""
-    used, indexes = np.unique(np.concatenate(columns), return_inverse=True)
-    split = np.split(indexes.astype(np.uint32), len(columns))
-    return [names[index] for index in used], [np.ascontiguousarray(part) for part in split]
+    def _commit_rows(self, topic: str, static: bool, rows: TransformRows) -> None:
+        self._tree._commit_rows(rows, authority=topic, static=static, drop_old=True)

@@ -1,6 +1,6 @@
 """Messages with transforms as columns: ROS 2 and ROS 1 TFMessage, Foxglove's FrameTransforms.
 
-A decoder takes the bytes of many messages and returns their rows as the columns of a commit.
+A decoder takes the bytes of many messages and returns their rows.
 Messages that cannot be decoded have no rows, and are counted.
 """
 
@@ -11,17 +11,14 @@ import struct
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-
-from .._core import decode_tf_messages
-from ..ros2.cdr import TfMessage
+from .._core import TransformRows, decode_tf_messages
 from .errors import reason
 
 
 class Decoded(NamedTuple):
     """The rows of many messages."""
 
-    rows: TfMessage
+    rows: TransformRows
     malformed: int  # messages that cannot be decoded
     first_fault: str  # what is wrong with the first of them
 
@@ -59,10 +56,8 @@ def decoder(message_type: str, encoding: str) -> Decode | None:
 
 def _cdr(messages: list[bytes]) -> Decoded:
     """tf2_msgs/TFMessage of ROS 2."""
-    found = decode_tf_messages(messages)
-    malformed, field, expected = found[5:]
-    fault = f"CDR field {field} must be {expected}" if malformed else ""
-    return Decoded(TfMessage(*found[:5]), malformed, fault)
+    rows, malformed, field, expected = decode_tf_messages(messages)
+    return Decoded(rows, malformed, f"CDR field {field} must be {expected}" if malformed else "")
 
 
 _MAX_STAMP: Final = 1 << 63
@@ -74,38 +69,22 @@ def _each(decode: Callable[[bytes], list[_Row]]) -> Decode:
     """A decoder from one that decodes a message, and may raise any exception."""
 
     def decode_all(messages: list[bytes]) -> Decoded:
-        rows: list[_Row] = []
+        parts: list[TransformRows] = []
         malformed, fault = 0, ""
         for data in messages:
             try:
                 found = decode(data)
                 if any(abs(stamp_ns) >= _MAX_STAMP for _, _, stamp_ns, _ in found):
                     raise ValueError("a stamp is beyond 64 bits of nanoseconds")
+                parts.append(TransformRows.of_tuples(found))
             except ImportError:
                 raise
             except Exception as error:
                 malformed += 1
                 fault = fault or reason(error)
-                continue
-            rows += found
-        return Decoded(_columns(rows), malformed, fault)
+        return Decoded(TransformRows.join(parts), malformed, fault)
 
     return decode_all
-
-
-def _columns(rows: list[_Row]) -> TfMessage:
-    index: dict[str, int] = {}
-    for parent, child, _, _ in rows:
-        index.setdefault(parent, len(index))
-        index.setdefault(child, len(index))
-    count = len(rows)
-    return TfMessage(
-        [*index],
-        np.fromiter((index[row[0]] for row in rows), np.uint32, count),
-        np.fromiter((index[row[1]] for row in rows), np.uint32, count),
-        np.fromiter((row[2] for row in rows), np.int64, count),
-        np.array([row[3] for row in rows], np.float64).reshape(count, 7),
-    )
 
 
 _STAMP_ROS1: Final = struct.Struct("<III")  # sequence number, seconds, nanoseconds

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from .._core import TransformRows
 from ..errors import InvalidArgumentException, LimitExceeded
-from ..ros2.cdr import TfMessage
-from .blocks import Block, commits, slice_rows, with_own_names
+from ..wire import commit_parts
 from .recording import Recording
 
 if TYPE_CHECKING:
@@ -39,43 +38,47 @@ def load(
     """
     done = 0
     for block in recording.blocks():
-        for _ in valid_commits(recording, tree, block):
+        for _ in valid_commits(recording, tree, block.rows, block.static):
             pass
         done += block.messages
         if on_messages is not None:
             on_messages(done)
 
 
-def valid_commits(recording: Recording, tree: TransformTree, block: Block) -> Iterator[TfMessage]:
-    """Commit a block in as many commits as it needs, without the rows that the tree rejects, which
+def valid_commits(
+    recording: Recording, tree: TransformTree, rows: TransformRows, static: bool
+) -> Iterator[TransformRows]:
+    """Commit rows in as many commits as it needs, without the rows that the tree rejects, which
     the recording counts. Yields the rows of each commit."""
-    for commit in commits(block):
+    for commit in commit_parts(rows):
         valid = 0
-        for rows in _commit_valid(tree, commit.rows, commit.static):
-            valid += len(rows.stamp)
-            if not commit.static:
-                first_ns, last_ns = int(rows.stamp.min()), int(rows.stamp.max())
+        for part in _commit_valid(tree, commit, static):
+            valid += len(part)
+            if not static:
+                first_ns, last_ns = int(part.stamp.min()), int(part.stamp.max())
                 known = recording.range_ns or (first_ns, last_ns)
                 recording.range_ns = min(known[0], first_ns), max(known[1], last_ns)
-            yield rows
-        recording.skipped += len(commit.rows.stamp) - valid
+            yield part
+        recording.skipped += len(commit) - valid
 
 
-def _commit_valid(tree: TransformTree, rows: TfMessage, static: bool) -> Iterator[TfMessage]:
+def _commit_valid(
+    tree: TransformTree, rows: TransformRows, static: bool
+) -> Iterator[TransformRows]:
     """Commit rows at one instant, without those that the tree rejects.
 
     Only the tree knows what it rejects: the rows are halved until the bad ones are alone.
     """
-    count = len(rows.stamp)
+    count = len(rows)
     if not count:
         return
     try:
-        tree._commit_rows(TransformRows(*with_own_names(rows)), static=static, drop_old=True)
+        tree._commit_rows(rows, static=static, drop_old=True)
     except (InvalidArgumentException, LimitExceeded) as error:
         if error.field in _FULL:
             raise
         if count > 1:
-            yield from _commit_valid(tree, slice_rows(rows, 0, count // 2), static)
-            yield from _commit_valid(tree, slice_rows(rows, count // 2, count), static)
+            yield from _commit_valid(tree, rows[: count // 2], static)
+            yield from _commit_valid(tree, rows[count // 2 :], static)
     else:
         yield rows

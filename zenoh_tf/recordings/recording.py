@@ -8,10 +8,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from ..ros2.cdr import TfMessage
+from .._core import TransformRows
 from ..text import quoted
 from .bag_file import BagFile
-from .blocks import Block
 from .container import Channel, Container, RawMessage
 from .decoders import READABLE
 from .errors import RecordingError, reason
@@ -31,7 +30,15 @@ class Message(NamedTuple):
     log_ns: int  # when it was recorded
     topic: str
     static: bool
-    rows: TfMessage
+    rows: TransformRows
+
+
+class Block(NamedTuple):
+    """Rows of successive messages, in order: only static ones, or only dynamic ones."""
+
+    rows: TransformRows
+    static: bool
+    messages: int  # how many
 
 
 class Recording:
@@ -128,7 +135,7 @@ class Recording:
         if rows is not None:
             yield Block(rows, channel.static, len(messages))
 
-    def _decode(self, channel: Channel, messages: list[bytes]) -> TfMessage | None:
+    def _decode(self, channel: Channel, messages: list[bytes]) -> TransformRows | None:
         """The rows of messages, without those that are malformed; None if all are."""
         found = channel.decode(messages)
         if found.malformed:

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from ..ros2.cdr import TfMessage, encode_tf_message
+from .._core import TransformRows
+from ..ros2.cdr import encode_tf_message
 from .errors import missing_library
 
 Format = Literal["foxglove", "ros2"]
@@ -97,7 +98,7 @@ class RecordingWriter:
         """The size of the file so far."""
         return self._file.tell()
 
-    def write(self, log_ns: int, static: bool, rows: TfMessage) -> None:
+    def write(self, log_ns: int, static: bool, rows: TransformRows) -> None:
         """Add a message.
 
         Args:
@@ -131,7 +132,7 @@ class RecordingWriter:
 
 
 #: Declares the channels, (dynamic, static); and encodes a message.
-_Form = tuple[Callable[[Any], tuple[int, int]], Callable[[TfMessage], bytes]]
+_Form = tuple[Callable[[Any], tuple[int, int]], Callable[[TransformRows], bytes]]
 
 
 def _ros2() -> _Form:
@@ -168,7 +169,7 @@ def _foxglove() -> _Form:
         )
         return dynamic, static
 
-    def encode(rows: TfMessage) -> bytes:
+    def encode(rows: TransformRows) -> bytes:
         message: Any = FrameTransforms()
         columns = (rows.parent, rows.child, rows.stamp, rows.pose)
         for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):

@@ -12,12 +12,14 @@ raises ProtocolError, and its `field` names the part.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import TransformRows
 from .._core import decode_tf_message as _decode_tf_message
 from ..errors import InvalidArgumentException, LimitExceeded, ProtocolError
 
@@ -28,16 +30,6 @@ _HEADER: Final = 4  # bytes; alignment counts from its end
 _LITTLE: Final = b"\x00\x01\x00\x00"
 _MAX_PADDING: Final = 3  # behind the last field, up to a multiple of four
 _SECOND_NS: Final = 1_000_000_000
-
-
-class TfMessage(NamedTuple):
-    """A tf2_msgs/TFMessage as the columns of a commit, a row for each transform."""
-
-    names: list[str]  # frames, each once
-    parent: NDArray[np.uint32]  # (n,) indexes into names
-    child: NDArray[np.uint32]  # (n,)
-    stamp: NDArray[np.int64]  # (n,) ns
-    pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of child in parent, metres
 
 
 @dataclass(slots=True)
@@ -52,12 +44,17 @@ class JointState:
     frame_id: str = ""
 
 
-def decode_tf_message(payload: bytes, max_rows: int = MAX_ROWS) -> TfMessage:
-    """A tf2_msgs/TFMessage.
+def decode_tf_message(
+    payload: bytes,
+    max_rows: int = MAX_ROWS,
+    rename: Callable[[list[str]], list[str]] | None = None,
+) -> TransformRows:
+    """The transforms of a tf2_msgs/TFMessage.
 
     Args:
         payload: The message in CDR, with its header.
         max_rows: Most transforms to accept.
+        rename: Returns the names that the message's frames have in the tree, in the same order.
 
     Raises:
         ProtocolError: The message is malformed.
@@ -66,25 +63,25 @@ def decode_tf_message(payload: bytes, max_rows: int = MAX_ROWS) -> TfMessage:
     if len(payload) > _HEADER + 4:
         order: Literal["big", "little"] = "big" if payload[1] == 0 else "little"
         _check_rows(int.from_bytes(payload[_HEADER : _HEADER + 4], order), max_rows, len(payload))
-    found = _decode_tf_message(payload)
-    if len(found) == 2:
+    found = _decode_tf_message(payload, rename)
+    if isinstance(found, tuple):
         raise _malformed(*found)
-    return TfMessage(*found)
+    return found
 
 
-def encode_tf_message(message: TfMessage) -> bytes:
+def encode_tf_message(rows: TransformRows) -> bytes:
     """The CDR of a tf2_msgs/TFMessage.
 
     Raises:
         InvalidArgumentException: A stamp is beyond ROS 2's 32 bits of seconds, or a name has a
             zero character; `field` names it.
     """
-    texts = [_encoded(name, "names") for name in message.names]
-    parts = [_LITTLE, struct.pack("<I", len(message.stamp))]
+    texts = [_encoded(name, "names") for name in rows.names]
+    parts = [_LITTLE, struct.pack("<I", len(rows))]
     at = 4
-    rows = zip(message.parent.tolist(), message.child.tolist(), message.stamp.tolist(), strict=True)
-    poses = np.ascontiguousarray(message.pose, "<f8")
-    for row, (parent, child, stamp_ns) in enumerate(rows):
+    columns = zip(rows.parent.tolist(), rows.child.tolist(), rows.stamp.tolist(), strict=True)
+    poses = np.ascontiguousarray(rows.pose, "<f8")
+    for row, (parent, child, stamp_ns) in enumerate(columns):
         head = _stamp(stamp_ns) + texts[parent]
         head += bytes(-len(head) % 4) + texts[child]
         head += bytes(-(at + len(head)) % 8)

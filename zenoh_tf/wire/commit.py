@@ -5,7 +5,7 @@ A put of transforms carries the same body, but its key gives `authority` and `st
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -121,6 +121,21 @@ def parse_commit(body: Message) -> Commit:
         commit.read_names = texts(body, "read_names")
         commit.read_versions = column(body, "read_versions", U64, len(commit.read_names))
     return commit
+
+
+def commit_parts(rows: TransformRows) -> Iterator[TransformRows]:
+    """Split rows before each one whose child has another parent than in the row before it.
+
+    The rows of a commit count as simultaneous: else a tree could see a loop that never was.
+    """
+    order = np.argsort(rows.child, kind="stable")
+    child, parent = rows.child[order], rows.parent[order]
+    moved = (child[1:] == child[:-1]) & (parent[1:] != parent[:-1])
+    begin = 0
+    for row in sorted(order[1:][moved].tolist()):
+        yield rows[begin:row]
+        begin = row
+    yield rows[begin:] if begin else rows
 
 
 def _malformed_rows(body: Message) -> ProtocolError:

@@ -7,11 +7,12 @@ The columns are those of `zenoh_tf._core.ChangeLog` and `ChangeReplay`, as tuple
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import TransformRows
 from .error_codec import raise_error
 from .fields import (
     F64,
@@ -76,6 +77,42 @@ Frames = tuple[
     NDArray[np.uint32],
     NDArray[np.float64],
 ]
+
+
+class Samples(NamedTuple):
+    """The samples of changes or frames as columns, a row for each."""
+
+    names: list[str]
+    authorities: list[str]
+    parent: NDArray[np.uint32]  # (n,) indexes into names, or NO_PARENT
+    child: NDArray[np.uint32]  # (n,)
+    stamp: NDArray[np.int64]  # (n,) ns
+    pose: NDArray[np.float64]  # (n, 7)
+    authority: NDArray[np.uint32]  # (n,) indexes into authorities
+    static: NDArray[np.bool_]  # (n,)
+
+    @property
+    def has_parent(self) -> NDArray[np.bool_]:
+        """(n,) False if the parent was removed."""
+        return np.not_equal(self.parent, NO_PARENT)
+
+    def rows(self, chosen: NDArray[np.intp]) -> TransformRows:
+        """Some of them, each with a parent, by their numbers."""
+        parent, child = self.parent[chosen], self.child[chosen]
+        return TransformRows(self.names, parent, child, self.stamp[chosen], self.pose[chosen])
+
+
+def samples_of_changes(changes: Changes) -> Samples:
+    names, authorities, kind, frame, _, parent, authority, stamp, pose, _ = changes
+    kinds = kind[kind <= STATIC]
+    child = frame[kind <= STATIC]
+    return Samples(names, authorities, parent, child, stamp, pose, authority, kinds == STATIC)
+
+
+def samples_of_frames(frames: Frames) -> Samples:
+    names, authorities, frame, _, static, authority, count, stamp, parent, pose = frames
+    child, authority, is_static = (np.repeat(c, count) for c in (frame, authority, static != 0))
+    return Samples(names, authorities, parent, child, stamp, pose, authority, is_static)
 
 
 @dataclass(slots=True)

@@ -79,7 +79,7 @@ def _read(recording: Recording, tree: TransformTree) -> dict[str, NDArray[np.int
     """Commit a recording. Returns the stamps of each frame whose link is not static, sorted."""
     found: dict[str, list[NDArray[np.int64]]] = {}
     for block in recording.blocks():
-        for rows in valid_commits(recording, tree, block):
+        for rows in valid_commits(recording, tree, block.rows, block.static):
             if block.static:
                 continue
             order = np.argsort(rows.child, kind="stable")

@@ -21,6 +21,7 @@ import zenoh
 from zenoh.handlers import FifoChannel
 
 from zenoh_tf import threads, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.text import quoted
@@ -47,8 +48,6 @@ _ALONE_S: Final = 1.0
 #: Keys whose authority is remembered.
 _KNOWN_KEYS: Final = 4096
 
-_CommitCall = Callable[[wire.Commit, int | None], Any]
-
 
 @dataclass(slots=True)
 class PutCounters:
@@ -70,7 +69,7 @@ class Ingest:
 
     def __init__(
         self,
-        commit: _CommitCall,
+        commit: Callable[[wire.Commit, int | None], Any],
         counters: PutCounters,
         refusals: Refusals,
         limits: Limits,
@@ -333,11 +332,7 @@ class Ingest:
         authority = put.authority
         transforms = 1  # a message that cannot be parsed counts as one transform
         try:
-            payload = put.payload if type(put.payload) is bytes else put.payload.to_bytes()
-            if put.decode is None:
-                commit = wire.parse_commit(self._limits.unpack(payload))
-            else:
-                commit = put.decode(payload)
+            commit = self._commit_of(put)
             transforms = len(commit.rows)
             self._limits.check("rows", len(commit.rows))
             # The key counts, not the message: Zenoh's access control has checked the key.
@@ -368,6 +363,14 @@ class Ingest:
             self._clocks.put_arrived(authority, put.arrival_ns, commit.rows.newest_stamp)
         if self._future.flags:
             counts.flagged_as_future += self._flag_future(commit, put)
+
+    def _commit_of(self, put: Put) -> wire.Commit:
+        if type(put.payload) is TransformRows:
+            return wire.Commit(put.payload)
+        payload = put.payload if type(put.payload) is bytes else put.payload.to_bytes()
+        if put.decode is None:
+            return wire.parse_commit(self._limits.unpack(payload))
+        return wire.Commit(put.decode(payload))
 
     def _refuse_future(self, commit: wire.Commit, stored: bytes) -> None:
         """Count and log the rows that were not stored because they are from the future."""

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from zenoh_tf import wire
+from zenoh_tf._core import TransformRows
 
 #: A put costs its bytes, and this for the fixed part of decoding and committing it.
 PUT_COST: Final = 4096
@@ -46,17 +46,22 @@ class Put:
 
     authority: str
     static: bool
-    payload: Any  # zenoh.ZBytes; None once it was dropped
+    payload: Any  # TransformRows; bytes or zenoh.ZBytes to decode; None once it was dropped
     size: int
     arrival_ns: int  # real time
-    #: Makes the transaction of the payload's bytes, if they are not of this project's protocol.
-    decode: Callable[[bytes], wire.Commit] | None = None
+    #: Makes rows of the payload's bytes, if they are not of this project's protocol.
+    decode: Callable[[bytes], TransformRows] | None = None
     #: Called once: True after it was committed, False if it was refused. Not if it is dropped, or
     #: if its parts are committed in its place.
     done: Callable[[bool], None] = _tell_nobody
     #: Makes the puts to commit in its place if it is refused, so that one bad row refuses only its
     #: own part. They have no parts themselves.
     parts: Callable[[Put], list[Put]] | None = None
+
+    @classmethod
+    def of_rows(cls, authority: str, static: bool, rows: TransformRows, arrival_ns: int) -> Put:
+        """A put of rows that another part of the server has decoded."""
+        return cls(authority, static, rows, rows.nbytes, arrival_ns)
 
 
 @dataclass(slots=True, eq=False)

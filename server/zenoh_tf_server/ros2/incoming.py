@@ -14,7 +14,6 @@ import time
 
 import zenoh
 
-from zenoh_tf import wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.cdr import decode_tf_message
@@ -114,8 +113,8 @@ class Incoming:
             if size <= self._limits.message_bytes:
                 put.payload = message.payload.to_bytes()
                 try:
-                    commit = decode(put.payload)
-                    news = self._statics.take(source, message.number, commit, live=wait)
+                    rows = decode(put.payload)
+                    news = self._statics.take(source, message.number, rows, live=wait)
                 except TransformException:
                     pass
                 else:
@@ -137,13 +136,12 @@ class Incoming:
         except TransformException as error:
             refusal = error
 
-            def refuse(payload: bytes) -> wire.Commit:
+            def refuse(payload: bytes) -> TransformRows:
                 raise type(refusal)(str(refusal), **refusal.facts)
 
             return refuse
 
-        def decode(payload: bytes) -> wire.Commit:
-            names, parent, child, stamp, pose = decode_tf_message(payload, max_rows)
-            return wire.Commit(TransformRows(rename(names), parent, child, stamp, pose))
+        def decode(payload: bytes) -> TransformRows:
+            return decode_tf_message(payload, max_rows, rename)
 
         return decode

@@ -22,15 +22,15 @@ from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
-import numpy as np
 import zenoh
 from zenoh import ext
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
 from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.attachment import Attachment
-from zenoh_tf.ros2.cdr import TfMessage, encode_tf_message
+from zenoh_tf.ros2.cdr import encode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
 from zenoh_tf.threads import Periodic
 
@@ -119,7 +119,7 @@ class Outgoing:
         self._waiting = 0  # transforms in them
         self._tokens: list[zenoh.LivelinessToken] = []
         self._peers: dict[str, list[_Peer]] = {}
-        self._statics: TfMessage | None = None
+        self._statics = encode_tf_message(TransformRows.of_tuples([]))  # as sent last
         self._static_rows: dict[str, _Row] = {}  # in it, and what ROS 2 cannot express
         self._statics_change = -1
         self._messages = self._transforms = self._left_out = 0
@@ -227,10 +227,9 @@ class Outgoing:
         rows = self._all_statics()
         found = _Encoded(rows)
         self._count_left_out("tf_static", found)
-        before = self._statics
-        if not _same(before, found.message) if before is not None else found.message.names:
+        if found.payload != self._statics:
             self._put("tf_static", found)
-            self._statics = found.message
+            self._statics = found.payload
         self._static_rows = rows
         self._statics_change = change  # last: what has failed is tried again
 
@@ -258,7 +257,7 @@ class Outgoing:
             return
         found = _Encoded(rows)
         self._count_left_out(topic, found)
-        if found.message.names:
+        if found.count:
             self._put(topic, found)
 
     def _count_left_out(self, topic: str, found: _Encoded) -> None:
@@ -274,7 +273,7 @@ class Outgoing:
             if latched or peer.has_listeners:
                 peer.put(found.payload)
         self._messages += 1
-        self._transforms += len(found.message.stamp)
+        self._transforms += found.count
 
 
 class _Encoded:
@@ -284,17 +283,16 @@ class _Encoded:
     def __init__(self, rows: dict[str, _Row]) -> None:
         self.refusal: TransformException | None = None
         self.left_out = 0
-        self.message = _message(rows)
         try:
-            self.payload = encode_tf_message(self.message)
+            self.payload = _encode(rows)
         except TransformException:
-            good = {child: row for child, row in rows.items() if self._is_good(child, row)}
-            self.message = _message(good)
-            self.payload = encode_tf_message(self.message)
+            rows = {child: row for child, row in rows.items() if self._is_good(child, row)}
+            self.payload = _encode(rows)
+        self.count = len(rows)
 
     def _is_good(self, child: str, row: _Row) -> bool:
         try:
-            encode_tf_message(_message({child: row}))
+            _encode({child: row})
         except TransformException as error:
             self.refusal = error
             self.left_out += 1
@@ -302,19 +300,10 @@ class _Encoded:
         return True
 
 
-def _message(rows: dict[str, _Row]) -> TfMessage:
+def _encode(rows: dict[str, _Row]) -> bytes:
     """The message with these rows, by child."""
-    names = {name: 0 for child, row in rows.items() for name in (row[0], child)}
-    index = {name: number for number, name in enumerate(names)}
-    return TfMessage(
-        list(names),
-        np.array([index[row[0]] for row in rows.values()], np.uint32),
-        np.array([index[child] for child in rows], np.uint32),
-        np.array([row[1] for row in rows.values()], np.int64),
-        np.array([row[2] for row in rows.values()], np.float64).reshape(-1, 7),
+    return encode_tf_message(
+        TransformRows.of_tuples(
+            (parent, child, stamp_ns, pose) for child, (parent, stamp_ns, pose) in rows.items()
+        )
     )
-
-
-def _same(a: TfMessage, b: TfMessage) -> bool:
-    columns = ((a.parent, b.parent), (a.child, b.child), (a.stamp, b.stamp), (a.pose, b.pose))
-    return a.names == b.names and all(np.array_equal(mine, theirs) for mine, theirs in columns)

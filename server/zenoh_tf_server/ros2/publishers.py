@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher, Topic
 from zenoh_tf.ros2.topics import Received
@@ -48,8 +48,8 @@ _PATIENCE_S: Final = 1.0
 _PATIENCE_PART: Final = 0.05
 _SHORT_ID: Final = 8  # characters of an id that is part of a name
 
-#: Makes the transaction of a message's bytes.
-Decode = Callable[[bytes], wire.Commit]
+#: Makes rows of a message's bytes, with the names that the frames have in the tree.
+Decode = Callable[[bytes], TransformRows]
 
 
 @dataclass(slots=True, eq=False)

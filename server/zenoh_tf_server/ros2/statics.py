@@ -19,10 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-import numpy as np
 import zenoh
 
-from zenoh_tf import wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.keys import Publisher as Peer
@@ -131,23 +129,23 @@ class Statics:
         }
 
     def take(
-        self, source: Source, number: int | None, commit: wire.Commit, *, live: bool = True
+        self, source: Source, number: int | None, rows: TransformRows, *, live: bool = True
     ) -> Put | None:
         """Note a message, and return the put of what the tree needs of it; None if nothing.
 
         Args:
             source: Its publisher.
             number: The publisher's number of it: an older message that comes late changes nothing.
-            commit: Its transforms.
+            rows: Its transforms.
             live: It is sent now. False: kept by its publisher, so it may be from before what
                 other publishers have sent.
         """
-        rows, names = commit.rows, commit.rows.names
+        names = rows.names
         columns = (rows.parent, rows.child, rows.stamp, rows.pose)
         with self._lock:
             publisher = self._publisher(source)
             if publisher is None:
-                return self.put(source.authority, commit)
+                return self.put(source.authority, rows)
             new: dict[str, _Link] = {}
             for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
                 link = _Link(names[parent], stamp_ns, tuple(pose), source.gid, number)
@@ -155,15 +153,14 @@ class Statics:
                     new[names[child]] = link
         if not new:
             return None
-        put = self.put(source.authority, _commit(new))
+        put = self.put(source.authority, _rows(new))
         put.done = lambda accepted: self._done(new, accepted)
         return put
 
     @staticmethod
-    def put(authority: str, commit: wire.Commit) -> Put:
+    def put(authority: str, rows: TransformRows) -> Put:
         """Static transforms as a put."""
-        payload = wire.pack(wire.commit_body(commit))
-        return Put(authority, True, payload, len(payload), time.time_ns())
+        return Put.of_rows(authority, True, rows, time.time_ns())
 
     def _publisher(self, source: Source) -> _Publisher | None:
         """Requires the lock. None: there are too many."""
@@ -231,7 +228,7 @@ class Statics:
             ]
             forgotten = [self._forget(identity) for identity in gone]
         for authority, handed_over, orphans in forgotten:
-            self._add([self.put(heir, _commit(links)) for heir, links in handed_over.items()])
+            self._add([self.put(heir, _rows(links)) for heir, links in handed_over.items()])
             self._remove(authority, orphans)
 
     def _forget(self, identity: _Identity) -> tuple[str, dict[str, dict[str, _Link]], set[str]]:
@@ -277,11 +274,7 @@ class Statics:
         return True
 
 
-def _commit(links: dict[str, _Link]) -> wire.Commit:
-    parents = [link.parent for link in links.values()]
-    names = {name: row for row, name in enumerate(dict.fromkeys([*parents, *links]))}
-    parent = np.array([names[name] for name in parents], np.uint32)
-    child = np.array([names[name] for name in links], np.uint32)
-    stamp = np.array([link.stamp_ns for link in links.values()], np.int64)
-    pose = np.array([link.pose for link in links.values()], np.float64).reshape(-1, 7)
-    return wire.Commit(TransformRows(list(names), parent, child, stamp, pose))
+def _rows(links: dict[str, _Link]) -> TransformRows:
+    return TransformRows.of_tuples(
+        (link.parent, child, link.stamp_ns, link.pose) for child, link in links.items()
+    )

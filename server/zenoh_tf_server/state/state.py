@@ -7,9 +7,6 @@ import logging
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
@@ -152,13 +149,5 @@ def _restore_last_poses(tree: TransformTree, stored: Stored, settings: StateSett
 
 
 def _commit(links: dict[str, Link], authority: str, *, static: bool) -> wire.Commit:
-    names = dict.fromkeys(name for child, link in links.items() for name in (link.parent, child))
-    index: dict[str, Any] = {name: number for number, name in enumerate(names)}
-    rows = TransformRows(
-        list(names),
-        np.array([index[link.parent] for link in links.values()], np.uint32),
-        np.array([index[child] for child in links], np.uint32),
-        np.array([link.stamp_ns for link in links.values()], np.int64),
-        np.array([link.pose for link in links.values()], np.float64).reshape(len(links), 7),
-    )
-    return wire.Commit(rows, authority, static)
+    rows = ((link.parent, child, link.stamp_ns, link.pose) for child, link in links.items())
+    return wire.Commit(TransformRows.of_tuples(rows), authority, static)

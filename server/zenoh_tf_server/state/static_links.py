@@ -235,7 +235,7 @@ class StaticLinks:
                 return NO_TICKET
             part = replace(
                 commit,
-                rows=commit.rows.take(chosen),
+                rows=commit.rows[chosen],
                 # The commit fails if another one changes one of the frames before it.
                 read_names=[commit.rows.names[commit.rows.child[row]] for row in chosen],
                 read_versions=np.array([v for v in versions if v is not None], np.uint64),

@@ -1,10 +1,14 @@
-// TransformRows: made from arrays, from a message's columns, or from values; read as arrays, which
-// are views of its rows, or as a message's columns.
+// TransformRows: made from arrays, from a message's columns, from values, or from other rows; read
+// as arrays, which are views of its rows, or as a message's columns.
 //
 // GIL: many rows are copied without it.
 #include "bindings/commits/transform_rows.hpp"
 
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
+
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
 
@@ -106,6 +110,64 @@ TransformRows of(nb::handle stampeds) {
   return {names.list(), std::move(rows)};
 }
 
+TransformRows of_tuples(nb::handle tuples) {
+  const nb::tuple items = tuple_of(tuples);
+  MessageNames names;
+  std::vector<Row> rows;
+  rows.reserve(items.size());
+  for (const nb::handle item : items) {
+    const auto [parent, child, stamp, pose] =
+        nb::cast<std::tuple<nb::object, nb::object, Stamp, std::array<double, 7>>>(item);
+    const std::uint32_t parent_index = names.index_of(parent);
+    rows.push_back({parent_index, names.index_of(child), stamp, std::bit_cast<Pose>(pose)});
+  }
+  return {names.list(), std::move(rows)};
+}
+
+TransformRows join(nb::handle parts) {
+  MessageNames names;
+  std::vector<Row> rows;
+  for (const nb::handle part : tuple_of(parts)) {
+    const auto& added = nb::cast<const TransformRows&>(part);
+    std::vector<std::uint32_t> index;
+    for (const nb::handle name : added.kept_names()) index.push_back(names.index_of(name));
+    for (Row row : added.rows()) {
+      row.parent = index[row.parent];
+      row.child = index[row.child];
+      rows.push_back(row);
+    }
+  }
+  return {names.list(), std::move(rows)};
+}
+
+// Rows with the names of `of`, without unused ones if these are many: to commit or to encode rows
+// costs time for every name.
+TransformRows selected(const TransformRows& of, std::vector<Row> rows) {
+  if (2 * rows.size() >= of.texts().size()) return {of.names(), std::move(rows)};
+  nb::list names;
+  std::unordered_map<std::uint32_t, std::uint32_t> known;
+  const auto renumber = [&](std::uint32_t& name) {
+    const auto [at, is_new] = known.try_emplace(name, static_cast<std::uint32_t>(known.size()));
+    if (is_new) names.append(of.kept_names()[name]);
+    name = at->second;
+  };
+  for (Row& row : rows) {
+    renumber(row.parent);
+    renumber(row.child);
+  }
+  return {std::move(names), std::move(rows)};
+}
+
+TransformRows slice(const TransformRows& self, const nb::slice& which) {
+  const auto [start, stop, step, length] = which.compute(self.rows().size());
+  std::vector<Row> rows;
+  rows.reserve(length);
+  for (std::size_t i = 0; i < length; ++i)
+    rows.push_back(
+        self.rows()[static_cast<std::size_t>(start + static_cast<Py_ssize_t>(i) * step)]);
+  return selected(self, std::move(rows));
+}
+
 TransformRows take(const TransformRows& self, const Column<std::int64_t>& which) {
   std::vector<Row> rows;
   rows.reserve(which.shape(0));
@@ -115,7 +177,7 @@ TransformRows take(const TransformRows& self, const Column<std::int64_t>& which)
       raise_invalid("there is no row " + std::to_string(row), "rows");
     rows.push_back(self.rows()[static_cast<std::size_t>(row)]);
   }
-  return {self.names(), std::move(rows)};
+  return selected(self, std::move(rows));
 }
 
 // A field of every row as an array, which keeps the rows alive.
@@ -160,6 +222,12 @@ Stamp newest_stamp(const TransformRows& self) {
   return newest;
 }
 
+std::size_t nbytes(const TransformRows& self) {
+  std::size_t size = self.rows().size_bytes();
+  for (const std::string_view text : self.texts()) size += text.size();
+  return size;
+}
+
 }  // namespace
 
 TransformRows::TransformRows(nb::list names, std::vector<Row> rows)
@@ -173,9 +241,12 @@ void bind_transform_rows(nb::module_& m) {
       .def(nb::new_(&from_arrays), nb::arg("names"), nb::arg("parent"), nb::arg("child"),
            nb::arg("stamp_ns"), nb::arg("pose"))
       .def_static("of", &of, nb::arg("stampeds"))
+      .def_static("of_tuples", &of_tuples, nb::arg("tuples"))
+      .def_static("join", &join, nb::arg("parts"))
       .def_static("parse", &parse, nb::arg("names").none(), nb::arg("parent").none(),
                   nb::arg("child").none(), nb::arg("stamp").none(), nb::arg("pose").none())
-      .def("take", &take, nb::arg("rows"))
+      .def("__getitem__", &slice, nb::arg("rows"))
+      .def("__getitem__", &take, nb::arg("rows"))
       .def("columns", &columns)
       .def("__len__", [](const TransformRows& self) { return self.rows().size(); })
       .def_prop_ro("names", [](const TransformRows& self) { return self.names(); })
@@ -183,7 +254,8 @@ void bind_transform_rows(nb::module_& m) {
       .def_prop_ro("child", [](nb::handle self) { return view(self, &Row::child); })
       .def_prop_ro("stamp", [](nb::handle self) { return view(self, &Row::stamp); })
       .def_prop_ro("pose", &poses)
-      .def_prop_ro("newest_stamp", &newest_stamp);
+      .def_prop_ro("newest_stamp", &newest_stamp)
+      .def_prop_ro("nbytes", &nbytes);
 }
 
 }  // namespace ztf

@@ -14,6 +14,8 @@ class TransformRows {
   TransformRows(nb::list names, std::vector<Row> rows);
 
   [[nodiscard]] const nb::list& names() const noexcept { return names_; }
+  // The same, which Python cannot change.
+  [[nodiscard]] const nb::tuple& kept_names() const noexcept { return kept_; }
   // The names' UTF-8.
   [[nodiscard]] std::span<const std::string_view> texts() const noexcept { return texts_; }
   [[nodiscard]] std::span<const Row> rows() const noexcept { return rows_; }

@@ -1,13 +1,15 @@
-// decode_tf_message: a ROS 2 tf2_msgs/TFMessage in CDR as the columns of a commit;
+// decode_tf_message: a ROS 2 tf2_msgs/TFMessage in CDR as TransformRows;
 // decode_tf_messages: many of them, as recordings have them.
 //
 // The scan reads untrusted bytes: every length is checked against what is left of the message
 // before it is used. It holds no references to Python, so it runs without the GIL on large ones.
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstring>
 #include <unordered_map>
 
-#include "bindings/bindings.hpp"
+#include "bindings/commits/transform_rows.hpp"
 
 namespace ztf {
 
@@ -48,12 +50,7 @@ class Scan {
     if (count > left() / kMinRow)
       throw Malformed{"transforms",
                       "a count that the message has room for, not " + std::to_string(count)};
-    if (stamp.empty()) {  // further messages make the columns grow as they need
-      parent.reserve(count);
-      child.reserve(count);
-      stamp.reserve(count);
-      pose.reserve(std::size_t{7} * count);
-    }
+    if (rows.empty()) rows.reserve(count);  // further messages make it grow as they need
     for (row_ = 0; row_ < count; ++row_) read_row();
     if (left() > kMaxPadding)
       throw Malformed{
@@ -61,11 +58,8 @@ class Scan {
   }
 
   // Removes what was added behind these numbers of rows and names.
-  void cut(std::size_t rows, std::size_t name_count) {
-    parent.resize(rows);
-    child.resize(rows);
-    stamp.resize(rows);
-    pose.resize(7 * rows);
+  void cut(std::size_t row_count, std::size_t name_count) {
+    rows.resize(row_count);
     while (names.size() > name_count) {
       known_.erase(names.back());
       names.pop_back();
@@ -73,9 +67,7 @@ class Scan {
   }
 
   std::vector<std::string_view> names;  // each once
-  std::vector<std::uint32_t> parent, child;
-  std::vector<Stamp> stamp;
-  std::vector<double> pose;
+  std::vector<Row> rows;
 
  private:
   [[nodiscard]] std::size_t left() const noexcept { return data_.size() - at_; }
@@ -116,11 +108,13 @@ class Scan {
     const auto seconds = number<std::int32_t>("header.stamp.sec");
     const auto rest = number<std::uint32_t>("header.stamp.nanosec");
     if (rest >= kSecond) throw malformed("header.stamp.nanosec", "below 1,000,000,000");
-    stamp.push_back(seconds * kSecond + rest);
-    parent.push_back(index_of(text("header.frame_id")));
-    child.push_back(index_of(text("child_frame_id")));
-    for (const char* field : {"x", "y", "z"}) pose.push_back(in("transform.translation.", field));
-    for (const char* field : {"x", "y", "z", "w"}) pose.push_back(in("transform.rotation.", field));
+    const std::uint32_t parent = index_of(text("header.frame_id"));
+    const std::uint32_t child = index_of(text("child_frame_id"));
+    std::array<double, 7> pose;
+    double* number = pose.data();
+    for (const char* field : {"x", "y", "z"}) *number++ = in("transform.translation.", field);
+    for (const char* field : {"x", "y", "z", "w"}) *number++ = in("transform.rotation.", field);
+    rows.push_back({parent, child, seconds * kSecond + rest, std::bit_cast<Pose>(pose)});
   }
   double in(const char* group, const char* field) {
     align(sizeof(double));
@@ -137,11 +131,6 @@ class Scan {
   std::unordered_map<std::string_view, std::uint32_t> known_;
 };
 
-template <class T>
-nb::object column(const std::vector<T>& values) {
-  return make_array<T>({values.size()}, [&](T* d) { std::copy(values.begin(), values.end(), d); });
-}
-
 // Appends the names that are not in the list yet. False: one is not UTF-8.
 bool append_names(const Scan& scan, nb::list& names) {
   while (names.size() < scan.names.size()) {
@@ -157,15 +146,9 @@ bool append_names(const Scan& scan, nb::list& names) {
   return true;
 }
 
-nb::tuple columns(const Scan& scan, const nb::list& names) {
-  return nb::make_tuple(names, column(scan.parent), column(scan.child), column(scan.stamp),
-                        make_array<double>({scan.stamp.size(), 7}, [&](double* d) {
-                          std::copy(scan.pose.begin(), scan.pose.end(), d);
-                        }));
-}
-
-// (names, parent, child, stamp, pose), or (field, what was expected) of a malformed message.
-nb::tuple decode_tf_message(const nb::bytes& message) {
+// The rows, or (field, what was expected) of a malformed message. `rename` gives the frames their
+// names in the tree.
+nb::object decode_tf_message(const nb::bytes& message, nb::handle rename) {
   Scan scan;
   std::optional<Malformed> fault;
   const auto run = [&] {
@@ -184,11 +167,15 @@ nb::tuple decode_tf_message(const nb::bytes& message) {
   if (fault) return nb::make_tuple(fault->field, fault->expected);
   nb::list names;
   if (!append_names(scan, names)) return nb::make_tuple("frame_id", "UTF-8");
-  return columns(scan, names);
+  if (!rename.is_none()) {
+    names = nb::cast<nb::list>(rename(names));
+    if (names.size() != scan.names.size()) raise_invalid("rename must keep their number", "names");
+  }
+  return nb::cast(TransformRows(std::move(names), std::move(scan.rows)));
 }
 
-// (names, parent, child, stamp, pose, number of malformed messages, field, what was expected) of
-// many messages. A malformed one has no rows; the last two are of the first.
+// (rows, number of malformed messages, field, what was expected) of many messages. A malformed one
+// has no rows; the last two are of the first.
 nb::tuple decode_tf_messages(const nb::list& messages) {
   Scan scan;
   nb::list names;
@@ -196,7 +183,7 @@ nb::tuple decode_tf_messages(const nb::list& messages) {
   Malformed first;
   for (const nb::handle message : messages) {
     const nb::bytes data = nb::cast<nb::bytes>(message);  // the list keeps it alive
-    const std::size_t rows_before = scan.stamp.size(), names_before = scan.names.size();
+    const std::size_t rows_before = scan.rows.size(), names_before = scan.names.size();
     try {
       scan.run({data.c_str(), data.size()});
       if (!append_names(scan, names)) throw Malformed{"frame_id", "UTF-8"};
@@ -206,14 +193,15 @@ nb::tuple decode_tf_messages(const nb::list& messages) {
       while (names.size() > names_before) names.attr("pop")();
     }
   }
-  return nb::tuple(columns(scan, names) +
-                   nb::make_tuple(malformed_messages, first.field, first.expected));
+  return nb::make_tuple(TransformRows(std::move(names), std::move(scan.rows)), malformed_messages,
+                        first.field, first.expected);
 }
 
 }  // namespace
 
 void bind_cdr(nb::module_& m) {
-  m.def("decode_tf_message", &decode_tf_message, nb::arg("message"));
+  m.def("decode_tf_message", &decode_tf_message, nb::arg("message"),
+        nb::arg("rename").none() = nb::none());
   m.def("decode_tf_messages", &decode_tf_messages, nb::arg("messages"));
 }
 

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import Message
-from zenoh_tf.recordings.blocks import take_rows
 from zenoh_tf_tools.errors import CommandError
 
 #: From the last stamp of a turn to the first of the next one.
@@ -66,8 +66,8 @@ class Playback:
         inside = (stamp >= self.start_ns) & (stamp <= self.end_ns)
         if inside.all():
             return message
-        rows = take_rows(message.rows, inside.nonzero()[0])
-        return message._replace(rows=rows) if inside.any() else None
+        part = message.rows[inside.nonzero()[0]]
+        return message._replace(rows=part) if len(part) else None
 
     def _wait(self, begin_s: float, offset_s: float) -> None:
         """Wait until a message is due that is this long after the first one."""
@@ -94,7 +94,10 @@ class Playback:
         moved = self._base_ns + since_first
         newest = int(moved.max())
         self._last_stamp_ns = max(newest, self._last_stamp_ns or newest)
-        return message._replace(rows=message.rows._replace(stamp=moved))
+        rows = message.rows
+        return message._replace(
+            rows=TransformRows(rows.names, rows.parent, rows.child, moved, rows.pose)
+        )
 
     def _begin_turn(self, stamp_ns: int) -> int:
         """What the first stamp of a turn becomes."""

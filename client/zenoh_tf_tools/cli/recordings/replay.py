@@ -7,10 +7,9 @@ import time
 from collections.abc import Iterator
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import Recording, load
-from zenoh_tf.recordings.blocks import Block
 from zenoh_tf.recordings.load import valid_commits
-from zenoh_tf.ros2.cdr import TfMessage
 from zenoh_tf.text.flag_values import RECORDED_TIMES, number, recorded_time
 from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli import output, recorded
@@ -154,8 +153,7 @@ def _play(recording: Recording, playback: Playback, feed: Feed) -> tuple[int, li
     with Progress(recording.message_count, "messages") as progress:
         for number, message in enumerate(playback.turn(recording.messages()), start=1):
             topics.add(message.topic)
-            block = Block(message.rows, message.static, 1)
-            for rows in valid_commits(recording, validator, block):
+            for rows in valid_commits(recording, validator, message.rows, message.static):
                 feed.add(_stampeds(rows), static=message.static)
             if playback.rate:
                 feed.flush()
@@ -164,7 +162,7 @@ def _play(recording: Recording, playback: Playback, feed: Feed) -> tuple[int, li
     return number, sorted(topics)
 
 
-def _stampeds(rows: TfMessage) -> Iterator[StampedTransform]:
+def _stampeds(rows: TransformRows) -> Iterator[StampedTransform]:
     names = rows.names
     columns = (rows.parent, rows.child, rows.stamp, rows.pose)
     for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
