@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from zenoh_tf import _core
+from zenoh_tf import _core, notebook
 from zenoh_tf._core import Transform
 from zenoh_tf.errors import BY_CODE, InvalidArgumentException, TransformException
 from zenoh_tf.points import output_like, readable, real_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+    Names = str | Sequence[str] | None
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -33,11 +35,15 @@ class TransformArray:
         status: (n,) uint8, 0 or the code of an error (`zenoh_tf.errors.BY_CODE`).
         stamps_ns: (n,) int64, the time of each answer in nanoseconds.
         poses: (n, 7) float64 rows x, y, z (metres), qx, qy, qz, qw; NaN in rows that failed.
+        targets: The targets' names: one for all rows, or (n,); None if unknown.
+        sources: The sources' names, in the same form.
     """
 
     status: NDArray[np.uint8]
     stamps_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
+    targets: Names = None
+    sources: Names = None
 
     # Without this NumPy would take `ndarray @ self` for a product of object arrays.
     __array_ufunc__ = None
@@ -117,7 +123,7 @@ class TransformArray:
         poses[:, 3:6] = -self.poses[:, 3:6]
         poses[:, 6] = self.poses[:, 6]
         poses[:, :3] = _rotate(poses[:, 3:], -self.poses[:, :3])
-        return TransformArray(self.status, self.stamps_ns, poses)
+        return TransformArray(self.status, self.stamps_ns, poses, self.sources, self.targets)
 
     def __matmul__(self, other: TransformArray | Transform) -> TransformArray:
         """Return `X_ac = X_ab @ X_bc`, row by row; a Transform stands for every row.
@@ -126,7 +132,7 @@ class TransformArray:
         """
         if isinstance(other, Transform):
             poses = _compose(self.poses, np.array([other.pose()]))
-            return TransformArray(self.status, self.stamps_ns, poses)
+            return TransformArray(self.status, self.stamps_ns, poses, self.targets)
         if not isinstance(other, TransformArray):
             return NotImplemented
         if len(self) != len(other):
@@ -135,13 +141,15 @@ class TransformArray:
                 field="other",
             )
         status = np.where(self.status != 0, self.status, other.status)
-        return TransformArray(status, self.stamps_ns, _compose(self.poses, other.poses))
+        poses = _compose(self.poses, other.poses)
+        return TransformArray(status, self.stamps_ns, poses, self.targets, other.sources)
 
     def __rmatmul__(self, other: Transform) -> TransformArray:
         """Return `X_ac = X_ab @ X_bc`, where the Transform `X_ab` stands for every row."""
         if not isinstance(other, Transform):
             return NotImplemented
-        return TransformArray(self.status, self.stamps_ns, other.apply_poses(self.poses))
+        poses = other.apply_poses(self.poses)
+        return TransformArray(self.status, self.stamps_ns, poses, None, self.sources)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -171,7 +179,13 @@ class TransformArray:
             if self.status[rows]:
                 raise self._error(int(rows) % len(self))
             return Transform.from_pose(self.poses[rows])
-        return TransformArray(self.status[rows], self.stamps_ns[rows], self.poses[rows])
+        return TransformArray(
+            self.status[rows],
+            self.stamps_ns[rows],
+            self.poses[rows],
+            _names_of(self.targets, rows),
+            _names_of(self.sources, rows),
+        )
 
     def __iter__(self) -> Iterator[Transform]:
         """Iterate over the rows as `Transform`; raises the error of a row that failed."""
@@ -181,15 +195,45 @@ class TransformArray:
         failed = int(np.count_nonzero(self.status))
         return f"TransformArray({len(self)} rows{f', {failed} failed' if failed else ''})"
 
+    def _repr_html_(self) -> str:
+        return notebook.of_array(self)
+
+    def frames_of(self, row: int) -> tuple[str | None, str | None]:
+        """Return the names of a row's target and source; None for one that is unknown.
+
+        Args:
+            row: The number of the row.
+
+        Raises:
+            IndexError: There is no such row.
+        """
+        return _name_of(self.targets, row), _name_of(self.sources, row)
+
     def _error(self, row: int) -> TransformException:
         kind = BY_CODE.get(int(self.status[row]), TransformException)
         failed = int(np.count_nonzero(self.status))
+        target, source = self.frames_of(row)
+        pair = "" if target is None or source is None else f" ({source!r} in {target!r})"
+        reason = (kind.__doc__ or "").split(".")[0].split(";")[0].replace("``", "'")
         return kind(
-            f"row {row} of {len(self)} failed with {kind.__name__} ({failed} failed in all); "
-            "a single lookup of that row tells why",
+            f"row {row} of {len(self)}{pair} failed with {kind.__name__}: "
+            f"{reason[:1].lower()}{reason[1:]}; {failed} rows failed in all",
             field="status",
             value=row,
+            target_frame=target,
+            source_frame=source,
         )
+
+
+def _name_of(names: Names, row: int) -> str | None:
+    return names if names is None or isinstance(names, str) else names[row]
+
+
+def _names_of(names: Names, rows: Any) -> Names:
+    """The names of the rows that an index of NumPy selects."""
+    if names is None or isinstance(names, str):
+        return names
+    return [names[row] for row in np.arange(len(names))[rows]]
 
 
 def _wrong_shape(values: NDArray[np.float64], rows: int) -> InvalidArgumentException:

@@ -71,7 +71,9 @@ class SharedTree(_core.SharedTree):
             InvalidArgumentException: A name or a stamp is invalid, or the numbers of rows differ.
         """
         columns = self._lookup_columns(targets, sources, stamps_ns)
-        return columns if isinstance(columns, AskServer) else TransformArray(*columns)
+        if isinstance(columns, AskServer):
+            return columns
+        return TransformArray(*columns, targets, sources)
 
     def lookup_velocity(
         self,

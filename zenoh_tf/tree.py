@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf import _core
+from zenoh_tf import _core, notebook
 from zenoh_tf.array import TransformArray
 from zenoh_tf.gate import Gate
 from zenoh_tf.introspection import explain as explaining
@@ -129,7 +129,8 @@ class TransformTree(_core.Tree):
         Raises:
             InvalidArgumentException: A name or a stamp is invalid, or the numbers of rows differ.
         """
-        return TransformArray(*self._lookup_columns(targets, sources, stamps_ns))
+        columns = self._lookup_columns(targets, sources, stamps_ns)
+        return TransformArray(*columns, targets, sources)
 
     def sample(
         self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
@@ -306,3 +307,6 @@ class TransformTree(_core.Tree):
     def authorities(self) -> list[AuthorityInfo]:
         """Return what each authority has done, in the order of their first commits."""
         return [AuthorityInfo(**record) for record in self._authority_records()]
+
+    def _repr_html_(self) -> str:
+        return notebook.of_tree(self)

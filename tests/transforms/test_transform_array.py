@@ -145,6 +145,47 @@ def test_raise_for_status() -> None:
         unknown.raise_for_status()
 
 
+def test_rows_know_their_frames() -> None:
+    tree = TransformTree()
+    for stamp_ns in (10, 20):
+        tree.set_transform(StampedTransform("map", "base", stamp_ns, X))
+    many = tree.lookup_transforms("map", ["base", "<b>", "base"], [10, 10, 30])
+    assert [many.frames_of(row) for row in range(3)] == [
+        ("map", "base"),
+        ("map", "<b>"),
+        ("map", "base"),
+    ]
+    assert many.inverse().frames_of(1) == ("<b>", "map")
+    assert many[1:].frames_of(0) == ("map", "<b>")
+    assert many[many.ok].frames_of(0) == many[[-1]].frames_of(0) == ("map", "base")
+    assert (many.inverse() @ many).frames_of(1) == ("<b>", "<b>")
+    assert (X @ many).frames_of(1) == (None, "<b>")
+    assert (many @ X).frames_of(1) == ("map", None)
+    assert A.frames_of(0) == (None, None)
+    with pytest.raises(ForwardExtrapolationException) as caught:
+        many[2]
+    assert str(caught.value) == (
+        "row 2 of 3 ('base' in 'map') failed with ForwardExtrapolationException: the requested "
+        "time is newer than the link's newest sample; 2 rows failed in all"
+    )
+    assert (caught.value.target_frame, caught.value.source_frame) == ("map", "base")
+
+
+def test_in_a_notebook() -> None:
+    tree = TransformTree()
+    tree.set_transform(StampedTransform("<map>", "base", 10, Transform((1, 2.5, 3))))
+    assert "\n&lt;map&gt;\n" in tree._repr_html_()
+    latest = tree.lookup_latest_transform("<map>", "base")
+    for shown, cell in (
+        (tree.lookup_transform("<map>", "base"), "<td>1, 2.5, 3</td>"),
+        (latest, "<th>newest [ns]</th>"),
+        (tree.sample("<map>", "base", [10, 20]), "<td>NoDataForExtrapolationException</td>"),
+    ):
+        html = shown._repr_html_()
+        assert cell in html and "<td>&lt;map&gt;</td>" in html
+    assert A._repr_html_().count("<tr>") == 1 + ROWS
+
+
 def test_rows() -> None:
     bad = random_array({1: FORWARD})
     assert bad[0] == Transform.from_pose(bad.poses[0])

@@ -90,7 +90,10 @@ def lookup_transforms(
     op = wire.OP_COMMON if stamps_ns is None else wire.OP_AT
     lookup = columns.lookup(targets, sources, stamps_ns, op, rows)
     lookup.errors = False
-    return Rows(lookup, lambda reply: TransformArray(reply.status, reply.stamp, reply.pose))
+    return Rows(
+        lookup,
+        lambda reply: TransformArray(reply.status, reply.stamp, reply.pose, targets, sources),
+    )
 
 
 def with_versions(request: Read[T] | Rows[T]) -> Request[VersionedRead[T]]:

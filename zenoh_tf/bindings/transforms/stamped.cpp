@@ -60,6 +60,10 @@ void bind_stamped_transform(nb::module_& m) {
            [](const StampedTransform& s) {
              return "StampedTransform(" + repr_of_arguments(s) + ")";
            })
+      .def("_repr_html_",
+           [](nb::handle self) {
+             return nb::module_::import_("zenoh_tf.notebook").attr("of_stamped")(self);
+           })
       .def("__reduce__", [](nb::handle self) {
         const auto& s = nb::cast<const StampedTransform&>(self);
         return nb::make_tuple(self.type(),
