@@ -1,29 +1,66 @@
-"""Where a case is played: a server, and how attacks beside other clients are measured."""
+"""Where a case is played: a server, how attacks beside other clients are measured, and the bounds
+that each measured value must keep."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
+import numpy as np
 import zenoh
 
 from . import messages
 from .processes import Call, Cost, Probe, Process, Server, attacker, costs, plain_load
-from .results import (
-    ANY_MB,
-    ANY_MS,
-    OUTAGE_MS,
-    P99_RATIO,
-    SMALL_BYTES,
-    SMALL_MB,
-    SMALL_MS,
-    Finding,
-    failures,
-    outage_ms,
-    p99_ms,
-)
+
+#: Bounds of a service that holds.
+OUTAGE_MS = 100.0
+P99_RATIO = 3.0
+SMALL_BYTES, SMALL_MS, SMALL_MB = 10_000, 20.0, 20.0
+ANY_MS, ANY_MB = 500.0, 200.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One measured value. With a bound it must not be above that; without one it informs."""
+
+    name: str
+    value: float
+    unit: str
+    bound: float = math.inf
+    note: str = ""
+
+    @property
+    def kept(self) -> bool:
+        return self.value <= self.bound  # false for NaN: what was not measured is not kept
+
+
+def outage_ms(calls: Sequence[Call], start_s: float, end_s: float, period_s: float) -> float:
+    """The longest time in a window without a call that succeeded, less the probe's period."""
+    good = sorted(call.end_s for call in calls if call.outcome == "ok")
+    inside = [start_s, *(each for each in good if start_s < each < end_s), end_s]
+    return max(0.0, 1e3 * (float(np.diff(inside).max()) - period_s))
+
+
+def in_window(calls: Sequence[Call], start_s: float, end_s: float) -> list[Call]:
+    """The calls that were under way in a window."""
+    return [call for call in calls if call.end_s > start_s and call.start_s < end_s]
+
+
+def p99_ms(calls: Sequence[Call], start_s: float, end_s: float) -> float:
+    """The 99th percentile of the durations of the calls in a window, whatever came of them."""
+    times = [call.end_s - call.start_s for call in in_window(calls, start_s, end_s)]
+    return 1e3 * float(np.percentile(times, 99)) if times else math.nan
+
+
+def failures(calls: Sequence[Call], start_s: float, end_s: float) -> int:
+    return sum(call.outcome != "ok" for call in in_window(calls, start_s, end_s))
+
+
+Played = TypeVar("Played", bound=Callable[..., list[Finding]])
 
 #: Windows of a measurement beside other clients.
 QUIET_S, LOAD_S = 3.0, 6.0
@@ -41,10 +78,38 @@ class Arena:
         with Server(self.python, *flags, endpoint=endpoint) as server:
             yield server
 
+    @contextlib.contextmanager
+    def opened(self, *flags: str) -> Iterator[tuple[Server, zenoh.Session]]:
+        """A server, and a session with it."""
+        with self.server(*flags) as server, messages.session(server.endpoint) as opened:
+            yield server, opened
+
     def has_flag(self, flag: str) -> bool:
         """True if the server that is attacked knows a flag."""
         with Process([self.python, "-m", "zenoh_tf_server", "--help"], wait=False) as asked:
             return flag in asked.stdout.read()
+
+
+@dataclass(frozen=True)
+class Case:
+    description: str  # begins with its number
+    play: Callable[[Arena], list[Finding]]
+
+
+#: All cases by their numbers.
+CASES: dict[str, Case] = {}
+
+
+def case(description: str, *arguments: Any, **options: Any) -> Callable[[Played], Played]:
+    """Makes a function a case, with these arguments behind the arena."""
+
+    def decorate(function: Played) -> Played:
+        CASES[description.partition(":")[0]] = Case(
+            description, lambda arena: function(arena, *arguments, **options)
+        )
+        return function
+
+    return decorate
 
 
 @dataclass(frozen=True)

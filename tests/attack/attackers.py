@@ -1,6 +1,6 @@
 """``python -m tests.attack.attackers KIND ENDPOINT ...``: hostile or greedy clients.
 
-Each prints "ready", waits for a line on stdin, and goes on until it is killed.
+Each prints "ready", waits for a line on stdin, and continues until it is killed.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import zenoh
 
-from zenoh_tf import wire
 from zenoh_tf._net import handover, keys
 from zenoh_tf._net.local_requests import CLIENT, REPLY, REQUEST
 
@@ -52,8 +50,7 @@ def lookups(opened: zenoh.Session, rows: str, source: str) -> None:
 
 def _offer(opened: zenoh.Session) -> tuple[handover.Offer, str]:
     """Where the server hands its tree over, and its instance."""
-    reply, _ = messages.send(opened, "hello", messages.pack({"v": 1, "what": "hello"}))
-    hello = wire.unpack(reply)["value"]
+    hello = messages.value(opened, "hello", "hello")
     offer = handover.parse_offer(hello["share"])
     assert offer is not None
     return offer, hello["instance"]
@@ -140,21 +137,14 @@ def local_flood(opened: zenoh.Session, count: str, rows: str) -> None:
     time.sleep(600)
 
 
-def _remembered(opened: zenoh.Session, rows: int) -> Iterator[bytes]:
-    reads = messages.same_lookup(rows, "probe_map", "probe_base")
-    while True:
-        write = messages.write_fields(opened)
-        one = messages.star("greedy", 0, 1)
-        operations = [["lookup", reads], ["commit", one]]
-        yield messages.pack({"v": 1, "operations": operations, **write})
-
-
 def remembered(opened: zenoh.Session, rows: str) -> None:
     """Batches of lookups and one set, whose replies the server has to remember."""
-    payloads = _remembered(opened, int(rows))
+    reads = messages.same_lookup(int(rows), "probe_map", "probe_base")
+    operations = [["lookup", reads], ["commit", messages.star("greedy", 0, 1)]]
     ready()
-    for payload in payloads:
-        messages.send(opened, "batch", payload)
+    while True:
+        body = {"v": 1, "operations": operations, **messages.write_fields(opened)}
+        messages.send(opened, "batch", body)
 
 
 def puts(opened: zenoh.Session, rows: str, authority: str) -> None:
@@ -185,7 +175,7 @@ def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
 def known_waiters(opened: zenoh.Session, queries: str, timeout_s: str) -> None:
     """Queries that wait, of a client with a token, which keeps asking until it is killed."""
     _ = opened.liveliness().declare_token(keys.client(messages.TREE, str(opened.zid())))
-    messages.send(opened, "info", messages.pack({"v": 1, "what": "hello"}))
+    messages.send(opened, "info", {"v": 1, "what": "hello"})
     body = messages.same_lookup(1, "probe_map", "probe_never")
     body["timeout_ns"] = int(float(timeout_s) * 1e9)
     payload = messages.pack(body)

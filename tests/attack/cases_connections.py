@@ -19,9 +19,8 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Credentials, TransformClient
 
 from . import messages
-from .arena import Arena, beside
+from .arena import Arena, Finding, beside, case
 from .processes import HERE, Process, Server, free_endpoint
-from .results import Finding
 
 _SITE = "site"  # the tree of the server that joins the other one's network
 _SET = 20
@@ -80,15 +79,15 @@ def _echoes(robot: Server, *, both_set: bool) -> list[Finding]:
     ]
 
 
+@case("25: two servers publish on one ROS 2 network, and both take what is there")
 def two_servers_on_ros2(arena: Arena) -> list[Finding]:
-    """25: two servers publish on one ROS 2 network, and both take what is there"""
     flags = ("--no-share", "--ros2", "--ros2-publish")
     with arena.server(*flags) as server, _joined(arena, server, *flags):
         return _echoes(server, both_set=True)
 
 
+@case("25b: a site publishes a robot's frames on ROS 2, where the robot's server takes them")
 def robot_that_hears_its_site(arena: Arena) -> list[Finding]:
-    """25b: a site publishes a robot's frames on ROS 2, where the robot's server takes them"""
     with (
         arena.server("--no-share", "--ros2") as robot,
         _joined(arena, robot, "--no-share", "--ros2-publish", "--mirror-of", f"r={robot.endpoint}"),
@@ -137,8 +136,8 @@ def _outcome(tf: TransformClient, *, write: bool = False) -> tuple[str, float]:
     return outcome, time.monotonic() - start_s
 
 
+@case("26: a client's certificate expires while the client is connected, beside another client")
 def expiring_certificate(arena: Arena) -> list[Finding]:
-    """26: a client's certificate expires while the client is connected, beside another client"""
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
         authority = trustme.CA()
@@ -166,20 +165,27 @@ def expiring_certificate(arena: Arena) -> list[Finding]:
             except TransformException as error:
                 again = f"{type(error).__name__}: {error}"
         known = _outcome(good)[0]
-    told = "AccessDenied" in again and "expired" in again
+    reported = "AccessDenied" in again and "expired" in again
     failed = ("ServerUnavailable", "AccessDenied")
     return [
         Finding("a call before that fails", begins != "ok", "", 0, begins),
         Finding("a read after it does not fail", read not in failed, "", 0, read),
         Finding("a write after it does not fail", write not in failed, "", 0, write),
         Finding("they fail after", max(read_s, write_s), "s", 4.0),
-        Finding("connect does not say why", not told, "", 0, again[-60:]),
+        Finding("connect does not say why", not reported, "", 0, again[-60:]),
         Finding("reads of the other that fail", reader.failures, "", 0, f"of {reader.reads}"),
         Finding("its longest read", 1e3 * reader.longest_s, "ms", 500.0),
         Finding("the server harms it later", known != "ok", "", 0, known),
     ]
 
 
+@case(
+    "27: an asyncio client has 5,000 calls at once under way, beside light clients", "asyncio_flood"
+)
+@case(
+    "27b: an asyncio client cancels 500 calls again and again, also lookups that wait",
+    "asyncio_cancels",
+)
 def _asyncio(arena: Arena, program: str) -> list[Finding]:
     """An asyncio program beside light clients, and what is left of it when it is killed."""
     with arena.server("--no-share") as server, messages.session(server.endpoint):
@@ -197,13 +203,3 @@ def _asyncio(arena: Arena, program: str) -> list[Finding]:
         Finding("waiters left after a kill", left, "", 0),
         Finding("waiters are held", time.monotonic() - start_s, "s", 5.0),
     ]
-
-
-def asyncio_flood(arena: Arena) -> list[Finding]:
-    """27: an asyncio client has 5,000 calls at once under way, beside light clients"""
-    return _asyncio(arena, "asyncio_flood")
-
-
-def asyncio_cancels(arena: Arena) -> list[Finding]:
-    """27b: an asyncio client cancels 500 calls again and again, also lookups that wait"""
-    return _asyncio(arena, "asyncio_cancels")

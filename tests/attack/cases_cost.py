@@ -8,13 +8,11 @@ import time
 import zenoh
 
 from zenoh_tf import wire
-from zenoh_tf._net import keys
 from zenoh_tf.errors import TransformException
 
 from . import messages
-from .arena import Arena, cost_findings, message_cost
+from .arena import ANY_MB, Arena, Finding, case, cost_findings, message_cost
 from .processes import attacker, costs
-from .results import ANY_MB, Finding
 
 _FRAMES = 1_000_000
 _DEPTH = 999
@@ -22,42 +20,42 @@ _DEPTH = 999
 _LOG_KB = 64.0
 
 
+@case("3a: a batch of 5.7 kB asks for `frames` of a tree of 1,000,000 frames")
 def frames_of_a_large_tree(arena: Arena) -> list[Finding]:
-    """3a: a batch of 5.7 kB asks for `frames` of a tree of 1,000,000 frames"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         for first in range(0, _FRAMES, 100_000):
             body = messages.star("a_robot/some_frame_", first, 100_000)
-            messages.send(opened, "commit", messages.pack(body))
+            messages.send(opened, "commit", body)
         entry = ["info", {"what": "frames"}]
         payload = messages.pack({"v": 1, "operations": [entry] * 285})
         return message_cost(server, opened, "batch", payload)[0]
 
 
 def _deep(arena: Arena, rows: int) -> tuple[list[Finding], bytes]:
-    with arena.server() as server, messages.session(server.endpoint) as opened:
-        messages.send(opened, "commit", messages.pack(messages.chain("deep", _DEPTH)))
+    with arena.opened() as (server, opened):
+        messages.send(opened, "commit", messages.chain("deep", _DEPTH))
         body = messages.same_lookup(rows, "root", f"deep{_DEPTH - 1}", versions=True)
         return message_cost(server, opened, "lookup", messages.pack(body))
 
 
+@case("3b: a lookup of 1.7 MB with `versions`, each row of depth 999")
 def deep_read_sets(arena: Arena) -> list[Finding]:
-    """3b: a lookup of 1.7 MB with `versions`, each row of depth 999"""
     return _deep(arena, 100_000)[0]
 
 
+@case("3c: a name of 1 MB in 3,000 failing rows")
 def long_names_in_errors(arena: Arena) -> list[Finding]:
-    """3c: a name of 1 MB in 3,000 failing rows"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         body = messages.same_lookup(3000, "x" * 1_000_000, "probe_base")
         return message_cost(server, opened, "lookup", messages.pack(body))[0]
 
 
+@case("3d: 170 kB: 10,000 waiting rows of depth 2 x 999")
 def deep_waiters(arena: Arena) -> list[Finding]:
-    """3d: 170 kB: 10,000 waiting rows of depth 2 x 999"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         for prefix in ("left", "right"):
             body = messages.chain(prefix, _DEPTH, f"root of {prefix}")
-            messages.send(opened, "commit", messages.pack(body))
+            messages.send(opened, "commit", body)
         ends = f"left{_DEPTH - 1}", f"right{_DEPTH - 1}"
         # Not connected: a link anywhere on both paths could bring the answer.
         body = messages.same_lookup(10_000, *ends, op=1)
@@ -65,10 +63,10 @@ def deep_waiters(arena: Arena) -> list[Finding]:
         return message_cost(server, opened, "lookup", payload)[0]
 
 
+@case("3e: 80 queued queries of 16 MB")
 def queued_large_queries(arena: Arena) -> list[Finding]:
-    """3e: 80 queued queries of 16 MB"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
-        messages.send(opened, "commit", messages.pack(messages.chain("deep", _DEPTH)))
+    with arena.opened() as (server, opened):
+        messages.send(opened, "commit", messages.chain("deep", _DEPTH))
         slow = messages.pack(messages.same_lookup(100_000, "root", f"deep{_DEPTH - 1}"))
         large = messages.pack({"v": 1, "operations": [["info", {"what": "x" * 15_900_000}]]})
         large_lookup = messages.pack({**messages.same_lookup(1, "a", "b"), "pad": large})
@@ -82,8 +80,8 @@ def queued_large_queries(arena: Arena) -> list[Finding]:
         return [peak, Finding("memory that stays", found[0].left_mb, "MB", ANY_MB)]
 
 
+@case("3f: a request of 51 kB has a reply that the SDK's decoder refuses")
 def reply_too_large_to_decode(arena: Arena) -> list[Finding]:
-    """3f: a request of 51 kB has a reply that the SDK's decoder refuses"""
     findings, reply = _deep(arena, 3000)
     refused = 0
     if reply:
@@ -94,10 +92,10 @@ def reply_too_large_to_decode(arena: Arena) -> list[Finding]:
     return [*findings, Finding("replies that cannot be decoded", refused, "", 0)]
 
 
+@case("10: a put of 16 MB with a malformed field; names with newlines and escape sequences")
 def malformed_put_in_the_log(arena: Arena) -> list[Finding]:
-    """10: a put of 16 MB with a malformed field; names with newlines and escape sequences"""
     nasty = "evil\n2026-01-01 00:00:00 ERROR all is lost\x1b[31m\x9b\u2028\x07"
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         with costs(server) as found:
             good = messages.star("a", 0, 1)
             loop = messages.commit([nasty], [0], [0])
@@ -110,20 +108,17 @@ def malformed_put_in_the_log(arena: Arena) -> list[Finding]:
             ]
             # Each from a source of its own, because the log repeats nothing of one source.
             for index, body in enumerate(bad):
-                key = keys.put(messages.TREE, f"source {index}", static=False)
-                opened.put(key, messages.pack(body))
-            opened.put(keys.put(messages.TREE, nasty, static=False), b"\x81\xa1v\x01")
+                messages.put(opened, f"source {index}", body)
+            messages.put(opened, nasty, b"\x81\xa1v\x01")
             opened.put(f"tf/v1/{messages.TREE}/set/%1B%0A", messages.pack({"v": 1, "names": 1}))
             opened.put(f"tf/v1/{messages.TREE}/set/\x1b]0;title\x07\n%", b"")
             for name in (nasty, "b\x1b[2J"):
                 authority = messages.commit([nasty, "child"], [0], [0], authority=nasty)
-                messages.send(opened, "commit", messages.pack(authority))
-                message = {"v": 1, "what": "remove_frame", "name": name}
-                messages.send(opened, "admin", messages.pack(message))
+                messages.send(opened, "commit", authority)
+                messages.remove_frame(opened, name)
             one = messages.pack(messages.commit(["root", nasty], [0], [1]))
             messages.send(opened, "commit", one)
-            remove = {"v": 1, "what": "remove_frame", "name": nasty}
-            messages.send(opened, "admin", messages.pack(remove))
+            messages.remove_frame(opened, nasty)
             time.sleep(1.0)
         log = server.log
     raw = len(re.findall(rb"[\x00-\x09\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xa8\xa9]", log))
@@ -137,32 +132,32 @@ def malformed_put_in_the_log(arena: Arena) -> list[Finding]:
     ]
 
 
+@case("11: 4,200 puts under different authorities, then a new sensor")
 def many_authorities(arena: Arena) -> list[Finding]:
-    """11: 4,200 puts under different authorities, then a new sensor"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (_, opened):
         for index in range(4200):
-            payload = messages.pack(messages.commit(["root", "f"], [0], [1], index + 1))
-            opened.put(keys.put(messages.TREE, f"authority {index}", static=False), payload)
+            body = messages.commit(["root", "f"], [0], [1], index + 1)
+            messages.put(opened, f"authority {index}", body)
         _settle(opened)
-        payload = messages.pack(messages.commit(["root", "new"], [0], [1], authority="new sensor"))
-        reply, failed = messages.send(opened, "commit", payload)
+        body = messages.commit(["root", "new"], [0], [1], authority="new sensor")
+        reply, failed = messages.send(opened, "commit", body)
         note = messages.kind_of(reply, failed)
     return [Finding("a new sensor is refused", failed, "", 0, note)]
 
 
+@case("11b: one message waits with 10,000 rows for 292 years, and its client dies")
 def all_waiters(arena: Arena) -> list[Finding]:
-    """11b: one message waits with 10,000 rows for 292 years, and its client dies"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         wait = messages.same_lookup(1, "root", "never")
         wait["timeout_ns"] = 200_000_000
         with attacker(server.endpoint, "waiters", "10000", "9.2e9") as greedy:
             greedy.go()
             greedy.stdout.readline()
             time.sleep(1.0)
-            beside_it = messages.kind_of(*messages.send(opened, "lookup", messages.pack(wait)))
+            beside_it = messages.kind_of(*messages.send(opened, "lookup", wait))
         start_s = time.monotonic()
         while True:
-            after = messages.kind_of(*messages.send(opened, "lookup", messages.pack(wait)))
+            after = messages.kind_of(*messages.send(opened, "lookup", wait))
             held_s = time.monotonic() - start_s
             if after == "ok" or held_s > 15.0:
                 break
@@ -173,19 +168,15 @@ def all_waiters(arena: Arena) -> list[Finding]:
     ]
 
 
+@case("11c: 500 frames are made and removed where 100 are allowed")
 def names_that_come_and_go(arena: Arena) -> list[Finding]:
-    """11c: 500 frames are made and removed where 100 are allowed"""
     refused = 0
-    with (
-        arena.server("--limit", "frames=100") as server,
-        messages.session(server.endpoint) as opened,
-    ):
+    with arena.opened("--limit", "frames=100") as (_, opened):
         for index in range(500):
             one = messages.commit(["root", f"name {index}"], [0], [1])
-            _, failed = messages.send(opened, "commit", messages.pack(one))
+            _, failed = messages.send(opened, "commit", one)
             refused += failed
-            body = {"v": 1, "what": "remove_frame", "name": f"name {index}"}
-            messages.send(opened, "admin", messages.pack(body))
+            messages.remove_frame(opened, f"name {index}")
     return [Finding("refused new frames", refused, "", 0, "of 500")]
 
 
@@ -193,9 +184,7 @@ def _settle(opened: zenoh.Session) -> None:
     """Wait until the server has committed the puts: their count does not change any more."""
     before = -1
     while True:
-        message = messages.pack({"v": 1, "what": "stats"})
-        reply, _ = messages.send(opened, "info", message)
-        stats = wire.unpack(reply)["value"]
+        stats = messages.value(opened, "info", "stats")
         now = stats["puts"] + stats["bad_puts"]
         if now == before:
             return

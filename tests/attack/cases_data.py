@@ -1,4 +1,4 @@
-"""Attacks 5, 6, 9, 12 and 14: what is lost, what is wrong, and what nobody is told."""
+"""Attacks 5, 6, 9, 12 and 14: what is lost, what is wrong, and what is not reported."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-import zenoh
 
 from zenoh_tf import wire
-from zenoh_tf._net import keys
 
 from . import messages
-from .arena import Arena
+from .arena import Arena, Finding, case
 from .processes import HERE, Process, Server, first_line, free_endpoint
-from .results import Finding
 
 _YEAR_NS = 365 * 86_400 * 10**9
 _HOUR_NS = 3600 * 10**9
@@ -31,72 +28,41 @@ def _script(server: Server, name: str, *arguments: str) -> Process:
     return Process(command, subprocess.DEVNULL)
 
 
-def _info(opened: zenoh.Session, what: str, **arguments: object) -> object:
-    message = messages.pack({"v": 1, "what": what, **arguments})
-    reply, failed = messages.send(opened, "info", message)
-    return None if failed else wire.unpack(reply)["value"]
-
-
+@case("5: a static is corrected and a frame removed; the server freezes for 15 s and continues")
 def correction_undone(arena: Arena) -> list[Finding]:
-    """5: a static is corrected and a frame removed; the server freezes for 15 s and goes on"""
     with arena.server() as server, _script(server, "announce_statics") as sensor:
         with messages.session(server.endpoint) as opened:
             fixed = messages.commit(["root", "camera"], [0], [1], 1, static=True)
             fixed["pose"] = np.array([7, 0, 0, 0, 0, 0, 1], "<f8").tobytes()
-            messages.send(opened, "commit", messages.pack(fixed))
-            remove = {"v": 1, "what": "remove_frame", "name": "lidar"}
-            messages.send(opened, "admin", messages.pack(remove))
+            messages.send(opened, "commit", fixed)
+            messages.remove_frame(opened, "lidar")
         server.signal(signal.SIGSTOP)
         time.sleep(15.0)
         server.signal(signal.SIGCONT)
         time.sleep(4.0)
         assert sensor.running
         with messages.session(server.endpoint) as opened:
-            ask = messages.pack(messages.same_lookup(1, "root", "camera"))
-            reply, _ = messages.send(opened, "lookup", ask)
+            reply, _ = messages.send(opened, "lookup", messages.same_lookup(1, "root", "camera"))
             x = float(np.frombuffer(wire.unpack(reply)["pose"], "<f8")[0])
-            frames = _info(opened, "frames")
-        assert isinstance(frames, list)
+            frames = messages.value(opened, "info", "frames")
     return [
         Finding("correction undone", x != 7.0, "", 0, f"x is {x:g}"),
         Finding("removed frame back", "lidar" in frames, "", 0),
     ]
 
 
-def sample_a_year_ahead(arena: Arena) -> list[Finding]:
-    """6: one sample a year ahead, among good ones"""
-    return _bad_stamp(arena, _YEAR_NS, "reject")
-
-
-def sample_a_year_ahead_clear(arena: Arena) -> list[Finding]:
-    """6b: the same with the time-jump policy `clear`"""
-    return _bad_stamp(arena, _YEAR_NS, "clear")
-
-
-def sample_an_hour_late(arena: Arena) -> list[Finding]:
-    """6c: one sample an hour late, with the policy `reject`"""
-    return _bad_stamp(arena, -_HOUR_NS, "reject")
-
-
-def sample_an_hour_late_clear(arena: Arena) -> list[Finding]:
-    """6d: the same with the policy `clear`"""
-    return _bad_stamp(arena, -_HOUR_NS, "clear")
-
-
+@case("6: one sample a year ahead, among good ones", _YEAR_NS, "reject")
+@case("6b: the same with the time-jump policy `clear`", _YEAR_NS, "clear")
+@case("6c: one sample an hour late, with the policy `reject`", -_HOUR_NS, "reject")
+@case("6d: the same with the policy `clear`", -_HOUR_NS, "clear")
 def _bad_stamp(arena: Arena, offset_ns: int, policy: str) -> list[Finding]:
     def put(child: str, stamp_ns: int, authority: str) -> None:
-        payload = messages.pack(messages.commit(["root", child], [0], [1], stamp_ns))
-        opened.put(keys.put(messages.TREE, authority, static=False), payload)
+        messages.put(opened, authority, messages.commit(["root", child], [0], [1], stamp_ns))
 
     def samples(child: str) -> int:
-        record = _info(opened, "frame", frame=child)
-        assert isinstance(record, dict)
-        return int(record["samples"])
+        return int(messages.value(opened, "info", "frame", frame=child)["samples"])
 
-    with (
-        arena.server("--time-jump", policy) as server,
-        messages.session(server.endpoint) as opened,
-    ):
+    with arena.opened("--time-jump", policy) as (server, opened):
         start_ns = time.time_ns()
         for index in range(100):
             for child in ("bad", "other"):
@@ -112,9 +78,8 @@ def _bad_stamp(arena: Arena, offset_ns: int, policy: str) -> list[Finding]:
         time.sleep(1.0)
         after = samples("bad"), samples("other")
         log = server.log
-        record = _info(opened, "frame", frame="bad")
-        assert isinstance(record, dict)
-        ahead_s = (record["newest_stamp_ns"] - time.time_ns()) / 1e9
+        newest_ns = messages.value(opened, "info", "frame", frame="bad")["newest_stamp_ns"]
+        ahead_s = (newest_ns - time.time_ns()) / 1e9
     named = b"bad" in log
     return [
         Finding("its samples lost", before[0] + 20 - after[0], "", 0, f"{before[0]}, {after[0]}"),
@@ -124,8 +89,8 @@ def _bad_stamp(arena: Arena, offset_ns: int, policy: str) -> list[Finding]:
     ]
 
 
+@case("9: a set with a time-out of 0.5 s behind a commit that makes 20,000 frames")
 def applied_after_unknown(arena: Arena) -> list[Finding]:
-    """9: a set with a time-out of 0.5 s behind a commit that makes 20,000 frames"""
     with arena.server() as server, _script(server, "set_behind_a_stall") as script:
         with messages.session(server.endpoint) as opened:
             payload = messages.pack(messages.chain("long", 20_000))
@@ -137,8 +102,8 @@ def applied_after_unknown(arena: Arena) -> list[Finding]:
     return [Finding("applied after its expiry", max(0.0, late_s), "s", 0, note)]
 
 
+@case("12: a static set by the command line, then kill -9 of the server and a new start")
 def static_lost(arena: Arena) -> list[Finding]:
-    """12: a static set by the command line, then kill -9 of the server and a new start"""
     endpoint = free_endpoint()
     with tempfile.TemporaryDirectory() as folder:
         flags = ["--state-dir", str(Path(folder, "state"))]
@@ -153,14 +118,13 @@ def static_lost(arena: Arena) -> list[Finding]:
             arena.server(*flags, endpoint=endpoint),
             messages.session(endpoint) as opened,
         ):
-            ask = messages.pack(messages.same_lookup(1, "map", "dock"))
-            reply, _ = messages.send(opened, "lookup", ask)
+            reply, _ = messages.send(opened, "lookup", messages.same_lookup(1, "map", "dock"))
             lost = wire.unpack(reply)["status"] != b"\0"
     return [Finding("lost", lost, "", 0, " ".join(flags[:1]) or "no --state-dir")]
 
 
+@case("14: a call of a client after fork, and a new connect in the child")
 def fork(arena: Arena) -> list[Finding]:
-    """14: a call of a client after fork, and a new connect in the child"""
     findings = []
     for name in ("call_after_fork", "connect_after_fork"):
         with arena.server() as server, _script(server, name) as script:
@@ -171,8 +135,8 @@ def fork(arena: Arena) -> list[Finding]:
     return findings
 
 
+@case("14b: Ctrl-C in `connect` to a server that does not answer")
 def interrupted_connect(arena: Arena) -> list[Finding]:
-    """14b: Ctrl-C in `connect` to a server that does not answer"""
     with arena.server() as server, _script(server, "connect_to_nothing", "15") as script:
         time.sleep(1.0)
         start_s = time.monotonic()
@@ -183,22 +147,21 @@ def interrupted_connect(arena: Arena) -> list[Finding]:
     return [Finding("Ctrl-C in connect takes", took_s, "s", 1.0)]
 
 
+@case("14c: two authorities give a frame two parents by turns; 1,000 clears")
 def fighting_authorities(arena: Arena) -> list[Finding]:
-    """14c: two authorities give a frame two parents by turns; 1,000 clears"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         for index in range(200):
             which = index % 2
             body = messages.commit([f"parent {which}", "torn frame"], [0], [1], index + 1)
-            key = keys.put(messages.TREE, f"fighter {which}", static=False)
-            opened.put(key, messages.pack(body))
+            messages.put(opened, f"fighter {which}", body)
             time.sleep(0.005)
         time.sleep(1.0)
-        told = b"torn frame" in server.log and b"fighter" in server.log
+        reported = b"torn frame" in server.log and b"fighter" in server.log
         before = len(server.log)
         for _ in range(1000):
-            messages.send(opened, "admin", messages.pack({"v": 1, "what": "clear"}))
+            messages.send(opened, "admin", {"v": 1, "what": "clear"})
         grown = len(server.log) - before
     return [
-        Finding("the fight is not logged", not told, "", 0),
+        Finding("the fight is not logged", not reported, "", 0),
         Finding("log of 1,000 clears", grown / 1e3, "kB", 16.0),
     ]

@@ -11,41 +11,27 @@ import numpy as np
 from zenoh_tf._net import keys
 
 from . import messages
-from .arena import Arena, attackers, beside, message_cost
-from .results import P99_RATIO, Finding
+from .arena import P99_RATIO, Arena, Finding, attackers, beside, case, message_cost
 
 ALL = ("lookup", "set", "info")
 _FROZEN_S = 20.0
 
 
-def frozen_client(arena: Arena) -> list[Finding]:
-    """1: a client with four unread replies of 6.5 MB is stopped"""
-    return _frozen(arena, [("frozen", "4", "100000")])
-
-
-def two_frozen_clients(arena: Arena) -> list[Finding]:
-    """1b: two such clients"""
-    return _frozen(arena, [("frozen", "4", "100000")] * 2)
-
-
-def frozen_client_of_small_replies(arena: Arena) -> list[Finding]:
-    """1c: a client with 200 unread replies of 65 kB is stopped"""
-    return _frozen(arena, [("frozen", "200", "1000")])
-
-
-def frozen_local_client(arena: Arena) -> list[Finding]:
-    """1d: a client with 32 unread replies of 0.3 MB on the server's socket is stopped"""
-    return _frozen(arena, [("local_frozen", "32", "3500")])
-
-
-def _frozen(arena: Arena, each: list[tuple[str, ...]]) -> list[Finding]:
+@case("1: a client with four unread replies of 6.5 MB is stopped", ("frozen", "4", "100000"))
+@case("1b: two such clients", ("frozen", "4", "100000"), ("frozen", "4", "100000"))
+@case("1c: a client with 200 unread replies of 65 kB is stopped", ("frozen", "200", "1000"))
+@case(
+    "1d: a client with 32 unread replies of 0.3 MB on the server's socket is stopped",
+    ("local_frozen", "32", "3500"),
+)
+def _frozen(arena: Arena, *each: tuple[str, ...]) -> list[Finding]:
     with arena.server() as server, attackers(server, *each) as begin:
         found = beside(server, ALL, begin, _FROZEN_S, load=len(each) + 1)
     return found.outages()
 
 
+@case("2: a commit of 2.3 MB out of order into a ring of 33,000 samples, and one lookup of it")
 def late_rows(arena: Arena) -> list[Finding]:
-    """2: a commit of 2.3 MB out of order into a ring of 33,000 samples, and one lookup of it"""
     rows = 33_000
     stamps = 1_000_000_000 + np.arange(rows) * 100_000
     parent, child = np.zeros(rows), np.ones(rows)
@@ -56,7 +42,7 @@ def late_rows(arena: Arena) -> list[Finding]:
         messages.session(server.endpoint) as reading,
     ):
         newer = messages.commit(["root", "ring"], parent, child, stamps + 50_000)
-        messages.send(opened, "commit", messages.pack(newer))
+        messages.send(opened, "commit", newer)
         late = messages.commit(["root", "ring"], parent, child, stamps[::-1])
         payload = messages.pack(late)
 
@@ -70,13 +56,13 @@ def late_rows(arena: Arena) -> list[Finding]:
         found = beside(server, ALL, attack, 8.0)
         for body in (newer, late):
             body["names"] = ["root", "ring measured alone"]
-        messages.send(opened, "commit", messages.pack(newer))
+        messages.send(opened, "commit", newer)
         findings, _ = message_cost(server, opened, "commit", messages.pack(late))
     return [*found.outages(), *findings]
 
 
+@case("4: an honest client's batches of 99,000 lookups and a set, beside another client's sets")
 def remembered_replies(arena: Arena) -> list[Finding]:
-    """4: an honest client's batches of 99,000 lookups and a set, beside another client's sets"""
     with arena.server() as server, attackers(server, ("remembered", "99000")) as begin:
         found = beside(server, ["set"], begin, 12.0)
     window = found.attack
@@ -86,9 +72,9 @@ def remembered_replies(arena: Arena) -> list[Finding]:
     return [Finding("refused sets of another client", refused, "", 0, note), *found.outages()]
 
 
+@case("7: a commit of 1.6 MB makes a chain of 20,000 new frames")
 def long_chain(arena: Arena) -> list[Finding]:
-    """7: a commit of 1.6 MB makes a chain of 20,000 new frames"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         payload = messages.pack(messages.chain("long", 20_000))
 
         def attack() -> None:
@@ -106,15 +92,15 @@ def long_chain(arena: Arena) -> list[Finding]:
     return [*found.outages(), _age(found.ages()), *findings]
 
 
+@case("7b: a message of 3.9 kB on a chain of 1,000,000 frames")
 def chain_extended(arena: Arena) -> list[Finding]:
-    """7b: a message of 3.9 kB on a chain of 1,000,000 frames"""
-    with arena.server() as server, messages.session(server.endpoint) as opened:
+    with arena.opened() as (server, opened):
         depth, rows = 0, 2000
         while depth < 1_000_000:  # as far as the server lets it grow, upwards from the leaf
             names = [f"deep{depth + index}" for index in range(rows + 1)]
             up = np.arange(rows)[::-1]
             body = messages.commit(names, up + 1, up)
-            if messages.send(opened, "commit", messages.pack(body))[1]:
+            if messages.send(opened, "commit", body)[1]:
                 break
             depth += rows
         payload = messages.pack(messages.chain("on", 45, "deep0"))
@@ -128,42 +114,30 @@ def _age(ages: list[float]) -> Finding:
     return Finding("age of a sensor's data at most", worst, "ms", note=note)
 
 
-def batches_1(arena: Arena) -> list[Finding]:
-    """13: lookups of 100,000 rows by 1 client, beside a light client"""
-    return _beside_load(arena, [("lookups", "100000", "probe_base")])
-
-
-def batches_2(arena: Arena) -> list[Finding]:
-    """13b: the same by 2 clients"""
-    return _beside_load(arena, [("lookups", "100000", "probe_base")] * 2)
-
-
-def batches_4(arena: Arena) -> list[Finding]:
-    """13c: the same by 4 clients"""
-    return _beside_load(arena, [("lookups", "100000", "probe_base")] * 4)
-
-
-def local_flood(arena: Arena) -> list[Finding]:
-    """13g: lookups of 3,500 rows by 1 client on 32 connections to the server's socket"""
-    return _beside_load(arena, [("local_flood", "32", "3500")])
-
-
-def failing_rows(arena: Arena) -> list[Finding]:
-    """13d: lookups of 100,000 failing rows by 1 client"""
-    return _beside_load(arena, [("lookups", "100000", "unknown")])
-
-
-def floods_of_puts(arena: Arena) -> list[Finding]:
-    """13e: floods of puts of one transform by 4 publishers"""
-    return _beside_load(arena, [("puts", "1", f"flood{index}") for index in range(4)])
-
-
-def large_puts(arena: Arena) -> list[Finding]:
-    """13f: one publisher of puts of 100,000 transforms, beside a sensor of 50 Hz"""
-    return _beside_load(arena, [("puts", "100000", "large")])
-
-
-def _beside_load(arena: Arena, each: list[tuple[str, ...]]) -> list[Finding]:
+@case(
+    "13: lookups of 100,000 rows by 1 client, beside a light client",
+    ("lookups", "100000", "probe_base"),
+)
+@case(
+    "13b: the same by 2 clients",
+    ("lookups", "100000", "probe_base"),
+    ("lookups", "100000", "probe_base"),
+)
+@case("13c: the same by 4 clients", *[("lookups", "100000", "probe_base")] * 4)
+@case(
+    "13g: lookups of 3,500 rows by 1 client on 32 connections to the server's socket",
+    ("local_flood", "32", "3500"),
+)
+@case("13d: lookups of 100,000 failing rows by 1 client", ("lookups", "100000", "unknown"))
+@case(
+    "13e: floods of puts of one transform by 4 publishers",
+    *[("puts", "1", f"flood{index}") for index in range(4)],
+)
+@case(
+    "13f: one publisher of puts of 100,000 transforms, beside a sensor of 50 Hz",
+    ("puts", "100000", "large"),
+)
+def _beside_load(arena: Arena, *each: tuple[str, ...]) -> list[Finding]:
     with arena.server() as server, attackers(server, *each) as begin:
         found = beside(server, ["lookup", "sensor"], begin, 8.0, load=len(each) + 1)
     outage = found.outages()[0]

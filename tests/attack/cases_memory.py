@@ -16,29 +16,19 @@ from pathlib import Path
 
 import zenoh
 
-from zenoh_tf import wire
-
 from . import messages
-from .arena import Arena, beside
+from .arena import Arena, Finding, beside, case
 from .processes import HERE, Process, Server, attacker, first_line, free_endpoint
-from .results import Finding
 
 _ROBOT_FRAMES = 10_000
 _COPY_TIMEOUT_S = 60.0
-
-
-def _stats(opened: zenoh.Session) -> dict[str, float]:
-    reply, failed = messages.send(opened, "info", messages.pack({"v": 1, "what": "stats"}))
-    found = {} if failed else wire.unpack(reply)["value"]
-    assert isinstance(found, dict)
-    return found
 
 
 def _wait_for(opened: zenoh.Session, counter: str, least: float, timeout_s: float) -> float:
     """Seconds until a counter of `stats` has reached a value; infinity if it does not in time."""
     start_s = time.monotonic()
     while time.monotonic() - start_s < timeout_s:
-        if _stats(opened).get(counter, 0) >= least:
+        if messages.value(opened, "info", "stats").get(counter, 0) >= least:
             return time.monotonic() - start_s
         time.sleep(0.1)
     return math.inf
@@ -46,20 +36,20 @@ def _wait_for(opened: zenoh.Session, counter: str, least: float, timeout_s: floa
 
 @contextlib.contextmanager
 def _robot(arena: Arena, frames: int) -> Iterator[Server]:
-    with arena.server() as robot, messages.session(robot.endpoint) as opened:
-        messages.send(opened, "commit", messages.pack(messages.star("part_", 0, frames)))
+    with arena.opened() as (robot, opened):
+        messages.send(opened, "commit", messages.star("part_", 0, frames))
         yield robot
 
 
+@case("16: a site takes the first copy of a robot with 10,000 frames, beside lookups at the site")
 def first_copy_of_a_robot(arena: Arena) -> list[Finding]:
-    """16: a site takes the first copy of a robot with 10,000 frames, beside lookups at the site"""
     endpoint = free_endpoint()
     took_s = math.inf
     with tempfile.TemporaryDirectory() as folder:
         state = ("--state-dir", str(Path(folder, "state")))
-        with arena.server(*state) as robot, messages.session(robot.endpoint) as opened:
+        with arena.opened(*state) as (_, opened):
             body = messages.star("part_", 0, _ROBOT_FRAMES, static=True)
-            messages.send(opened, "commit", messages.pack(body))
+            messages.send(opened, "commit", body)
         with arena.server("--mirror-of", f"robot1={endpoint}") as site:
 
             def attack() -> None:
@@ -76,8 +66,8 @@ def first_copy_of_a_robot(arena: Arena) -> list[Finding]:
     return [Finding("first copy", took_s, "s", 10.0), *found.outages(), found.p99("lookup")]
 
 
+@case("17: a process that may read the tree's memory allocates all of it")
 def memory_taken_by_a_reader(arena: Arena) -> list[Finding]:
-    """17: a process that may read the tree's memory allocates all of it"""
     with (
         tempfile.TemporaryDirectory() as folder,
         arena.server(
@@ -93,8 +83,8 @@ def memory_taken_by_a_reader(arena: Arena) -> list[Finding]:
     ]
 
 
+@case("18: a client opens 20 mirrors of a pair, closes them, twice, and opens 20 again")
 def mirrors_opened_again(arena: Arena) -> list[Finding]:
-    """18: a client opens 20 mirrors of a pair, closes them, twice, and opens 20 again"""
     with arena.server() as server:
         command = [server.python, str(HERE / "sdk.py"), "mirrors_again", server.endpoint]
         with Process(command, subprocess.DEVNULL) as script:
@@ -102,31 +92,28 @@ def mirrors_opened_again(arena: Arena) -> list[Finding]:
     return [Finding("memory of 20 mirrors", grown_mb, "MB", 60.0)]
 
 
+@case("19: a robot has 3,000 frames, and the site has room for 2,000")
 def greedy_robot(arena: Arena) -> list[Finding]:
-    """19: a robot has 3,000 frames, and the site has room for 2,000"""
     with _robot(arena, 3000) as greedy, _robot(arena, 20) as modest:
         links = ["--mirror-of", f"greedy={greedy.endpoint}"]
         links += ["--mirror-of", f"modest={modest.endpoint}"]
-        with (
-            arena.server("--limit", "frames=2000", *links) as site,
-            messages.session(site.endpoint) as opened,
-        ):
+        with arena.opened("--limit", "frames=2000", *links) as (site, opened):
             _wait_for(opened, "robot_refused/greedy", 1, 20.0)
             _wait_for(opened, "robot_stored/modest", 20, 5.0)
             body = messages.star("of the site", 0, 100)
-            reply, failed = messages.send(opened, "commit", messages.pack(body))
-            stats = _stats(opened)
-            told = b"greedy" in site.log and b"LimitExceeded" in site.log
+            reply, failed = messages.send(opened, "commit", body)
+            stats = messages.value(opened, "info", "stats")
+            reported = b"greedy" in site.log and b"LimitExceeded" in site.log
     missing = 20 - stats.get("robot_stored/modest", 0)
     return [
         Finding("frames of the next robot missing", missing, "", 0),
         Finding("the site's own write fails", failed, "", 0, messages.kind_of(reply, failed)),
-        Finding("not reported by name", not told, "", 0),
+        Finding("not reported by name", not reported, "", 0),
     ]
 
 
+@case("23: the socket's folder is open to all users, at the server's start and later")
 def socket_of_another_user(arena: Arena) -> list[Finding]:
-    """23: the socket's folder is open to all users, at the server's start and later"""
     accepted = True
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o777)
@@ -143,12 +130,12 @@ def socket_of_another_user(arena: Arena) -> list[Finding]:
                 reads = script.greeting
     return [
         Finding("accepted by the server", accepted, "", 0),
-        Finding("believed by a client", reads != "query", "", 0, reads),
+        Finding("accepted by a client", reads != "query", "", 0, reads),
     ]
 
 
+@case("24: who may read the state, whose sockets are removed, and a limit in the config file")
 def files_of_the_server(arena: Arena) -> list[Finding]:
-    """24: who may read the state, whose sockets are removed, and a limit in the config file"""
     with tempfile.TemporaryDirectory() as folder:
         state, sockets, config = Path(folder, "state"), Path(folder, "run"), Path(folder, "c.toml")
         sockets.mkdir(mode=0o700)

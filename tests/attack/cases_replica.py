@@ -17,9 +17,8 @@ from zenoh_tf.errors import AccessDenied, TransformException
 from zenoh_tf_client import Credentials, TransformClient
 
 from . import messages
-from .arena import Arena
+from .arena import Arena, Finding, case
 from .processes import Server, attacker, free_endpoint
-from .results import Finding
 
 _USERS = {name: f"secret of {name}" for name in ("site", "honest", "attacker")}
 _RULES = """
@@ -128,22 +127,22 @@ def _forged(server: Server, primary: Server, user: str | None, reader: str | Non
     ]
 
 
+@case("15: a client of a replica with passwords forges messages, replies and the server's token")
 def falsified_replica(arena: Arena) -> list[Finding]:
-    """15: a client of a replica with passwords forges messages, replies and the server's token"""
     with _protected(arena) as (primary, replica):
         found = _forged(replica, primary, "attacker", "honest")
         noticed = b"contradicts" in replica.log
     return [*found, Finding("forged messages that came through", noticed, "", 0)]
 
 
+@case("15b: the same at the second replica of a chain")
 def falsified_chain(arena: Arena) -> list[Finding]:
-    """15b: the same at the second replica of a chain"""
     with _protected(arena, chain=2) as (primary, _, last):
         return _forged(last, primary, "attacker", "honest")
 
 
+@case("15c: the stream's number is forged on a server without users: mirrors and replicas recover")
 def poisoned_mirrors(arena: Arena) -> list[Finding]:
-    """15c: the stream's number is forged on a server without users: mirrors and replicas recover"""
     with (
         arena.server("--no-share") as primary,
         arena.server("--replica-of", primary.endpoint, "--no-share") as replica,
@@ -169,15 +168,15 @@ def poisoned_mirrors(arena: Arena) -> list[Finding]:
             seqs = near.get("replica_seq", 0), m.seq
             right = all(receipt.seq - 5 < seq <= receipt.seq for seq in seqs)
         lag_s = time.monotonic() - begin_s
-        told = b"contradicts" in replica.log and near["replica_contradictions"] > 0
+        reported = b"contradicts" in replica.log and near["replica_contradictions"] > 0
     return [
         Finding("frozen for", lag_s, "s", 20.0),
-        Finding("the forgery is not reported", not told, "", 0),
+        Finding("the forgery is not reported", not reported, "", 0),
     ]
 
 
+@case("20: what users may do at a replica is what the replica's user may do, as the server reports")
 def rights_at_a_replica(arena: Arena) -> list[Finding]:
-    """20: what users may do at a replica is what the replica's user may do, and they are told so"""
     wrong: list[str] = []
     with _protected(arena, rules=_RULES) as (_, replica):
         for user in ("honest", "attacker"):
@@ -196,11 +195,11 @@ def rights_at_a_replica(arena: Arena) -> list[Finding]:
                         pass
                     except TransformException as error:
                         wrong.append(f"{user} resets: {type(error).__name__}")
-    return [Finding("rights that are told wrongly", len(wrong), "", 0, "; ".join(wrong))]
+    return [Finding("rights that are reported wrongly", len(wrong), "", 0, "; ".join(wrong))]
 
 
+@case("21: reads of one client around eight restarts of its replica, beside a writer")
 def back_in_time(arena: Arena) -> list[Finding]:
-    """21: reads of one client around eight restarts of its replica, beside a writer"""
     endpoint = free_endpoint()
     ending = threading.Event()
     with arena.server("--no-share") as primary:
@@ -241,9 +240,9 @@ def back_in_time(arena: Arena) -> list[Finding]:
     ]
 
 
+@case("22: lookups that wait for ten minutes, of a client without a token and of a killed one")
 def abandoned_waiters(arena: Arena) -> list[Finding]:
-    """22: lookups that wait for ten minutes, of a client without a token and of a killed one"""
-    with arena.server("--no-share") as server, messages.session(server.endpoint) as opened:
+    with arena.opened("--no-share") as (server, opened):
         body = messages.same_lookup(1, "root", "never") | {"timeout_ns": 600 * 10**9}
         kind = messages.kind_of(*messages.send(opened, "lookup", messages.pack(body), 30.0))
 

@@ -28,13 +28,16 @@ def session(endpoint: str, timeout_s: float = 20.0) -> Iterator[zenoh.Session]:
         yield opened
 
 
+Body = bytes | dict[str, Any]
+
+
 def send(
-    opened: zenoh.Session, request_type: str, payload: bytes, timeout_s: float = 120.0
+    opened: zenoh.Session, request_type: str, body: Body, timeout_s: float = 120.0
 ) -> tuple[bytes, bool]:
     """The reply's bytes, and whether it is an error. No bytes if the query had no reply."""
     replies = opened.get(
         keys.request(TREE, request_type),
-        payload=payload,
+        payload=body if isinstance(body, bytes) else pack(body),
         attachment=str(opened.zid()).encode(),
         timeout=timeout_s,
         consolidation=zenoh.ConsolidationMode.NONE,
@@ -45,6 +48,21 @@ def send(
         assert reply.err is not None
         return reply.err.payload.to_bytes(), True
     return b"", True
+
+
+def value(opened: zenoh.Session, request_type: str, what: str, **arguments: object) -> Any:
+    """The answer to a request such as `stats`; none if it fails."""
+    reply, failed = send(opened, request_type, {"v": 1, "what": what, **arguments})
+    return None if failed else wire.unpack(reply)["value"]
+
+
+def put(opened: zenoh.Session, authority: str, body: Body) -> None:
+    payload = body if isinstance(body, bytes) else pack(body)
+    opened.put(keys.put(TREE, authority, static=False), payload)
+
+
+def remove_frame(opened: zenoh.Session, name: str) -> None:
+    send(opened, "admin", {"v": 1, "what": "remove_frame", "name": name})
 
 
 def ask(opened: zenoh.Session, request_type: str, payload: bytes, timeout_s: float = 60.0) -> Any:
@@ -129,8 +147,7 @@ def star(
 
 def write_fields(opened: zenoh.Session) -> dict[str, Any]:
     """Id, expiry and instance, which make a write remembered."""
-    reply, _ = send(opened, "hello", pack({"v": 1, "what": "hello"}))
-    hello = wire.unpack(reply)["value"]
+    hello = value(opened, "hello", "hello")
     offset_ns = hello["clock_ns"] - time.monotonic_ns()
     expires_ns = time.monotonic_ns() + offset_ns + 590_000_000_000
     return {"id": os.urandom(16), "expires_ns": expires_ns, "instance": hello["instance"]}

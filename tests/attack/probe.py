@@ -48,7 +48,7 @@ def main() -> None:
         except TransformException as error:
             outcome = type(error).__name__
         calls.append((start_s, time.monotonic(), outcome, age_s))
-        # An open loop after a stall would only repeat the stall's delay: the rate starts anew.
+        # An open loop after a stall would only repeat the stall's delay: the rate starts again.
         next_s = max(next_s + float(period), time.monotonic())
         stop.wait(max(0.0, next_s - time.monotonic()))
     for entry in calls:

@@ -28,7 +28,7 @@ client_of: Callable[..., TransformClient] = functools.partial(TransformClient.co
 
 
 def announce_statics(endpoint: str) -> None:
-    """A sensor's driver with two static links, which runs on."""
+    """A sensor's driver with two static links, which keeps running."""
     tf = client_of(endpoint)
     sensor = tf.broadcaster("driver")
     for child in ("camera", "lidar"):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from .__main__ import cases
+from .arena import Finding, failures, outage_ms, p99_ms
 from .processes import Call
-from .results import Finding, failures, outage_ms, p99_ms
 
 
 def _calls(*ends_s: float) -> list[Call]:
