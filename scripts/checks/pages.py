@@ -18,11 +18,13 @@ from zenoh_tf_server.monitoring import metric_table
 
 from .repository import Repository, Violation
 
+TUTORIAL = "docs/tutorial/README.md"
 #: Example -> the page that shows it as it is.
 SHOWN = {
-    "sensor.py": "README.md",
-    "client.py": "README.md",
-    "transaction.py": "README.md",
+    "first.py": "README.md",
+    "sensor.py": TUTORIAL,
+    "client.py": TUTORIAL,
+    "transaction.py": TUTORIAL,
     "async_client.py": "docs/how-to/asyncio.md",
     "from_tf2.py": "docs/how-to/from-tf2.md",
     "message_filter.py": "docs/how-to/from-tf2.md",
