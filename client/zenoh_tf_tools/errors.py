@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +13,20 @@ FAULT_FOUND: Final = 3
 
 class CommandError(Exception):
     """An error that the command line reports; the command ends with exit code 1."""
+
+
+@contextmanager
+def extra(name: str, module: str) -> Iterator[None]:
+    """Report in plain words that an import needs an extra; `module`: its top-level module."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] != module:
+            raise
+        raise CommandError(
+            f"this command needs {module}, which is not installed; install it with: "
+            f"pip install 'zenoh-tf[{name}]'"
+        ) from error
 
 
 def keep_input(file: Path | None, out: Path | None) -> None:

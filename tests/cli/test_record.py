@@ -277,7 +277,7 @@ def test_another_server_takes_over(
             time.sleep(0.05)
     code, summary, told = recorder.stop()
     assert (code, summary["servers"]) == (0, 2)
-    assert "another server has the tree; recording goes on" in told
+    assert "another server has the tree; recording continues" in told
 
 
 def test_what_the_format_cannot_hold_is_counted(

@@ -104,4 +104,4 @@ def test_completion_without_its_library(command: Run, monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "shtab", None)
     ended = command("completion", "zsh")
     assert (ended.returncode, ended.stdout) == (1, "")
-    assert 'pip install "zenoh-tf[completion]"' in ended.stderr
+    assert "pip install 'zenoh-tf[completion]'" in ended.stderr

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import re
 import time
 
 import pytest
 
 from zenoh_tf.text.times import age, seconds
-from zenoh_tf_tools.cli.output import roll_pitch_yaw, when
+from zenoh_tf_tools.cli.output import when
 
 
 @pytest.mark.parametrize(
@@ -37,11 +36,3 @@ def test_when_says_on_which_side_of_now_a_stamp_is() -> None:
 def test_seconds_lose_no_digit() -> None:
     assert seconds(1_700_000_000_123_456_789) == "1700000000.123456789"
     assert seconds(-1) == "-0.000000001"
-
-
-def test_roll_pitch_yaw() -> None:
-    half = math.sqrt(0.5)
-    assert roll_pitch_yaw((0, 0, half, half)) == pytest.approx((0, 0, math.pi / 2))
-    assert roll_pitch_yaw((half, 0, 0, half)) == pytest.approx((math.pi / 2, 0, 0))
-    # Straight up, where rounding may take the sine past 1.
-    assert roll_pitch_yaw((0, half + 1e-16, 0, half))[1] == pytest.approx(math.pi / 2)

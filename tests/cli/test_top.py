@@ -79,5 +79,5 @@ def test_the_board_without_its_library(command: Run, monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "rich.console", None)
     ended = command("top")
     assert (ended.returncode, ended.stdout) == (1, "")
-    assert 'pip install "zenoh-tf[top]"' in ended.stderr
+    assert "pip install 'zenoh-tf[top]'" in ended.stderr
     assert command("top", "--json").returncode == 2

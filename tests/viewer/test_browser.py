@@ -12,8 +12,7 @@ import pytest
 
 from tests.processes.ports import free_port
 from tests.recordings.files import write
-
-from .test_view_command import started
+from tests.support.command_line import started
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
 

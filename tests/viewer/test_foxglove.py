@@ -10,6 +10,7 @@ import struct
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,13 +20,11 @@ from websockets.sync.connection import Connection
 
 from tests.processes.ports import free_port
 from tests.processes.servers import ServerProcess
+from tests.support.command_line import call, documented, started
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.cli.main import main
-from zenoh_tf_tools.cli.show.foxglove import _EXAMPLES
 
-from .test_view_command import PAGE, WITHOUT, run, started
-
+PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
 S = 10**9
 QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 
@@ -143,31 +142,31 @@ def test_frames_that_appear_later(url: str, tf: TransformClient) -> None:
         later.wait_for(*(stamped.child_frame for stamped in many))
 
 
-def test_stamps_that_foxglove_cannot_show_are_told(url: str, tf: TransformClient) -> None:
+def test_stamps_that_foxglove_cannot_show_are_reported(url: str, tf: TransformClient) -> None:
     tf.set_transform(StampedTransform("map", "far", -S, Transform()))
     tf.set_transform(StampedTransform("map", "near", 1, Transform()))
     with app(url) as socket:
-        told = App(socket)
-        told.wait_for("near")
-        while not told.status:
-            told.receive()
-        assert told.status[0]["op"] == "status"
+        subscriber = App(socket)
+        subscriber.wait_for("near")
+        while not subscriber.status:
+            subscriber.receive()
+        assert subscriber.status[0]["op"] == "status"
         assert (
             "1 links not shown: stamps outside of 1970 to 2106, first 'far'"
-            in (told.status[0]["message"])
+            in (subscriber.status[0]["message"])
         )
-        assert "far" not in told.transforms
+        assert "far" not in subscriber.transforms
 
 
-def test_a_server_that_is_silent_is_told(server: ServerProcess, client: TransformClient) -> None:
+def test_a_silent_server_is_reported(server: ServerProcess, client: TransformClient) -> None:
     client.set_transform(StampedTransform("map", "base", 1, Transform()))
     with bridge(server) as url, app(url) as socket:
-        told = App(socket)
-        told.wait_for("base")
+        subscriber = App(socket)
+        subscriber.wait_for("base")
         server.freeze()
-        while not told.status:
-            told.receive()
-        assert "no word from the server" in told.status[0]["message"]
+        while not subscriber.status:
+            subscriber.receive()
+        assert "no heartbeat from the server" in subscriber.status[0]["message"]
 
 
 def test_garbage_harms_nobody(url: str, tf: TransformClient) -> None:
@@ -194,21 +193,12 @@ def test_a_port_that_is_taken(
     url: str, shared_server: ServerProcess, capsys: pytest.CaptureFixture[str]
 ) -> None:
     port = url.rsplit(":", 1)[1]
-    assert main(["foxglove", "--connect", shared_server.endpoint, "--port", port]) == 1
-    assert f"zenoh-tf: cannot listen on '127.0.0.1' port {port}" in capsys.readouterr().err
+    done = call(capsys, "foxglove", "--connect", shared_server.endpoint, "--port", port)
+    assert done.returncode == 1
+    assert f"zenoh-tf: cannot listen on '127.0.0.1' port {port}" in done.stderr
 
 
-def test_a_missing_library_is_named() -> None:
-    done = run("foxglove", "foxglove", start=("-c", WITHOUT + "m.run()"))
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "pip install 'zenoh-tf[foxglove]'" in done.stderr
-
-
-LINES = re.findall(r"^(zenoh-tf foxglove.*?)(?: +#.*)?$", PAGE, re.MULTILINE)
-HELP = _EXAMPLES
-
-
-@pytest.mark.parametrize("line", sorted({*LINES, *HELP}))
+@pytest.mark.parametrize("line", documented(PAGE, "foxglove"))
 def test_documented_lines(line: str, shared_server: ServerProcess) -> None:
     args = line.split()[1:]
     port = str(free_port())
@@ -218,8 +208,3 @@ def test_documented_lines(line: str, shared_server: ServerProcess) -> None:
         args += ["--port", port]
     with started(*args, "--connect", shared_server.endpoint) as (_, first):
         assert first.startswith("showing main at ws://127.0.0.1:")
-
-
-def test_the_page_and_the_help_have_lines() -> None:
-    assert LINES
-    assert HELP

@@ -16,16 +16,14 @@ import pytest
 
 from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
+from tests.support.command_line import call, documented
 from zenoh_tf import LookupException, StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.cli.main import main
-from zenoh_tf_tools.cli.show.plot import _EXAMPLES
 from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 
-from .test_view_command import PAGE, WITHOUT, run
-
+PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
 S = 10**9
 
 
@@ -134,27 +132,17 @@ def test_angles_do_not_jump() -> None:
     assert angles[3, 2] == pytest.approx(3.3 - 2 * np.pi)
 
 
-def call(*args: str, capsys: Any) -> tuple[int, str, str]:
-    try:
-        code = main(args)
-    except SystemExit as error:
-        code = int(str(error.code))
-    output, errors = capsys.readouterr()
-    return code, output, errors
-
-
 def test_what_it_prints(recording: Path, tmp_path: Path, capsys: Any) -> None:
     out = str(tmp_path / "x.pdf")
-    code, text, _ = call("plot", "map", "wheel", str(recording), "--out", out, capsys=capsys)
-    assert code == 0
-    first, second = text.splitlines()
+    done = call(capsys, "plot", "map", "wheel", str(recording), "--out", out)
+    assert done.returncode == 0
+    first, second = done.stdout.splitlines()
     assert re.fullmatch(
         rf"{re.escape(out)}: 2,000 lookups over 8.0 s, age \S+ ms \(median\), 2.0 s at most", first
     )
     assert re.match(r"\d+ lookups without an answer; the last: extrapolation into the past", second)
     args = ("plot", "base_link", "camera", str(recording), "--out", out, "--json")
-    code, text, _ = call(*args, capsys=capsys)
-    document = json.loads(text)
+    document = json.loads(call(capsys, *args).stdout)
     assert (document["failed"], document["median_age_s"]) == (0, None)
 
 
@@ -172,31 +160,20 @@ def test_wrong_arguments(
     args: tuple[str, ...], code: int, message: str, recording: Path, capsys: Any
 ) -> None:
     file = () if args[0] == "nowhere.mcap" else (str(recording),)
-    found, output, errors = call("plot", "map", "wheel", *file, *args, capsys=capsys)
-    assert (found, output) == (code, "")
-    assert message in errors
+    done = call(capsys, "plot", "map", "wheel", *file, *args)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert message in done.stderr
 
 
 def test_a_pair_that_never_has_an_answer(recording: Path, tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / "x.png"
-    args = ("plot", "map", "nowhere", str(recording), "--out", str(out))
-    code, _, errors = call(*args, capsys=capsys)
-    assert code == 1
-    assert errors.startswith("zenoh-tf: LookupException: ")
+    done = call(capsys, "plot", "map", "nowhere", str(recording), "--out", str(out))
+    assert done.returncode == 1
+    assert done.stderr.startswith("zenoh-tf: LookupException: ")
     assert not out.exists()
 
 
-def test_a_missing_library_is_named() -> None:
-    done = run("matplotlib", "plot", "map", "base", start=("-c", WITHOUT + "m.run()"))
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "pip install 'zenoh-tf[plot]'" in done.stderr
-
-
-LINES = re.findall(r"^(zenoh-tf plot.*?)(?: +#.*)?$", PAGE, re.MULTILINE)
-HELP = _EXAMPLES
-
-
-@pytest.mark.parametrize("line", sorted({*LINES, *HELP}))
+@pytest.mark.parametrize("line", documented(PAGE, "plot"))
 def test_documented_lines(
     line: str,
     recording: Path,
@@ -213,13 +190,8 @@ def test_documented_lines(
         args += ["--connect", request.getfixturevalue("server").endpoint]
         args += ["--for", "0.1s"]  # the last one counts
     monkeypatch.chdir(tmp_path)
-    code, text, errors = call(*args, capsys=capsys)
-    assert (code, errors) == (0, "")
+    done = call(capsys, *args)
+    assert (done.returncode, done.stderr) == (0, "")
     name = args[args.index("--out") + 1] if "--out" in args else "plot.png"
-    assert text.startswith(f"{name}: ")
+    assert done.stdout.startswith(f"{name}: ")
     assert (tmp_path / name).stat().st_size > 1000
-
-
-def test_the_page_and_the_help_have_lines() -> None:
-    assert len(LINES) >= 3
-    assert len(HELP) >= 3

@@ -75,8 +75,6 @@ def viewer(server: Any, tree: Tree) -> Iterator[Viewer]:
 
 def options(max_frames: int = 100, fixed: str | None = None) -> Options:
     return Options(
-        host="",
-        port=0,
         stale_s=1.0,
         max_frames=max_frames,
         at_ns=0,
@@ -232,10 +230,10 @@ def test_trails_and_trouble(viewer: Viewer, tree: Tree) -> None:
     for i in range(10):
         tree.set("map", "base", i, stamp_ns=S + i * S // 10)
     tree.time_ns = 2 * S
-    tree.told = "no word from the server for 5 s"
+    tree.told = "no heartbeat from the server for 5 s"
     step(viewer)
     assert len(viewer.scene._trails.points) > 10
-    assert "no word from the server for 5 s" in viewer.panel.status.content
+    assert "no heartbeat from the server for 5 s" in viewer.panel.status.content
     viewer.panel._trail.value = 0.0
     step(viewer)
     assert len(viewer.scene._trails.points) == 0

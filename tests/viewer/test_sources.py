@@ -87,7 +87,7 @@ def test_a_server_that_is_silent_is_told(server: ServerProcess, mirror: Mirror) 
     server.freeze()
     while (trouble := source.trouble()) is None:
         time.sleep(0.05)
-    assert trouble.startswith("no word from the server for ")
+    assert trouble.startswith("no heartbeat from the server for ")
 
 
 @pytest.fixture(scope="module")

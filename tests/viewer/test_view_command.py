@@ -7,52 +7,17 @@ import re
 import shlex
 import signal
 import socket
-import subprocess
-import sys
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from tests.processes import forks
 from tests.processes.ports import free_port
 from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
-from zenoh_tf_tools.cli.main import main
-from zenoh_tf_tools.cli.show.view import _EXAMPLES
+from tests.support.command_line import call, documented, run_without, started
 
-PAGE = (Path(__file__).parents[2] / "docs/how-to/view.md").read_text()
-MODULE = ("-m", "zenoh_tf_tools")
-#: As the module, in a process that lacks a library.
-WITHOUT = "import sys; sys.modules[sys.argv.pop(1)] = None; import zenoh_tf_tools.cli.main as m; "
-
-Done = subprocess.CompletedProcess[str]
-
-
-def run(*args: str, start: tuple[str, ...] = MODULE) -> Done:
-    return forks.run([sys.executable, *start, *args], timeout=40)
-
-
-@contextmanager
-def started(*args: str, cwd: Path | None = None) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A command that runs until Ctrl-C, and its first line."""
-    with subprocess.Popen(
-        [sys.executable, *MODULE, *args],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=cwd,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        try:
-            line = process.stdout.readline()
-            assert line, process.stderr.read()
-            yield process, line
-        finally:
-            process.kill()
+PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +72,7 @@ def test_a_port_that_is_taken(recording: Path) -> None:
         (("view", "--stale", "2"), 2, "--stale: '2' is ambiguous: 2 seconds or 2 milliseconds"),
         (("view", "--max-frames", "99999"), 2, "is not a whole number from 1 to 10,000"),
         (("view", "run", "--at", "-1"), 2, "--at: '-1' is ambiguous"),
+        (("view", "--at", "+1s"), 2, "--at chooses a time of a recording: give its FILE"),
         (("view", "nowhere.mcap"), 1, "nowhere.mcap: no such file"),
         (("view", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.2s"), 1, "ServerUnavailable"),
     ],
@@ -114,41 +80,41 @@ def test_a_port_that_is_taken(recording: Path) -> None:
 def test_wrong_arguments(
     args: tuple[str, ...], code: int, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    try:
-        status: object = main(args)
-    except SystemExit as error:
-        status = error.code
-    assert status == code
-    output, errors = capsys.readouterr()
-    assert message in errors
-    assert output == ""
+    done = call(capsys, *args)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert message in done.stderr
 
 
-def test_a_time_that_is_not_in_the_recording(
-    recording: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--at", "1s"), "--at 1s is the stamp 1.000000000 s, but"),
+        (("--host", "203.0.113.1"), "zenoh-tf: cannot listen on '203.0.113.1': "),
+    ],
+)
+def test_arguments_that_do_not_fit(
+    recording: Path, args: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["view", str(recording), "--at", "1s"]) == 1
-    assert "--at 1s is the stamp 1.000000000 s, but" in capsys.readouterr().err
+    done = call(capsys, "view", str(recording), *args)
+    assert done.returncode == 1
+    assert message in done.stderr
 
 
-def test_an_address_that_is_not_of_this_machine(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["view", str(recording), "--host", "203.0.113.1"]) == 1
-    assert capsys.readouterr().err.startswith("zenoh-tf: cannot listen on '203.0.113.1': ")
-
-
-def test_a_missing_library_is_named(recording: Path) -> None:
-    done = run("viser", "view", str(recording), start=("-c", WITHOUT + "m.run()"))
+@pytest.mark.parametrize(
+    ("extra", "library", "args"),
+    [
+        ("viewer", "viser", ("view",)),
+        ("plot", "matplotlib", ("plot", "map", "base")),
+        ("foxglove", "foxglove", ("foxglove",)),
+    ],
+)
+def test_a_missing_library_is_named(extra: str, library: str, args: tuple[str, ...]) -> None:
+    done = run_without(library, *args)
     assert (done.returncode, done.stdout) == (1, "")
-    assert "pip install 'zenoh-tf[viewer]'" in done.stderr
+    assert f"pip install 'zenoh-tf[{extra}]'" in done.stderr
 
 
-LINES = re.findall(r"^(zenoh-tf view.*?)(?: +#.*)?$", PAGE, re.MULTILINE)
-HELP = _EXAMPLES
-
-
-@pytest.mark.parametrize("line", sorted({*LINES, *HELP}))
+@pytest.mark.parametrize("line", documented(PAGE, "view"))
 def test_documented_lines(
     line: str, recording: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,8 +125,3 @@ def test_documented_lines(
         args += ["--port", str(free_port())]
     with started(*args, cwd=recording.parent) as (_, first):
         assert first.startswith(("showing", "port"))
-
-
-def test_the_page_and_the_help_have_lines() -> None:
-    assert len(LINES) >= 3
-    assert len(HELP) >= 3

@@ -5,33 +5,26 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from zenoh_tf_tools.cli.types import Commands, examples
-from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.cli.arguments import Commands
+from zenoh_tf_tools.errors import extra
 
 
 def add(commands: Commands, whole: Callable[[], argparse.ArgumentParser]) -> None:
     """Add the command. `whole` makes the parser of all commands."""
-    completion = commands.add_parser(
+
+    def run(args: argparse.Namespace) -> int:
+        with extra("completion", "shtab"):
+            import shtab  # noqa: PLC0415 - an optional extra
+        print(shtab.complete(whole(), args.shell))
+        return 0
+
+    completion = commands.add(
         "completion",
-        help="print a script that completes commands and options in a shell",
-        description="Print a script for a shell that completes the commands and options of "
-        "zenoh-tf. Needs the extra zenoh-tf[completion].",
-        **examples(
-            'eval "$(zenoh-tf completion bash)"      # in ~/.bashrc',
-            "zenoh-tf completion zsh > ~/.zfunc/_zenoh-tf",
-        ),
+        run,
+        "print a script that completes commands and options in a shell",
+        "Print a script for a shell that completes the commands and options of zenoh-tf. Needs the "
+        "extra zenoh-tf[completion].",
+        'eval "$(zenoh-tf completion bash)"      # in ~/.bashrc',
+        "zenoh-tf completion zsh > ~/.zfunc/_zenoh-tf",
     )
     completion.add_argument("shell", choices=("bash", "zsh", "tcsh"))
-    completion.set_defaults(run=lambda args: _completion(args, whole()))
-
-
-def _completion(args: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
-    try:
-        import shtab  # noqa: PLC0415 - an optional extra
-    except ModuleNotFoundError as error:
-        raise CommandError(
-            "completion scripts are made by shtab, which is not installed; install it with: "
-            'pip install "zenoh-tf[completion]"'
-        ) from error
-    print(shtab.complete(parser, args.shell))
-    return 0

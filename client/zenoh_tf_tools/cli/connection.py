@@ -22,7 +22,20 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
     Raises what ``TransformClient.connect`` raises. An error about a frame that does not exist gets
     a note with the names that may be meant.
     """
-    with _client(args, reads) as tf:
+    credentials = environment.client_credentials(
+        ca=args.tls_ca,
+        certificate=args.tls_certificate,
+        key=args.tls_key,
+        user=args.user,
+        password_file=args.password_file,
+    )
+    with TransformClient.connect(
+        args.connect,
+        tree=args.tree,
+        timeout_s=args.timeout,
+        credentials=credentials,
+        reads=reads or environment.reads(),
+    ) as tf:
         try:
             yield tf
         except LookupException as error:
@@ -43,46 +56,24 @@ def _suggest_names(tf: TransformClient, error: LookupException) -> None:
         error.add_note(question)
 
 
-def _client(args: argparse.Namespace, reads: Mode | None) -> TransformClient:
-    credentials = environment.client_credentials(
-        ca=args.tls_ca,
-        certificate=args.tls_certificate,
-        key=args.tls_key,
-        user=args.user,
-        password_file=args.password_file,
-    )
-    return TransformClient.connect(
-        args.connect,
-        tree=args.tree,
-        timeout_s=args.timeout,
-        credentials=credentials,
-        reads=reads or environment.reads(),
-    )
-
-
 def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:
     """Add the options that say who the user is. There is none for the password itself, because
     every user of the machine can see the arguments of a process."""
     group = parser.add_argument_group("keys and users")
     for option, metavar, variable, meaning in (
+        ("tls-ca", "FILE", environment.CA_VARIABLE, "authorities that sign certificates"),
+        ("tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
+        ("tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
+        ("user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
         (
-            "--tls-ca",
-            "FILE",
-            environment.CA_VARIABLE,
-            "authorities that sign certificates",
-        ),
-        ("--tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
-        ("--tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
-        ("--user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
-        (
-            "--password-file",
+            "password-file",
             "FILE",
             environment.PASSWORD_FILE_VARIABLE,
-            "file with the user's password in its first line",
+            "file whose first line is the password",
         ),
     ):
         group.add_argument(
-            option,
+            f"--{option}",
             metavar=metavar,
             default=default,
             help=f"{meaning} (default: the environment's {variable})",

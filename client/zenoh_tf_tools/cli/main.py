@@ -28,6 +28,7 @@ from zenoh_tf.text.times import age
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from zenoh_tf_tools.cli import completion, output
+from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import add_credentials
 from zenoh_tf_tools.cli.recordings import query, record, replay
 from zenoh_tf_tools.cli.setup import calibration, urdf
@@ -141,14 +142,15 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {version('zenoh-tf')}")
     _add_common(parser, top=True)
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     common = argparse.ArgumentParser(add_help=False)
     _add_common(common, top=False)
+    parsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = Commands(parsers, common)
     for family in (
         *(lookups, explain, follow, doctor, inspect, monitor, top, viewer, foxglove, plot),
         *(write, static, urdf, calibration, query, record, replay),
     ):
-        family.add(commands, common)
+        family.add(commands)
     completion.add(commands, _parser)
     return parser
 

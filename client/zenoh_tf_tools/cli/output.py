@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import functools
 import json
 import math
@@ -40,7 +41,7 @@ def print_json(document: object, file: TextIO | None = None) -> None:
 
 
 def report_waiting(error: TransformException, as_json: bool) -> None:
-    """Print on stderr why a command that goes on has nothing to show."""
+    """Print on stderr why a command that continues has nothing to show."""
     name, message = type(error).__name__, str(error)
     if as_json:
         document = {"type": name, "message": message, "fields": error.facts}
@@ -48,6 +49,20 @@ def report_waiting(error: TransformException, as_json: bool) -> None:
     else:
         line = " ".join(f"{name}: {message}".split())
         print(f"zenoh-tf: {printable(line)} (waiting)", file=sys.stderr, flush=True)
+
+
+def show(args: argparse.Namespace, document: object, text: str) -> None:
+    """Print what a command has found: as JSON if the user wants that, else as text."""
+    if args.json:
+        print_json(document)
+    else:
+        print(text)
+
+
+def show_answer(args: argparse.Namespace, answer: StampedTransform) -> None:
+    """Print a lookup's result at once."""
+    show(args, answer_document(answer), answer_text(answer))
+    sys.stdout.flush()
 
 
 def is_unicode(stream: TextIO) -> bool:
@@ -88,9 +103,31 @@ def when(stamp_ns: int) -> str:
     return text
 
 
-def url(scheme: str, host: str, port: int) -> str:
-    """Return an address to open."""
-    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[str]:
+    """The lines of a table, with these columns to the left and all others to the right."""
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    lines = []
+    for number, cells in enumerate([header, *rows]):
+        line = "  ".join(
+            cell.ljust(width) if column in texts else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ).rstrip()
+        lines.append(line if number else paint("header", line))
+    return lines
+
+
+def figure(value: float | None, digits: int) -> str:
+    """A number for a table; a dash for none."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def announce(args: argparse.Namespace, showing: str, scheme: str, port: int) -> None:
+    """Print the address of what a command shows until it is interrupted."""
+    host = f"[{args.host}]" if ":" in args.host else args.host
+    url = f"{scheme}://{host}:{port}"
+    text = f"showing {showing} at {url} (Ctrl-C ends it)"
+    show(args, {"url": url, "showing": showing}, text)
+    sys.stdout.flush()
 
 
 def numbers(labels: Sequence[str], values: Sequence[float], digits: int = 6) -> str:
@@ -126,7 +163,7 @@ def answer_text(answer: StampedTransform) -> str:
     else:
         lines.append(row("time", when(answer.stamp_ns)))
     rotation = answer.transform.rotation.tolist()
-    degrees = [math.degrees(angle) for angle in roll_pitch_yaw(rotation)]
+    degrees = [math.degrees(angle) for angle in answer.transform.rpy()]
     translation = answer.transform.translation.tolist()
     lines.append(row("translation", numbers("xyz", translation) + "  m"))
     lines.append(row("rotation", numbers("xyzw", rotation)))
@@ -170,15 +207,3 @@ def velocity_text(velocity: Velocity) -> str:
             row("", numbers("xyz", degrees, digits=2) + "  deg/s"),
         ]
     )
-
-
-def roll_pitch_yaw(rotation: Sequence[float]) -> tuple[float, float, float]:
-    """Return the angles in radians about the fixed axes x, y, z, in this order.
-
-    Requires a unit quaternion (x, y, z, w).
-    """
-    x, y, z, w = rotation
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw

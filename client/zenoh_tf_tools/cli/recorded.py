@@ -10,7 +10,7 @@ from pathlib import Path
 
 from zenoh_tf.recordings import Recording, RecordingError, open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import RecordedTime
+from zenoh_tf.text.flag_values import RecordedTime, recorded_time
 from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.errors import CommandError
 
@@ -30,6 +30,12 @@ def add_file(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_range(parser: argparse.ArgumentParser, help_: str) -> None:
+    """Add --start and --end; `help_`: with {0} for first or last."""
+    for option, end in (("--start", "first"), ("--end", "last")):
+        parser.add_argument(option, metavar="TIME", type=recorded_time, help=help_.format(end))
+
+
 @contextmanager
 def opened(args: argparse.Namespace) -> Iterator[Recording]:
     """The recording that the arguments name. Its errors become CommandError."""
@@ -38,6 +44,21 @@ def opened(args: argparse.Namespace) -> Iterator[Recording]:
             yield recording
     except RecordingError as error:
         raise CommandError(str(error)) from error
+
+
+def chosen_range(
+    args: argparse.Namespace,
+    range_ns: tuple[int, int],
+    default: tuple[int, int],
+    *,
+    inside: bool = False,
+) -> tuple[int, int]:
+    """The times of --start and --end in nanoseconds; arguments and errors as of `stamp_ns`."""
+    start_ns = stamp_ns("--start", args.start, range_ns, default[0], inside=inside)
+    end_ns = stamp_ns("--end", args.end, range_ns, default[1], inside=inside)
+    if end_ns < start_ns:
+        raise CommandError(f"--end ({seconds(end_ns)} s) is before {seconds(start_ns)} s")
+    return start_ns, end_ns
 
 
 def stamp_ns(
@@ -78,6 +99,6 @@ def stamp_ns(
 
 
 def warn(recording: Recording) -> None:
-    """Print on stderr what is worth telling about what was read."""
+    """Print on stderr what was wrong with the recording."""
     for warning in recording.warnings():
         print(f"zenoh-tf: {printable(warning)}", file=sys.stderr)

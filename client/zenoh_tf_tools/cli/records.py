@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from zenoh_tf import FrameInfo, LookupException
@@ -17,23 +17,23 @@ _PAUSE_S: Final = 0.1
 _PAUSES: Final = 4
 
 
-def frame_infos(tf: TransformClient) -> list[FrameInfo]:
-    """Return the record of each frame, by name."""
-    names = sorted(tf.frames())
+def frame_infos(tf: TransformClient, names: Sequence[str] | None = None) -> list[FrameInfo]:
+    """Return the records of these frames, or of all by name, without those that are removed."""
+    if names is None:
+        names = sorted(tf.frames())
     found: list[FrameInfo] = []
     for start in range(0, len(names), _FRAMES_AT_ONCE):
         with tf.batch() as batch:
             handles = [batch.frame(name) for name in names[start : start + _FRAMES_AT_ONCE]]
         for handle in handles:
-            # A frame may have been removed since its name was listed.
             if not isinstance(handle.exception(), LookupException):
                 found.append(handle.result())
     return found
 
 
 def watch_frames(tf: TransformClient, for_s: float) -> Iterator[tuple[float, list[FrameInfo]]]:
-    """Yield the records again and again, with the monotonic time when they were asked for: at the
-    beginning, at the end, and in between. With 0 seconds, once."""
+    """Yield the records of all frames with the monotonic time of the request: at the beginning, at
+    the end, and in between. With 0 seconds, once."""
     end_s = time.monotonic() + for_s
     while True:
         asked_s = time.monotonic()

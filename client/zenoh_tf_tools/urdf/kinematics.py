@@ -53,7 +53,6 @@ AS_IN_URDF: Final = FrameNames()
 class Counts:
     """What was left out or is doubtful."""
 
-    messages: int = 0
     transforms: int = 0
     unknown_joints: int = 0  # names that the robot has not
     not_numbers: int = 0  # positions that are NaN or infinite; their joints are left out
@@ -130,7 +129,6 @@ class JointTransforms:
         """
         plan = self._plan(tuple(names))
         counts = self.counts
-        counts.messages += 1
         self._count("unknown_joints", plan.unknown)
         row = plan.row
         with np.errstate(over="ignore", invalid="ignore"):

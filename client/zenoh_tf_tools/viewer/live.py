@@ -10,7 +10,7 @@ from zenoh_tf.text.times import CLOCK_RANGE_S
 from zenoh_tf_client.mirror.mirror import Mirror
 from zenoh_tf_tools.viewer.source import Link, Lookups
 
-#: From this age on, the mirror has heard nothing: a server tells at least ten times a second.
+#: From this age on, heartbeats are missing: a server sends ten a second.
 _SILENT_S = 1.0
 
 
@@ -63,4 +63,4 @@ class LiveSource:
 
     def trouble(self) -> str | None:
         age_s = self._mirror.age_s
-        return None if age_s <= _SILENT_S else f"no word from the server for {age_s:.0f} s"
+        return None if age_s <= _SILENT_S else f"no heartbeat from the server for {age_s:.0f} s"

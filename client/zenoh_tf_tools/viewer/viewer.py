@@ -35,8 +35,6 @@ class Options:
     """What the command line says.
 
     Attributes:
-        host: Address to listen on.
-        port: Port to listen on; another one if it is taken.
         stale_s: From this age on, in seconds, a link is marked as stale.
         max_frames: Most frames that are drawn.
         at_ns: The time of a recording to begin at, in nanoseconds.
@@ -45,8 +43,6 @@ class Options:
         trail_s: Length of the trails in seconds.
     """
 
-    host: str
-    port: int
     stale_s: float
     max_frames: int
     at_ns: int

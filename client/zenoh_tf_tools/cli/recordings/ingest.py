@@ -9,12 +9,11 @@ from typing import Final
 
 from zenoh_tf import AuthorityInfo, LookupException, StampedTransform
 from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli.records import frame_infos
 from zenoh_tf_tools.errors import CommandError
 
 #: Transforms in one put. A put is one commit, so this also bounds the time of a commit.
 _BATCH: Final = 500
-#: Frames asked for in one round trip.
-_FRAMES_PER_REQUEST: Final = 10_000
 _POLL_S: Final = 0.005
 _NOTHING: Final = AuthorityInfo("", 0, 0, 0, 0, 0, 0)
 
@@ -106,18 +105,11 @@ class Feed:
     def no_longer_kept(self) -> int:
         """Transforms that the server stored, and whose samples have left its cache since. Call it
         after ``finish``. An estimate if others write the same frames."""
-        kept = 0
-        names = list(self._sent_samples)
-        for first in range(0, len(names), _FRAMES_PER_REQUEST):
-            some = names[first : first + _FRAMES_PER_REQUEST]
-            with self._tf.batch() as batch:
-                handles = [batch.frame(name) for name in some]
-            for name, handle in zip(some, handles, strict=True):
-                if isinstance(handle.exception(), LookupException):
-                    continue  # removed meanwhile
-                frame = handle.result()
-                if not frame.static:
-                    kept += min(frame.samples, self._sent_samples[name])
+        kept = sum(
+            min(frame.samples, self._sent_samples[frame.name])
+            for frame in frame_infos(self._tf, list(self._sent_samples))
+            if not frame.static
+        )
         rewritten = self._counted().rewritten - self._before.rewritten
         stored = self._sent_samples.total() - self.dropped_as_too_old - rewritten
         return max(0, stored - kept)

@@ -25,8 +25,8 @@ from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, recorded_time, size
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.progress import Progress
-from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError, keep_input
 
 #: Rows of one answer; 100 bytes each.
@@ -36,20 +36,18 @@ _NO_CLOCK_NS: Final = -(1 << 62)
 _COLUMNS: Final = ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    query = commands.add_parser(
+def add(commands: Commands) -> None:
+    query = commands.add(
         "query",
-        parents=[common],
-        help="ask a recording, without a server",
-        description="Print the pose of SOURCE in TARGET from a recording: at a time, or at many.\n"
-        "Without --at and --every: at the latest common time. Without frames: what\n"
-        "frames there are. Needs no server, and the libraries of zenoh-tf[recordings].",
-        **examples(
-            "zenoh-tf query run.mcap",
-            "zenoh-tf query run.mcap map base --at +10s",
-            "zenoh-tf query run.mcap map base --every 20ms --csv > base.csv",
-            "zenoh-tf query run.mcap map base --every 20ms --npz base.npz",
-        ),
+        _query,
+        "ask a recording, without a server",
+        "Print the pose of SOURCE in TARGET from a recording: at a time, or at many. Without --at "
+        "and --every: at the latest common time. Without frames: what frames there are. Needs no "
+        "server, and the libraries of zenoh-tf[recordings].",
+        "zenoh-tf query run.mcap",
+        "zenoh-tf query run.mcap map base --at +10s",
+        "zenoh-tf query run.mcap map base --every 20ms --csv > base.csv",
+        "zenoh-tf query run.mcap map base --every 20ms --npz base.npz",
     )
     recorded.add_file(query)
     query.add_argument(
@@ -64,14 +62,10 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         type=duration(1e-9),
         help="at all times this far apart, such as 20ms",
     )
-    for option, meaning in (("--start", "first"), ("--end", "last")):
-        query.add_argument(
-            option,
-            metavar="TIME",
-            type=recorded_time,
-            help=f"{meaning} time of --every, written as for --at (default: the {meaning} that all "
-            "links can serve)",
-        )
+    recorded.add_range(
+        query,
+        "{0} time of --every, written as for --at (default: the {0} that all links can serve)",
+    )
     form = query.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print comma-separated values")
     form.add_argument(
@@ -87,7 +81,6 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=MAX_MEMORY_BYTES,
         help="most memory for the recording's samples, such as 512MB or 8G (default 4G)",
     )
-    query.set_defaults(run=_query, usage_error=query.error)
 
 
 def _query(args: argparse.Namespace) -> int:
@@ -104,7 +97,7 @@ def _query(args: argparse.Namespace) -> int:
     times = _times(args, range_ns or (0, 0), served)
     array = tree.sample(args.target, args.source, times)
     if not array.ok.any():
-        tree.lookup_transform(args.target, args.source, int(times[0]))  # its error tells why
+        tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
     _print(args, array)
     return 0
 
@@ -158,10 +151,7 @@ def _times(
             f"all links between {quoted(args.target)} and {quoted(args.source)} are static: their "
             "pose is the same at all times; ask for it without --every"
         )
-    start = recorded.stamp_ns("--start", args.start, range_ns, served[0])
-    end = recorded.stamp_ns("--end", args.end, range_ns, served[1])
-    if end < start:
-        raise CommandError(f"--end ({seconds(end)} s) is before {seconds(start)} s")
+    start, end = recorded.chosen_range(args, range_ns, served)
     step_ns = round(args.every * 1e9)
     count = (end - start) // step_ns + 1
     if count > _MAX_ROWS:

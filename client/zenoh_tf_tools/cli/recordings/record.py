@@ -16,29 +16,26 @@ from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf.text.flag_values import duration
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.recorder import Counters, Recorder
 
 _PERIOD_S: Final = 0.5
-#: A server tells something ten times a second.
+#: A server without commits sends ten heartbeats a second.
 _SILENT_S: Final = 2.0
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    record = commands.add_parser(
+def add(commands: Commands) -> None:
+    record = commands.add(
         "record",
-        parents=[common],
-        help="write every committed transform into an MCAP file",
-        description="Write the tree's static links, the history that the server has, and then\n"
-        "every committed transform into a new MCAP file, until Ctrl-C. A recorder that\n"
-        "is killed leaves a readable file without the last second. Needs the libraries\n"
-        "of zenoh-tf[recordings].",
-        **examples(
-            "zenoh-tf record run.mcap",
-            "zenoh-tf record run.mcap --format ros2 --for 1min",
-        ),
+        _record,
+        "write every committed transform into an MCAP file",
+        "Write the tree's static links, the history that the server has, and then every committed "
+        "transform into a new MCAP file, until Ctrl-C. A recorder that is killed leaves a readable "
+        "file without the last second. Needs the libraries of zenoh-tf[recordings].",
+        "zenoh-tf record run.mcap",
+        "zenoh-tf record run.mcap --format ros2 --for 1min",
     )
     record.add_argument("file", metavar="OUT", type=Path, help="the new file, such as run.mcap")
     record.add_argument(
@@ -56,7 +53,6 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=float("inf"),
         help="end after this long (default: at Ctrl-C)",
     )
-    record.set_defaults(run=_record)
 
 
 def _record(args: argparse.Namespace) -> int:
@@ -97,7 +93,7 @@ def _writer(args: argparse.Namespace, tf: TransformClient) -> RecordingWriter:
 
 
 def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -> None:
-    """Wait for the end, and tell what happens meanwhile."""
+    """Wait for the end, and report what happens meanwhile."""
     begin_s = time.monotonic()
     end_s = begin_s + args.record_s
     is_silent, servers = False, recorder.counters.servers
@@ -108,7 +104,7 @@ def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -
             return
         if recorder.counters.servers != servers:
             servers = recorder.counters.servers
-            print("zenoh-tf: another server has the tree; recording goes on", file=sys.stderr)
+            print("zenoh-tf: another server has the tree; recording continues", file=sys.stderr)
         was_silent, is_silent = is_silent, recorder.age_s() > _SILENT_S
         if is_silent and not was_silent:
             print("zenoh-tf: the server is silent; waiting for it", file=sys.stderr)
@@ -116,25 +112,24 @@ def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -
 
 def _print(args: argparse.Namespace, counters: Counters, spent_s: float) -> None:
     size = args.file.stat().st_size
-    if args.json:
-        summary = {"file": str(args.file), "format": args.format, "bytes": size}
-        output.print_json({**summary, **asdict(counters), "seconds": round(spent_s, 3)})
-        return
-    print(
+    lines = [
         f"{counters.transforms:,} transforms and {counters.static:,} static ones in {spent_s:.1f} "
         f"s written to {args.file} ({size:,} bytes)"
-    )
-    for count, what in (
+    ]
+    for count, text in (
         (counters.dropped, "transforms dropped: the disk was too slow"),
         (
             counters.missed_commits,
-            "commits missed at most: the link was cut, or this machine too slow",
+            "commits missed at most: the connection was cut, or this machine too slow",
         ),
         (
             counters.unrepresentable,
             f"transforms left out that the format {args.format} cannot hold",
         ),
-        (counters.removals, "removals of frames or histories, which a recording cannot say"),
+        (counters.removals, "removals of frames or histories, which a recording cannot represent"),
     ):
         if count:
-            print(f"{count:,} {what}")
+            lines.append(f"{count:,} {text}")
+    summary = {"file": str(args.file), "format": args.format, "bytes": size}
+    document = {**summary, **asdict(counters), "seconds": round(spent_s, 3)}
+    output.show(args, document, "\n".join(lines))

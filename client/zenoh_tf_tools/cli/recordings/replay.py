@@ -10,30 +10,26 @@ from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import Recording, load
 from zenoh_tf.recordings.load import valid_commits
-from zenoh_tf.text.flag_values import RECORDED_TIMES, number, recorded_time
-from zenoh_tf.text.times import seconds
+from zenoh_tf.text.flag_values import RECORDED_TIMES, number
 from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.recordings.ingest import Feed
 from zenoh_tf_tools.cli.recordings.playback import Playback
-from zenoh_tf_tools.cli.types import Commands, examples
-from zenoh_tf_tools.errors import CommandError
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    replay = commands.add_parser(
+def add(commands: Commands) -> None:
+    replay = commands.add(
         "replay",
-        parents=[common],
-        help="publish a recording (MCAP, db3, ROS 1 bag)",
-        description="Publish the transforms of a recording in the order of its log, and wait\n"
-        "until the server has ingested them. Fails if the server refuses one of\n"
-        "them. Needs the libraries of zenoh-tf[recordings].",
-        **examples(
-            "zenoh-tf replay run.mcap",
-            "zenoh-tf replay run.mcap --rate 10 --start +10s --end +20s",
-            "zenoh-tf replay run.mcap --loop --clock now",
-        ),
+        _replay,
+        "publish a recording (MCAP, db3, ROS 1 bag)",
+        "Publish the transforms of a recording in the order of its log, and wait until the server "
+        "has ingested them. Fails if the server refuses one of them. Needs the libraries of "
+        "zenoh-tf[recordings].",
+        "zenoh-tf replay run.mcap",
+        "zenoh-tf replay run.mcap --rate 10 --start +10s --end +20s",
+        "zenoh-tf replay run.mcap --loop --clock now",
     )
     recorded.add_file(replay)
     replay.add_argument(
@@ -46,16 +42,13 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     replay.add_argument(
         "--loop",
         action="store_true",
-        help="begin anew at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
+        help="begin again at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
     )
-    for option, meaning in (("--start", "first"), ("--end", "last")):
-        replay.add_argument(
-            option,
-            metavar="TIME",
-            type=recorded_time,
-            help=f"{meaning} stamp of what is published: {RECORDED_TIMES}; static transforms are "
-            "published all the same",
-        )
+    recorded.add_range(
+        replay,
+        f"{{0}} stamp of what is published: {RECORDED_TIMES}; static transforms are published all "
+        "the same",
+    )
     replay.add_argument(
         "--clock",
         choices=("recorded", "now"),
@@ -69,7 +62,6 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default="replay",
         help="publish as this authority (default replay), which nobody else should use meanwhile",
     )
-    replay.set_defaults(run=_replay, usage_error=replay.error)
 
 
 def _replay(args: argparse.Namespace) -> int:
@@ -98,23 +90,21 @@ def _replay(args: argparse.Namespace) -> int:
         "no_longer_kept": no_longer_kept,
         "seconds": round(spent_s, 3),
     }
-    if args.json:
-        output.print_json(summary)
-    else:
-        print(
-            f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
-            f"({', '.join(topics)})"
+    lines = [
+        f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
+        f"({', '.join(topics)})"
+    ]
+    if feed.dropped_as_too_old:
+        lines.append(
+            f"{feed.dropped_as_too_old:,} of them dropped on arrival: older than the server's "
+            "cache time"
         )
-        if feed.dropped_as_too_old:
-            print(
-                f"{feed.dropped_as_too_old:,} of them dropped on arrival: older than the server's "
-                "cache time"
-            )
-        if no_longer_kept:
-            print(
-                f"{no_longer_kept:,} of them no longer kept: newer ones of the same frames have "
-                "pushed them out of the server's cache (--cache-time, --limit samples_per_frame)"
-            )
+    if no_longer_kept:
+        lines.append(
+            f"{no_longer_kept:,} of them no longer kept: newer ones of the same frames have "
+            "pushed them out of the server's cache (--cache-time, --limit samples_per_frame)"
+        )
+    output.show(args, summary, "\n".join(lines))
     return 0
 
 
@@ -133,11 +123,8 @@ def _choose_part(args: argparse.Namespace, recording: Recording, playback: Playb
     with Progress(recording.message_count, "messages read") as progress:
         load(recording, _validator(), progress.to)
     range_ns = recording.range_ns or (0, 0)
-    start_ns = recorded.stamp_ns("--start", args.start, range_ns, playback.start_ns, inside=True)
-    end_ns = recorded.stamp_ns("--end", args.end, range_ns, playback.end_ns, inside=True)
-    if end_ns < start_ns:
-        raise CommandError(f"--end ({seconds(end_ns)} s) is before {seconds(start_ns)} s")
-    playback.start_ns, playback.end_ns = start_ns, end_ns
+    default = playback.start_ns, playback.end_ns
+    playback.start_ns, playback.end_ns = recorded.chosen_range(args, range_ns, default, inside=True)
 
 
 def _validator() -> TransformTree:

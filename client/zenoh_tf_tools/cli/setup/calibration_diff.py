@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from zenoh_tf import StampedTransform
-from zenoh_tf.export import printable
+from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.setup.calibration_files import Links
 

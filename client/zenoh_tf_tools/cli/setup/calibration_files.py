@@ -57,7 +57,7 @@ class Calibration:
 
 
 def default_folder() -> Path:
-    """Where calibrations are kept unless told otherwise: in the user's data folder."""
+    """Where calibrations are kept by default: in the user's data folder."""
     data = os.environ.get("XDG_DATA_HOME") or str(Path("~/.local/share").expanduser())
     return Path(data) / "zenoh-tf" / "calibrations"
 

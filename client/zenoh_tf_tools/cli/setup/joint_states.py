@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Final, NoReturn
 
 from zenoh_tf.text import printable, quoted
@@ -12,7 +13,7 @@ from zenoh_tf_tools.urdf.joint_states import JointStateFeed
 from zenoh_tf_tools.urdf.kinematics import JointTransforms
 
 _PERIOD_S: Final = 0.5
-#: So long without a message is told.
+#: After this long without a message it is reported.
 _SILENCE_S: Final = 5.0
 
 
@@ -20,31 +21,19 @@ def listen(feed: JointStateFeed, joints: JointTransforms) -> NoReturn:
     """Wait for Ctrl-C, which raises KeyboardInterrupt. Meanwhile each kind of problem is one line
     on stderr, when it first occurs."""
     print(f"listening to {printable(feed.topic)}; Ctrl-C ends it", file=sys.stderr, flush=True)
-    told: set[str] = set()
+    reported: set[str] = set()
     silent_at_s = time.monotonic() + _SILENCE_S
     while True:
         for kind, text in _problems(feed, joints, time.monotonic() > silent_at_s):
-            if kind not in told:
-                told.add(kind)
+            if kind not in reported:
+                reported.add(kind)
                 print(f"zenoh-tf: {printable(text)}", file=sys.stderr, flush=True)
         time.sleep(_PERIOD_S)
 
 
 def counts(feed: JointStateFeed, joints: JointTransforms) -> dict[str, int]:
     """What became of the messages and of the positions in them."""
-    mine, theirs = feed.counts, joints.counts
-    return {
-        "messages": mine.messages,
-        "transforms": theirs.transforms,
-        "other_topics": mine.other_topics,
-        "malformed": mine.malformed,
-        "no_positions": mine.no_positions,
-        "no_stamp": mine.no_stamp,
-        "not_sent": mine.not_sent,
-        "unknown_joints": theirs.unknown_joints,
-        "not_numbers": theirs.not_numbers,
-        "beyond_limits": theirs.beyond_limits,
-    }
+    return asdict(feed.counts) | asdict(joints.counts)
 
 
 def _problems(

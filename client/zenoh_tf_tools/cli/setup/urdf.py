@@ -10,35 +10,28 @@ from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import whole
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.setup import joint_states
-from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.urdf.joint_states import JointStateFeed
 from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
 from zenoh_tf_tools.urdf.reader import MOVING, UNSUPPORTED, Joint, Robot, read
 
-_DESCRIPTION = """\
-Store the fixed joints of a URDF file as static links, all in one transaction.
-Floating and planar joints are named and left out.
 
-With --joint-states it also listens to the robot until it is interrupted, and
-publishes the joints that move, with those that mimic them.
-"""
-
-
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    urdf = commands.add_parser(
+def add(commands: Commands) -> None:
+    urdf = commands.add(
         "urdf",
-        parents=[common],
-        help="store the links of a robot that a URDF file describes",
-        description=_DESCRIPTION,
-        **examples(
-            "zenoh-tf urdf robot.urdf --print",
-            "zenoh-tf urdf robot.urdf --prefix robot1 --shared map,world",
-            "zenoh-tf urdf robot.urdf --joint-states",
-            "zenoh-tf urdf robot.urdf --joint-states /robot1/joint_states --prefix robot1",
-        ),
+        _urdf,
+        "store the links of a robot that a URDF file describes",
+        "Store the fixed joints of a URDF file as static links, all in one transaction. Floating "
+        "and planar joints are named and left out.\n\n"
+        "With --joint-states it also listens to the robot until it is interrupted, and publishes "
+        "the joints that move, with those that mimic them.",
+        "zenoh-tf urdf robot.urdf --print",
+        "zenoh-tf urdf robot.urdf --prefix robot1 --shared map,world",
+        "zenoh-tf urdf robot.urdf --joint-states",
+        "zenoh-tf urdf robot.urdf --joint-states /robot1/joint_states --prefix robot1",
     )
     urdf.add_argument("file", metavar="FILE", type=Path, help="URDF; expand xacro first")
     urdf.add_argument(
@@ -75,7 +68,6 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         type=whole(0, 232),
         help="with --joint-states: only of this ROS 2 domain (default: any)",
     )
-    urdf.set_defaults(run=_urdf, usage_error=urdf.error)
 
 
 def _urdf(args: argparse.Namespace) -> int:

@@ -5,39 +5,30 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import asdict
 
 from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import duration, whole
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.show.rates import Period, figure, watch
-from zenoh_tf_tools.cli.types import Commands, examples
+from zenoh_tf_tools.cli.show.rates import Period, watch
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    monitor = commands.add_parser(
+def add(commands: Commands) -> None:
+    monitor = commands.add(
         "monitor",
-        parents=[common],
-        help="print the rates and delays of links and publishers, again and again",
-        description="Print for each period the links and the authorities: how often a link was "
-        "written in it, the rate of its history, the least and the greatest age of its newest "
-        "stamp (the least is about its delay); for an authority its commits and transforms, what "
-        "was dropped and refused, and by how much its stamps lead their arrival. --json prints "
-        "one document per line. Goes on if the server ends and comes back.",
-        **examples("zenoh-tf monitor", "zenoh-tf monitor --every 500ms --count 2 --json"),
+        _monitor,
+        "print the rates and delays of links and publishers, again and again",
+        "Print for each period the links and the authorities: how often a link was written in it, "
+        "the rate of its history, the least and the greatest age of its newest stamp (the least is "
+        "about its delay); for an authority its commits and transforms, what was dropped and "
+        "refused, and by how much its stamps lead their arrival. --json prints one document per "
+        "line. Continues if the server ends and comes back.",
+        "zenoh-tf monitor",
+        "zenoh-tf monitor --every 500ms --count 2 --json",
     )
-    monitor.add_argument(
-        "--every",
-        metavar="DURATION",
-        type=duration(above=True),
-        default=2.0,
-        help="the period (default 2s)",
-    )
-    monitor.add_argument("--count", metavar="N", type=whole(1), help="end after so many periods")
-    monitor.set_defaults(run=_monitor)
+    add_periods(monitor, 2)
 
 
 def _monitor(args: argparse.Namespace) -> int:
@@ -68,9 +59,9 @@ def text(period: Period) -> str:
         (
             f"{printable(link.parent)} -> {printable(link.frame)}",
             f"{link.commits_per_s:.1f}",
-            figure(link.rate_hz, 1),
-            figure(link.least_age_s, 3),
-            figure(link.greatest_age_s, 3),
+            output.figure(link.rate_hz, 1),
+            output.figure(link.least_age_s, 3),
+            output.figure(link.greatest_age_s, 3),
             printable(link.authority),
             "stopped" if link.stopped else "",
         )
@@ -83,7 +74,7 @@ def text(period: Period) -> str:
             f"{each.transforms_per_s:.1f}",
             f"{each.dropped:,}",
             f"{each.refused:,}",
-            figure(each.lead_max_s, 3),
+            output.figure(each.lead_max_s, 3),
         )
         for each in period.authorities
     ]
@@ -93,23 +84,9 @@ def text(period: Period) -> str:
     ]
     if links:
         titles = ("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority", "")
-        lines += table(titles, links, texts=(0, 5, 6))
+        lines += output.table(titles, links, texts=(0, 5, 6))
     if authorities:
         lines.append("")
         columns = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
-        lines += table(columns, authorities, texts=(0,))
+        lines += output.table(columns, authorities, texts=(0,))
     return "\n".join(lines)
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[str]:
-    """The lines of a table, with these columns to the left and all others to the right."""
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    lines = []
-    for number, row in enumerate([header, *rows]):
-        cells = [
-            cell.ljust(width) if column in texts else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        line = "  ".join(cells).rstrip()
-        lines.append(line if number else output.paint("header", line))
-    return lines

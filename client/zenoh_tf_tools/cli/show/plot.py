@@ -11,41 +11,31 @@ import numpy as np
 from zenoh_tf.text.flag_values import duration
 from zenoh_tf.text.times import age as age_text
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show.view import recorded
-from zenoh_tf_tools.cli.types import Commands, examples
-from zenoh_tf_tools.errors import CommandError, keep_input
+from zenoh_tf_tools.errors import CommandError, extra, keep_input
 from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
-_EXAMPLES: Final = (
-    "zenoh-tf plot map base_link",
-    "zenoh-tf plot map base_link --for 1min --out base.png",
-    "zenoh-tf plot map base_link run.mcap",
-)
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    plot = commands.add_parser(
+def add(commands: Commands) -> None:
+    plot = commands.add(
         "plot",
-        parents=[common],
-        help="draw pose and age of SOURCE in TARGET over time, as PNG",
-        description="Draw the position and rotation of SOURCE in TARGET over time, and how old the "
-        "newest sample of the oldest link was. From a server: for some seconds from now on, the "
-        "newest sample of each link. From a recording: all of it, interpolated. Times without an "
-        "answer are shaded red. Needs the library of zenoh-tf[plot], and for FILE those of "
+        _plot,
+        "draw pose and age of SOURCE in TARGET over time, as PNG",
+        "Draw the position and rotation of SOURCE in TARGET over time, and how old the newest "
+        "sample of the oldest link was. From a server: for some seconds from now on, the newest "
+        "sample of each link. From a recording: all of it, interpolated. Times without an answer "
+        "are shaded red. Needs the library of zenoh-tf[plot], and for FILE those of "
         "zenoh-tf[recordings].",
-        **examples(*_EXAMPLES),
+        "zenoh-tf plot map base_link",
+        "zenoh-tf plot map base_link --for 1min --out base.png",
+        "zenoh-tf plot map base_link run.mcap",
     )
-    plot.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
-    plot.add_argument("source", metavar="SOURCE", help="the frame whose pose is drawn")
-    plot.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        type=Path,
-        help="a recording to draw in place of a server",
-    )
+    add_frames(plot)
+    add_optional_file(plot)
     plot.add_argument(
         "--for",
         dest="follow_s",
@@ -61,19 +51,11 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=Path("plot.png"),
         help="the file to write: .png, .svg or .pdf (default plot.png)",
     )
-    plot.set_defaults(run=_plot, topics=None)
 
 
 def _plot(args: argparse.Namespace) -> int:
-    try:
+    with extra("plot", "matplotlib"):
         from zenoh_tf_tools.plotting.figure import save  # noqa: PLC0415 - an optional extra
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] != "matplotlib":
-            raise
-        raise CommandError(
-            "plot draws with matplotlib, which is not installed; "
-            "install it with: pip install 'zenoh-tf[plot]'"
-        ) from error
     if not args.out.parent.is_dir():
         raise CommandError(f"{args.out}: there is no folder {args.out.parent}")
     keep_input(args.file, args.out)
@@ -98,27 +80,25 @@ def _history(args: argparse.Namespace) -> PairHistory:
 def _report(args: argparse.Namespace, history: PairHistory) -> None:
     ages_s = history.ages_s[~np.isnan(history.ages_s)]
     lookups, failed = len(history.times_s), int(np.count_nonzero(~history.answered))
-    median_s, most_s = (float(np.median(ages_s)), float(ages_s.max())) if len(ages_s) else (0, 0)
-    if args.json:
-        output.print_json(
-            {
-                "file": str(args.out),
-                "lookups": lookups,
-                "failed": failed,
-                "seconds": round(float(history.times_s[-1]), 3),
-                "median_age_s": median_s if len(ages_s) else None,
-                "greatest_age_s": most_s if len(ages_s) else None,
-            }
-        )
-        return
-    age = (
-        f"age {age_text(int(median_s * 1e9))} (median), {age_text(int(most_s * 1e9))} at most"
-        if len(ages_s)
-        else "all links are static"
-    )
-    print(f"{args.out}: {lookups:,} lookups over {history.times_s[-1]:.1f} s, {age}")
+    seconds = float(history.times_s[-1])
+    median_s = greatest_s = None
+    age = "all links are static"
+    if len(ages_s):
+        median_s, greatest_s = float(np.median(ages_s)), float(ages_s.max())
+        median, greatest = (age_text(int(each * 1e9)) for each in (median_s, greatest_s))
+        age = f"age {median} (median), {greatest} at most"
+    text = f"{args.out}: {lookups:,} lookups over {seconds:.1f} s, {age}"
     if failed:
-        print(f"{failed:,} lookups without an answer; the last: {history.error}")
+        text += f"\n{failed:,} lookups without an answer; the last: {history.error}"
+    document = {
+        "file": str(args.out),
+        "lookups": lookups,
+        "failed": failed,
+        "seconds": round(seconds, 3),
+        "median_age_s": median_s,
+        "greatest_age_s": greatest_s,
+    }
+    output.show(args, document, text)
 
 
 def _figure(text: str) -> Path:

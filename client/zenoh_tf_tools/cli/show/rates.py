@@ -47,7 +47,7 @@ class AuthorityRate:
 
 @dataclass(frozen=True)
 class Period:
-    """What was seen in ``seconds``."""
+    """What happened in ``seconds``."""
 
     seconds: float
     static_links: int
@@ -56,7 +56,7 @@ class Period:
 
 
 def watch(tf: TransformClient, period_s: float) -> Period:
-    """Look at a tree for a period."""
+    """Watch a tree for a period."""
     start_s = time.monotonic()
     publishers = {each.name: each for each in tf.authorities()}
     ages: dict[str, list[float]] = {}
@@ -84,11 +84,6 @@ def watch(tf: TransformClient, period_s: float) -> Period:
         for each in tf.authorities()
     ]
     return Period(seconds, static, links, authorities)
-
-
-def figure(value: float | None, digits: int) -> str:
-    """A number for a table; a dash for none."""
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _link(

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import duration, whole
+from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.show.rates import LinkRate, Period, figure, watch
-from zenoh_tf_tools.cli.types import Commands, examples
-from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.cli.output import figure
+from zenoh_tf_tools.cli.show.rates import LinkRate, Period, watch
+from zenoh_tf_tools.errors import extra
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -25,41 +25,29 @@ _ORDERS: Final = {
 }
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    top = commands.add_parser(
+def add(commands: Commands) -> None:
+    top = commands.add(
         "top",
-        parents=[common],
-        help="show the links and publishers on a live board",
-        description="Show the links and publishers on a board in the terminal, until Ctrl-C: links "
-        "that have stopped are red and come first. The figures are those of zenoh-tf monitor. "
-        "Needs the extra zenoh-tf[top].",
-        **examples("zenoh-tf top", "zenoh-tf top --every 500ms --sort rate"),
+        _top,
+        "show the links and publishers on a live board",
+        "Show the links and publishers on a board in the terminal, until Ctrl-C: links that have "
+        "stopped are red and come first. The figures are those of zenoh-tf monitor. Needs the "
+        "extra zenoh-tf[top].",
+        "zenoh-tf top",
+        "zenoh-tf top --every 500ms --sort rate",
     )
-    top.add_argument(
-        "--every",
-        metavar="DURATION",
-        type=duration(above=True),
-        default=1.0,
-        help="the period (default 1s)",
-    )
+    add_periods(top, 1)
     top.add_argument(
         "--sort", choices=_ORDERS, default="age", help="the order of the links (default age)"
     )
-    top.add_argument("--count", metavar="N", type=whole(1), help="end after so many periods")
-    top.set_defaults(run=_top, usage_error=top.error)
 
 
 def _top(args: argparse.Namespace) -> int:
     if args.json:
         args.usage_error("a board has no --json; use zenoh-tf monitor --json")
-    try:
+    with extra("top", "rich"):
         from rich.console import Console  # noqa: PLC0415 - an optional extra
         from rich.live import Live  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise CommandError(
-            "the board is drawn by rich, which is not installed; install it with: "
-            'pip install "zenoh-tf[top]"'
-        ) from error
     console = Console()
     with connect(args) as tf, Live(console=console, screen=console.is_terminal) as live:
         shown = 0

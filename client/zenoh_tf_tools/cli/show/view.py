@@ -5,44 +5,32 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-from pathlib import Path
-from typing import Final
 
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
+from zenoh_tf_tools.cli.arguments import Commands, add_listen, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.types import Commands, examples
-from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.errors import extra
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 from zenoh_tf_tools.viewer.source import Source
 
-_EXAMPLES: Final = (
-    "zenoh-tf view",
-    "zenoh-tf view run.mcap --at +42.4s",
-    "zenoh-tf view --fixed base_link --trail 0",
-)
 
-
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    view = commands.add_parser(
+def add(commands: Commands) -> None:
+    view = commands.add(
         "view",
-        parents=[common],
-        help="show the tree in 3D, in a browser",
-        description="Show the tree in a browser: frames, links, stale ones, and where frames have "
-        "been. Without FILE it follows a server through a mirror. Runs until Ctrl-C. Needs the "
-        "library of zenoh-tf[viewer], and for FILE those of "
-        "zenoh-tf[recordings]; nothing comes from the internet.",
-        **examples(*_EXAMPLES),
+        _view,
+        "show the tree in 3D, in a browser",
+        "Show the tree in a browser: frames, links, stale ones, and where frames have been. "
+        "Without FILE it follows a server through a mirror. Runs until Ctrl-C. Needs the library "
+        "of zenoh-tf[viewer], and for FILE those of zenoh-tf[recordings]; nothing comes from the "
+        "internet.",
+        "zenoh-tf view",
+        "zenoh-tf view run.mcap --at +42.4s",
+        "zenoh-tf view --fixed base_link --trail 0",
     )
-    view.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        type=Path,
-        help="a recording to show in place of a server",
-    )
+    add_optional_file(view)
     view.add_argument(
         "--at",
         metavar="TIME",
@@ -81,45 +69,25 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=300,
         help="most frames that are drawn (default 300); the page says how many more there are",
     )
-    view.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        default="127.0.0.1",
-        help="address to listen on (default 127.0.0.1: only this machine)",
-    )
-    view.add_argument(
-        "--port",
-        metavar="N",
-        type=whole(1, 65_535),
-        default=8080,
-        help="port to listen on (default 8080); if it is taken, the next free one",
-    )
-    view.set_defaults(run=_view, topics=None)
+    add_listen(view, 8080, "if it is taken, the next free one")
 
 
 def _view(args: argparse.Namespace) -> int:
-    try:
+    if args.at is not None and args.file is None:
+        args.usage_error("--at chooses a time of a recording: give its FILE")
+    with extra("viewer", "viser"):
         from zenoh_tf_tools.viewer.viewer import (  # noqa: PLC0415 - an optional extra
             Options,
             Viewer,
             close_server,
             open_server,
         )
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] != "viser":
-            raise
-        raise CommandError(
-            "view draws with viser, which is not installed; "
-            "install it with: pip install 'zenoh-tf[viewer]'"
-        ) from error
     trail_s = args.trail
     if trail_s is None:
         trail_s = 10.0 if args.file is None else math.inf
     with contextlib.ExitStack() as stack:
         source = _source(args, stack)
         options = Options(
-            host=args.host,
-            port=args.port,
             stale_s=args.stale,
             max_frames=args.max_frames,
             at_ns=_at_ns(args, source),
@@ -129,7 +97,10 @@ def _view(args: argparse.Namespace) -> int:
         )
         server = open_server(args.host, args.port)
         stack.callback(close_server, server)
-        _greet(args, server.get_port())
+        port = server.get_port()
+        if port != args.port and not args.json:
+            print(f"port {args.port} is not free")
+        output.announce(args, args.tree if args.file is None else str(args.file), "http", port)
         Viewer(source, server, options).run()
     return 0
 
@@ -142,7 +113,7 @@ def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> Source:
 
 
 def _at_ns(args: argparse.Namespace, source: Source) -> int:
-    """Where a recording begins; without meaning for a server."""
+    """The time of a recording to begin at; 0 of a server."""
     range_ns = source.range_ns or (0, 0)
     return recordings.stamp_ns("--at", args.at, range_ns, range_ns[0], inside=True)
 
@@ -153,14 +124,3 @@ def recorded(args: argparse.Namespace) -> RecordedSource:
         source = RecordedSource(recording)
         recordings.warn(recording)
     return source
-
-
-def _greet(args: argparse.Namespace, port: int) -> None:
-    url = output.url("http", args.host, port)
-    what = args.tree if args.file is None else str(args.file)
-    if args.json:
-        output.print_json({"url": url, "showing": what})
-    else:
-        if port != args.port:
-            print(f"port {args.port} is not free")
-        print(f"showing {what} at {url} (Ctrl-C ends it)", flush=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import textwrap
 import time
-from pathlib import Path
 
 from zenoh_tf import FrameInfo
 from zenoh_tf.doctor import (
@@ -21,41 +20,33 @@ from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import duration
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.arguments import Commands, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.records import watch_frames
-from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import FAULT_FOUND
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    doctor = commands.add_parser(
+def add(commands: Commands) -> None:
+    doctor = commands.add(
         "doctor",
-        parents=[common],
-        help="find faults: two publishers, stopped links, clocks that are off",
-        description="Look at the tree for some seconds and print each known fault that it has, "
-        "with the evidence and what to do; or read a recording. Exit code 3 if there are any.",
-        **examples(
-            "zenoh-tf doctor",
-            "zenoh-tf doctor --for 1s --ignore TF301",
-            "zenoh-tf doctor --json",
-            "zenoh-tf doctor drive.mcap",
-        ),
+        _doctor,
+        "find faults: two publishers, stopped links, clocks that are off",
+        "Watch the tree for some seconds, or read a recording, and print each known fault that it "
+        "has, with the evidence and what to do. Exit code 3 if there are any.",
+        "zenoh-tf doctor",
+        "zenoh-tf doctor --for 1s --ignore TF301",
+        "zenoh-tf doctor --json",
+        "zenoh-tf doctor drive.mcap",
     )
-    doctor.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        type=Path,
-        help="a recording (MCAP, db3, ROS 1 bag) to look at instead of a server",
-    )
+    add_optional_file(doctor)
     doctor.add_argument(
         "--for",
         dest="observe_s",
         metavar="DURATION",
         type=duration(),
         default=2.0,
-        help="how long to look at it (default 2s); 0: one look, which sees no gaps and no flips",
+        help="how long to watch (default 2s); 0: read it once, which shows no gaps and no flips",
     )
     doctor.add_argument(
         "--ignore",
@@ -63,9 +54,8 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         choices=[fault.id for fault in CATALOGUE],
-        help="a fault not to look for, such as TF301; repeatable",
+        help="a fault not to search for, such as TF301; repeatable",
     )
-    doctor.set_defaults(run=_doctor, topics=None)
 
 
 def _doctor(args: argparse.Namespace) -> int:
@@ -75,18 +65,14 @@ def _doctor(args: argparse.Namespace) -> int:
         with connect(args) as tf:
             facts = _observe(tf, args.observe_s)
     findings = diagnose(facts, args.ignore)
-    if args.json:
-        output.print_json(
-            {
-                "tree": args.tree if args.file is None else None,
-                "file": None if args.file is None else str(args.file),
-                "frames": len(facts.frames),
-                "observed_s": round(facts.observed_s, 3),
-                "findings": [finding.document() for finding in findings],
-            }
-        )
-    else:
-        print(_text(findings, len(facts.frames)))
+    document = {
+        "tree": args.tree if args.file is None else None,
+        "file": None if args.file is None else str(args.file),
+        "frames": len(facts.frames),
+        "observed_s": round(facts.observed_s, 3),
+        "findings": [finding.document() for finding in findings],
+    }
+    output.show(args, document, _text(findings, len(facts.frames)))
     return FAULT_FOUND if findings else 0
 
 

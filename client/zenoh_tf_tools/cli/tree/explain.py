@@ -5,31 +5,27 @@ from __future__ import annotations
 import argparse
 
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.tree.lookups import add_at, add_frames
-from zenoh_tf_tools.cli.types import Commands, examples
 from zenoh_tf_tools.errors import FAULT_FOUND
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    explain = commands.add_parser(
+def add(commands: Commands) -> None:
+    explain = commands.add(
         "explain",
-        parents=[common],
-        help="say why a lookup fails or is old, and what to do",
-        description="Print the chain between two frames link by link, read at one instant, which "
-        "link limits the lookup, why it fails if it does, and what to do. Exit code 3 if it fails.",
-        **examples("zenoh-tf explain map camera", "zenoh-tf explain map camera --at now-0.5s"),
+        _explain,
+        "say why a lookup fails or is old, and what to do",
+        "Print the chain between two frames link by link, read at one instant, which link limits "
+        "the lookup, why it fails if it does, and what to do. Exit code 3 if it fails.",
+        "zenoh-tf explain map camera",
+        "zenoh-tf explain map camera --at now-0.5s",
     )
     add_frames(explain)
     add_at(explain)
-    explain.set_defaults(run=_explain)
 
 
 def _explain(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         found = tf.explain(args.target, args.source, args.at)
-    if args.json:
-        output.print_json(found.document())
-    else:
-        print(found.text(output.paint))
+    output.show(args, found.document(), found.text(output.paint))
     return 0 if found.possible else FAULT_FOUND

@@ -4,37 +4,33 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import sys
 import time
 from typing import Final
 
-from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
+from zenoh_tf import ServerUnavailable, TransformException
 from zenoh_tf.text.flag_values import duration, number, whole
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.tree.lookups import add_at, add_frames
-from zenoh_tf_tools.cli.types import Commands, examples
 
 #: Pause before the next attempt to find a server.
 _RETRY_S: Final = 0.2
-#: A server that has nothing to do says so ten times a second.
+#: A server without commits sends ten heartbeats a second.
 _SILENT_S: Final = 3.0
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    echo = commands.add_parser(
+def add(commands: Commands) -> None:
+    echo = commands.add(
         "echo",
-        parents=[common],
-        help="print the pose of SOURCE in TARGET again and again",
-        description="Print the pose of SOURCE in TARGET at the latest common time, again and "
-        "again, until Ctrl-C. A lookup that fails is reported once on stderr, and tried again. "
-        "With --on-change, the server pushes the pose from the newest sample of each link, and it "
-        "is printed when it changes. --json prints one document per line.",
-        **examples(
-            "zenoh-tf echo map base_link",
-            "zenoh-tf echo map base_link --rate 10 --count 5 --json",
-            "zenoh-tf echo map base_link --on-change --count 1",
-        ),
+        _echo,
+        "print the pose of SOURCE in TARGET again and again",
+        "Print the pose of SOURCE in TARGET at the latest common time, again and again, until "
+        "Ctrl-C. A lookup that fails is reported once on stderr, and tried again. With "
+        "--on-change, the server pushes the pose from the newest sample of each link, and it is "
+        "printed when it changes. --json prints one document per line.",
+        "zenoh-tf echo map base_link",
+        "zenoh-tf echo map base_link --rate 10 --count 5 --json",
+        "zenoh-tf echo map base_link --on-change --count 1",
     )
     add_frames(echo)
     echo.add_argument(
@@ -45,18 +41,15 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
     )
     echo.add_argument("--on-change", action="store_true", help="print the pose when it changes")
     echo.add_argument("--count", metavar="N", type=whole(1), help="end after so many poses")
-    echo.set_defaults(run=_echo)
 
-    wait = commands.add_parser(
+    wait = commands.add(
         "wait",
-        parents=[common],
-        help="wait until a lookup succeeds, for scripts",
-        description="Wait until there is a server, and the pose of SOURCE in TARGET, then print "
-        "it. Exit code 1 if that takes too long.",
-        **examples(
-            "zenoh-tf wait map base_link && ./start-navigation",
-            "zenoh-tf wait map base_link --for 1min > /dev/null",
-        ),
+        _wait,
+        "wait until a lookup succeeds, for scripts",
+        "Wait until there is a server, and the pose of SOURCE in TARGET, then print it. Exit code "
+        "1 if that takes too long.",
+        "zenoh-tf wait map base_link && ./start-navigation",
+        "zenoh-tf wait map base_link --for 1min > /dev/null",
     )
     add_frames(wait)
     add_at(wait)
@@ -68,7 +61,6 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         default=10.0,
         help="how long to wait at most (default 10s)",
     )
-    wait.set_defaults(run=_wait)
 
 
 def _echo(args: argparse.Namespace) -> int:
@@ -87,7 +79,7 @@ def _echo(args: argparse.Namespace) -> int:
                     output.report_waiting(error, args.json)
             else:
                 reported = ""
-                _print(answer, args.json)
+                output.show_answer(args, answer)
                 printed += 1
                 if printed == args.count:
                     return 0
@@ -103,7 +95,7 @@ def _echo_changes(args: argparse.Namespace) -> int:
             if event.error is not None and event.reason == "lost":
                 output.report_waiting(event.error, args.json)
             elif event.pose is not None and event.reason in ("found", "moved"):
-                _print(event.pose, args.json)
+                output.show_answer(args, event.pose)
                 printed += 1
                 if printed == args.count:
                     break
@@ -114,14 +106,6 @@ def _echo_changes(args: argparse.Namespace) -> int:
             elif event.age_s < _SILENT_S:
                 is_silent = False
     return 0
-
-
-def _print(answer: StampedTransform, as_json: bool) -> None:
-    if as_json:
-        output.print_json(output.answer_document(answer))
-    else:
-        print(output.answer_text(answer))
-    sys.stdout.flush()
 
 
 def _wait(args: argparse.Namespace) -> int:
@@ -141,5 +125,5 @@ def _wait(args: argparse.Namespace) -> int:
             error.add_note(f"zenoh-tf explain {args.target} {args.source} says more")
             raise
         else:
-            _print(answer, args.json)
+            output.show_answer(args, answer)
             return 0

@@ -4,78 +4,68 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, fields
-from typing import Final
 
 from zenoh_tf import AuthorityInfo, FrameInfo, export
+from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.records import frame_infos
-from zenoh_tf_tools.cli.types import Commands, examples
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    frames = commands.add_parser(
+def add(commands: Commands) -> None:
+    frames = commands.add(
         "frames",
-        parents=[common],
-        help="draw the tree, with the rate and delay of each link",
-        description="Draw the tree of frames, with the authority, rate, delay, buffer and counters "
-        "of each link.",
-        **examples("zenoh-tf frames", "zenoh-tf frames --dot | dot -Tsvg > frames.svg"),
+        _frames,
+        "draw the tree, with the rate and delay of each link",
+        "Draw the tree of frames, with the authority, rate, delay, buffer and counters of each "
+        "link.",
+        "zenoh-tf frames",
+        "zenoh-tf frames --dot | dot -Tsvg > frames.svg",
     )
     forms = frames.add_mutually_exclusive_group()
-    for flag, function, what in (
+    for flag, function, form in (
         ("--dot", export.dot, "a Graphviz digraph"),
         ("--mermaid", export.mermaid, "a Mermaid flowchart"),
     ):
         forms.add_argument(
-            flag, dest="form", action="store_const", const=function, help=f"print {what}"
+            flag, dest="form", action="store_const", const=function, help=f"print {form}"
         )
-    frames.set_defaults(run=_frames, usage_error=frames.error)
-
-    frame = commands.add_parser(
+    frame = commands.add(
         "frame",
-        parents=[common],
-        help="print everything known about one frame",
-        description="Print everything that is known about a frame and its link to its parent.",
-        **examples("zenoh-tf frame gripper"),
+        _frame,
+        "print everything known about one frame",
+        "Print everything that is known about a frame and its link to its parent.",
+        "zenoh-tf frame gripper",
     )
     frame.add_argument("name", metavar="NAME")
-    frame.set_defaults(run=_frame)
-
-    authorities = commands.add_parser(
+    commands.add(
         "authorities",
-        parents=[common],
-        help="list the publishers, and what became of their transforms",
-        description="Print for each authority: the frames that it wrote last, its commits, its "
-        "transforms that were stored, dropped as too old, or rewritten at an equal stamp, how "
-        "often it took over a frame of another authority (conflicts), its published transforms "
-        "that the server refused, with the reason of the last refusal, its messages that were "
-        "dropped because too many were waiting, and by how many seconds its stamps lead their "
-        "arrival at the server, at least and at most: a clock that is exact has both a little "
-        "below zero.",
-        **examples("zenoh-tf authorities"),
+        _authorities,
+        "list the publishers, and what became of their transforms",
+        "Print for each authority: the frames that it wrote last, its commits, its transforms that "
+        "were stored, dropped as too old, or rewritten at an equal stamp, how often it took over a "
+        "frame of another authority (conflicts), its published transforms that the server refused, "
+        "with the reason of the last refusal, its messages that were dropped because too many were "
+        "waiting, and by how many seconds its stamps lead their arrival at the server, at least "
+        "and at most: a clock that is exact has both a little below zero.",
+        "zenoh-tf authorities",
     )
-    authorities.set_defaults(run=_authorities)
-
-    clients = commands.add_parser(
+    commands.add(
         "clients",
-        parents=[common],
-        help="list the clients, and how far their clocks are off",
-        description="Print for each connected client: its Zenoh id, which the server's log names, "
-        "its address, and by how many seconds its clock is ahead of the server's, at least and at "
-        "most.",
-        **examples("zenoh-tf clients"),
+        _clients,
+        "list the clients, and how far their clocks are off",
+        "Print for each connected client: its Zenoh id, which the server's log names, its address, "
+        "and by how many seconds its clock is ahead of the server's, at least and at most.",
+        "zenoh-tf clients",
     )
-    clients.set_defaults(run=_clients)
-
-    stats = commands.add_parser(
+    commands.add(
         "stats",
-        parents=[common],
-        help="print the server's counters",
-        description="Print the counters of the server and of its tree.",
-        **examples("zenoh-tf stats --json"),
+        _stats,
+        "print the server's counters",
+        "Print the counters of the server and of its tree.",
+        "zenoh-tf stats --json",
     )
-    stats.set_defaults(run=_stats)
 
 
 def _frames(args: argparse.Namespace) -> int:
@@ -86,10 +76,8 @@ def _frames(args: argparse.Namespace) -> int:
         frames = frame_infos(tf)
     if args.json:
         output.print_json({"tree": args.tree, "frames": [_document(frame) for frame in frames]})
-    elif args.form:
-        print(args.form(frames))
     else:
-        print(export.text(frames, paint=output.paint))
+        print(args.form(frames) if args.form else export.text(frames, paint=output.paint))
     return 0
 
 
@@ -100,20 +88,17 @@ def _document(frame: FrameInfo) -> dict[str, object]:
 def _frame(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         frame = tf.frame(args.name)
-    if args.json:
-        output.print_json(_document(frame))
-        return 0
-    print(output.paint("frame", export.printable(frame.name)))
-    for label, value in _facts(frame).items():
-        print(output.row(label, value))
+    rows = [output.row(label, value) for label, value in _facts(frame).items()]
+    name = output.paint("frame", printable(frame.name))
+    output.show(args, _document(frame), "\n".join([name, *rows]))
     return 0
 
 
 def _facts(frame: FrameInfo) -> dict[str, str]:
     """Return the facts about a frame by their labels."""
-    facts = {"parent": "none" if frame.parent is None else export.printable(frame.parent)}
+    facts = {"parent": "none" if frame.parent is None else printable(frame.parent)}
     if frame.parent is not None:
-        facts["authority"] = export.printable(frame.authority)
+        facts["authority"] = printable(frame.authority)
     if frame.static:
         facts["static"] = "holds at all times"
     elif frame.oldest_stamp_ns is not None and frame.newest_stamp_ns is not None:
@@ -126,92 +111,61 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
     facts["conflicts"] = f"{frame.authority_changes:,}"
     change = frame.last_change
     if change is not None:
-        what = {"authority": "taken over"}.get(change.kind, change.kind)
-        before = "none" if change.parent_before is None else export.printable(change.parent_before)
-        facts["last change"] = f"{what} by {export.printable(change.authority)}"
+        done = {"authority": "taken over"}.get(change.kind, change.kind)
+        before = "none" if change.parent_before is None else printable(change.parent_before)
+        facts["last change"] = f"{done} by {printable(change.authority)}"
         facts["  stamp"] = output.when(change.stamp_ns)
         facts["  before"] = f"parent {before}" + (", static" if change.static_before else "")
     facts["version"] = f"{frame.version:,}"
     return facts
 
 
-#: How far its stamps lead their arrival at the server, in seconds: title and field.
-_CLOCK_COLUMNS: Final = (("lead_min_s", "clock_offset_min_s"), ("lead_max_s", "clock_offset_max_s"))
-
-
 def _authorities(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         authorities = tf.authorities()
-    if args.json:
-        records = [asdict(authority) for authority in authorities]
-        output.print_json({"tree": args.tree, "authorities": records})
-        return 0
-    if not authorities:
-        print("no authorities")
-        return 0
-    columns = [field.name for field in fields(AuthorityInfo) if field.type == "int"]
-    width = max(len(export.printable(authority.name)) for authority in authorities)
-    header = [" " * width, *columns, *(title for title, _ in _CLOCK_COLUMNS)]
-    print(output.paint("header", "  ".join(header)))
-    for authority in authorities:
-        counts = "".join(f"  {getattr(authority, name):>{len(name)},}" for name in columns)
-        clock = "".join(
-            "  " + _seconds(getattr(authority, name)).rjust(len(title))
-            for title, name in _CLOCK_COLUMNS
+    counters = [field.name for field in fields(AuthorityInfo) if field.type == "int"]
+    rows = [
+        (
+            printable(each.name),
+            *(f"{getattr(each, name):,}" for name in counters),
+            # How far its stamps lead their arrival at the server.
+            output.figure(each.clock_offset_min_s, 3),
+            output.figure(each.clock_offset_max_s, 3),
         )
-        print(export.printable(authority.name).ljust(width) + counts + clock)
-    for authority in authorities:
-        if authority.last_refusal is not None:
-            name, reason = (
-                export.printable(authority.name),
-                export.printable(authority.last_refusal),
-            )
-            print(f"last refusal of {name}: {reason}")
+        for each in authorities
+    ]
+    lines = output.table(("", *counters, "lead_min_s", "lead_max_s"), rows, texts=(0,))
+    for each in authorities:
+        if each.last_refusal is not None:
+            reason = printable(each.last_refusal)
+            lines.append(f"last refusal of {printable(each.name)}: {reason}")
+    document = {"tree": args.tree, "authorities": [asdict(each) for each in authorities]}
+    output.show(args, document, "\n".join(lines) if authorities else "no authorities")
     return 0
 
 
 def _clients(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         clients = tf.clients()
-    if args.json:
-        records = [asdict(client) for client in clients]
-        output.print_json({"tree": args.tree, "clients": records})
-        return 0
-    rows = [("client", "address", "ahead_min_s", "ahead_max_s")]
-    for client in clients:
-        rows.append(
-            (
-                export.printable(client.client),
-                "-" if client.address is None else export.printable(client.address),
-                _seconds(client.clock_offset_min_s),
-                _seconds(client.clock_offset_max_s),
-            )
+    rows = [
+        (
+            printable(each.client),
+            "-" if each.address is None else printable(each.address),
+            output.figure(each.clock_offset_min_s, 3),
+            output.figure(each.clock_offset_max_s, 3),
         )
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for number, (name, address, least, greatest) in enumerate(rows):
-        line = "  ".join(
-            (
-                name.ljust(widths[0]),
-                address.ljust(widths[1]),
-                least.rjust(widths[2]),
-                greatest.rjust(widths[3]),
-            )
-        )
-        print(line if number else output.paint("header", line))
+        for each in clients
+    ]
+    lines = output.table(("client", "address", "ahead_min_s", "ahead_max_s"), rows, texts=(0, 1))
+    document = {"tree": args.tree, "clients": [asdict(each) for each in clients]}
+    output.show(args, document, "\n".join(lines))
     return 0
-
-
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
 
 
 def _stats(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         counters = tf.stats()
-    if args.json:
-        output.print_json(counters)
-        return 0
     width = max(map(len, counters), default=0)
-    for name, value in sorted(counters.items()):
-        print(f"{name:<{width}}  {value:>14,}")
+    lines = [f"{name:<{width}}  {value:>14,}" for name, value in sorted(counters.items())]
+    output.show(args, counters, "\n".join(lines))
     return 0

@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf.text.flag_values import LIVE_TIMES, duration, live_time
+from zenoh_tf.text.flag_values import duration
 from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.types import Commands, examples
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    lookup = commands.add_parser(
+def add(commands: Commands) -> None:
+    lookup = commands.add(
         "lookup",
-        parents=[common],
-        help="pose of SOURCE in TARGET at a time, interpolated",
-        description="Print the pose of SOURCE in TARGET at a time. Without --at: at the latest "
-        "common time, the newest that every link between them can serve.",
-        **examples("zenoh-tf lookup map base_link", "zenoh-tf lookup map base_link --at now-0.5s"),
+        _lookup,
+        "pose of SOURCE in TARGET at a time, interpolated",
+        "Print the pose of SOURCE in TARGET at a time. Without --at: at the latest common time, "
+        "the newest that every link between them can serve.",
+        "zenoh-tf lookup map base_link",
+        "zenoh-tf lookup map base_link --at now-0.5s",
     )
     add_frames(lookup)
     add_at(lookup)
-    lookup.set_defaults(run=_lookup)
 
-    latest = commands.add_parser(
+    latest = commands.add(
         "latest",
-        parents=[common],
-        help="pose of SOURCE in TARGET from the newest sample of each link",
-        description="Print the pose of SOURCE in TARGET from the newest sample of each link, "
-        "read in one atomic snapshot.",
-        **examples("zenoh-tf latest map gripper"),
+        _latest,
+        "pose of SOURCE in TARGET from the newest sample of each link",
+        "Print the pose of SOURCE in TARGET from the newest sample of each link, read in one "
+        "atomic snapshot.",
+        "zenoh-tf latest map gripper",
     )
     add_frames(latest)
     latest.add_argument(
@@ -38,19 +38,16 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         action="store_false",
         help="read the links one after another, possibly from different commits",
     )
-    latest.set_defaults(run=_latest)
 
-    velocity = commands.add_parser(
+    velocity = commands.add(
         "velocity",
-        parents=[common],
-        help="how fast TRACKING moves as seen from OBSERVATION",
-        description="Print the velocity of TRACKING as seen from OBSERVATION, averaged over an "
-        "interval around a time. Without --at: around the latest common time, the newest that "
-        "every link between them can serve.",
-        **examples(
-            "zenoh-tf velocity base_link map",
-            "zenoh-tf velocity base_link map --interval 500ms --reference base_link",
-        ),
+        _velocity,
+        "how fast TRACKING moves as seen from OBSERVATION",
+        "Print the velocity of TRACKING as seen from OBSERVATION, averaged over an interval around "
+        "a time. Without --at: around the latest common time, the newest that every link between "
+        "them can serve.",
+        "zenoh-tf velocity base_link map",
+        "zenoh-tf velocity base_link map --interval 500ms --reference base_link",
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
@@ -67,43 +64,19 @@ def add(commands: Commands, common: argparse.ArgumentParser) -> None:
         metavar="FRAME",
         help="frame whose axes the velocity is expressed in (default OBSERVATION)",
     )
-    velocity.set_defaults(run=_velocity)
-
-
-def add_frames(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
-    parser.add_argument("source", metavar="SOURCE", help="the frame whose pose is asked for")
-
-
-def add_at(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--at",
-        metavar="TIME",
-        type=live_time,
-        help=LIVE_TIMES,
-    )
 
 
 def _lookup(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        answer = tf.lookup_transform(args.target, args.source, args.at)
-    if args.json:
-        output.print_json(output.answer_document(answer))
-    else:
-        print(output.answer_text(answer))
+        output.show_answer(args, tf.lookup_transform(args.target, args.source, args.at))
     return 0
 
 
 def _latest(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        if args.transactional:
-            answer = tf.lookup_latest_transform_xact(args.target, args.source)
-        else:
-            answer = tf.lookup_latest_transform(args.target, args.source)
-    if args.json:
-        output.print_json(output.answer_document(answer))
-    else:
-        print(output.answer_text(answer))
+        xact = args.transactional
+        look_up = tf.lookup_latest_transform_xact if xact else tf.lookup_latest_transform
+        output.show_answer(args, look_up(args.target, args.source))
     return 0
 
 
@@ -116,8 +89,5 @@ def _velocity(args: argparse.Namespace) -> int:
             args.interval,
             reference_frame=args.reference,
         )
-    if args.json:
-        output.print_json(output.velocity_document(velocity))
-    else:
-        print(output.velocity_text(velocity))
+    output.show(args, output.velocity_document(velocity), output.velocity_text(velocity))
     return 0

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import Final, NoReturn
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.text.flag_values import number
+from zenoh_tf_tools.cli.arguments import Commands, add_authority
 from zenoh_tf_tools.cli.tree.write import AUTHORITY, store
-from zenoh_tf_tools.cli.types import Commands, examples
 
 _USAGE: Final = """\
 zenoh-tf static [options] X Y Z YAW PITCH ROLL PARENT CHILD
@@ -17,41 +16,37 @@ zenoh-tf static [options] X Y Z YAW PITCH ROLL PARENT CHILD
        zenoh-tf static [options] [--x X] [--y Y] [--z Z]
                        [--roll R] [--pitch P] [--yaw Y] | [--qx X --qy Y --qz Z --qw W]
                        --frame-id PARENT --child-frame-id CHILD"""
-_POSITION: Final = ("x", "y", "z")
-_ANGLES: Final = ("roll", "pitch", "yaw")
-_QUATERNION: Final = ("qx", "qy", "qz", "qw")
+#: The flags with a number, by their unit.
+_UNITS: Final = {
+    "m": ("x", "y", "z"),
+    "rad": ("roll", "pitch", "yaw"),
+    "quaternion": ("qx", "qy", "qz", "qw"),
+}
 
 
-def add(commands: Commands, common: argparse.ArgumentParser) -> None:
-    static = commands.add_parser(
+def add(commands: Commands) -> None:
+    static = commands.add(
         "static",
-        parents=[common],
-        help="store a static link, with tf2's argument forms",
-        usage=_USAGE,
-        description="Store the pose of CHILD in PARENT for all times: metres, and radians or a "
-        "quaternion. The arguments are those of tf2's static_transform_publisher. The server "
-        "keeps the link, so the command ends.",
-        **examples(
-            "zenoh-tf static 0.1 0 0.25 0 0 0 base_link camera",
-            "zenoh-tf static 0.1 0 0.25 0 0 0 1 base_link camera",
-            "zenoh-tf static --x 0.1 --yaw 1.5708 --frame-id base_link --child-frame-id camera",
-        ),
+        _static,
+        "store a static link, with tf2's argument forms",
+        "Store the pose of CHILD in PARENT for all times: metres, and radians or a quaternion. The "
+        "arguments are those of tf2's static_transform_publisher. The server keeps the link, so "
+        "the command ends.",
+        "zenoh-tf static 0.1 0 0.25 0 0 0 base_link camera",
+        "zenoh-tf static 0.1 0 0.25 0 0 0 1 base_link camera",
+        "zenoh-tf static --x 0.1 --yaw 1.5708 --frame-id base_link --child-frame-id camera",
     )
+    static.usage = _USAGE
     static.add_argument("words", metavar="ARG", nargs="*", help="one of the two forms in a row")
-    for name in (*_POSITION, *_ANGLES, *_QUATERNION):
-        unit = "m" if name in _POSITION else "rad" if name in _ANGLES else "quaternion"
-        static.add_argument(
-            f"--{name}", metavar=unit.upper(), type=number(), help=f"{name} ({unit})"
-        )
+    for unit, names in _UNITS.items():
+        for name in names:
+            metavar = unit.upper()
+            static.add_argument(
+                f"--{name}", metavar=metavar, type=number(), help=f"{name} ({unit})"
+            )
     static.add_argument("--frame-id", metavar="PARENT", help="the parent frame")
     static.add_argument("--child-frame-id", metavar="CHILD", help="the child frame")
-    static.add_argument(
-        "--authority",
-        metavar="NAME",
-        default=AUTHORITY,
-        help=f"name to publish as (default {AUTHORITY})",
-    )
-    static.set_defaults(run=_static, usage_error=static.error)
+    add_authority(static, AUTHORITY)
 
 
 def _static(args: argparse.Namespace) -> int:
@@ -61,9 +56,10 @@ def _static(args: argparse.Namespace) -> int:
 
 def _row(args: argparse.Namespace) -> tuple[str, str, Transform]:
     """The link of arguments in a row."""
-    given = [name for name in _names() if getattr(args, name) is not None]
-    if given:
-        _refuse(args, f"--{given[0].replace('_', '-')} cannot be combined with arguments in a row")
+    for name in (*sum(_UNITS.values(), ()), "frame_id", "child_frame_id"):
+        if getattr(args, name) is not None:
+            flag = f"--{name.replace('_', '-')}"
+            _refuse(args, f"{flag} cannot be combined with arguments in a row")
     if len(args.words) not in (8, 9):
         _refuse(args, f"give 6 or 7 numbers and two frames, not {len(args.words)} arguments")
     *words, parent, child = args.words
@@ -74,34 +70,26 @@ def _row(args: argparse.Namespace) -> tuple[str, str, Transform]:
     if len(numbers) == 7:
         return parent, child, Transform(numbers[:3], numbers[3:])
     yaw, pitch, roll = numbers[3:]
-    return parent, child, _turned(numbers[:3], roll, pitch, yaw)
+    return parent, child, Transform.from_rpy(roll, pitch, yaw, translation=numbers[:3])
 
 
 def _flags(args: argparse.Namespace) -> tuple[str, str, Transform]:
     """The link of flags."""
     if args.frame_id is None or args.child_frame_id is None:
         _refuse(args, "give --frame-id and --child-frame-id, or all arguments in a row")
-    position = _values(args, _POSITION)
-    has_quaternion = any(getattr(args, name) is not None for name in _QUATERNION)
-    if has_quaternion and any(getattr(args, name) is not None for name in _ANGLES):
+    given = {unit: [getattr(args, name) for name in names] for unit, names in _UNITS.items()}
+    has_angles, has_quaternion = (
+        any(value is not None for value in given[unit]) for unit in ("rad", "quaternion")
+    )
+    if has_quaternion and has_angles:
         _refuse(args, "give angles or a quaternion, not both")
+    position, angles, quaternion = ([value or 0.0 for value in row] for row in given.values())
     if has_quaternion:
-        transform = Transform(position, _values(args, _QUATERNION))
+        transform = Transform(position, quaternion)
     else:
-        transform = _turned(position, *_values(args, _ANGLES))
+        roll, pitch, yaw = angles
+        transform = Transform.from_rpy(roll, pitch, yaw, translation=position)
     return args.frame_id, args.child_frame_id, transform
-
-
-def _turned(position: Sequence[float], roll: float, pitch: float, yaw: float) -> Transform:
-    return Transform.from_rpy(roll, pitch, yaw, translation=position)
-
-
-def _values(args: argparse.Namespace, names: Sequence[str]) -> list[float]:
-    return [getattr(args, name) or 0.0 for name in names]
-
-
-def _names() -> list[str]:
-    return [*_POSITION, *_ANGLES, *_QUATERNION, "frame_id", "child_frame_id"]
 
 
 def _refuse(args: argparse.Namespace, message: str) -> NoReturn:

@@ -1,0 +1,105 @@
+"""What the declarations of the commands share: how one is added, and arguments of several."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from zenoh_tf.text.flag_values import LIVE_TIMES, duration, live_time, whole
+
+
+class Commands:
+    """Commands, or the actions of one.
+
+    `parents`: the parsers of the options that each has.
+    """
+
+    def __init__(self, parsers: Any, *parents: argparse.ArgumentParser) -> None:
+        self.parents = parents
+        self.parsers = parsers
+
+    def add(
+        self,
+        name: str,
+        run: Callable[[argparse.Namespace], int] | None,
+        help_: str,
+        description: str,
+        *examples: str,
+    ) -> argparse.ArgumentParser:
+        """Add a command that `run` runs; None for one that has actions in its place.
+
+        `examples` are command lines for the end of its help.
+        """
+        paragraphs = [textwrap.fill(each, 79) for each in description.split("\n\n")]
+        parser: argparse.ArgumentParser = self.parsers.add_parser(
+            name,
+            parents=self.parents if run else (),
+            help=help_,
+            description="\n\n".join(paragraphs),
+            epilog="\n".join(["examples:", *(f"  {line}" for line in examples)]),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        parser.set_defaults(run=run, usage_error=parser.error)
+        return parser
+
+
+def add_frames(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("target", metavar="TARGET", help="the frame to express the pose in")
+    parser.add_argument("source", metavar="SOURCE", help="the frame whose pose is asked for")
+
+
+def add_at(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--at", metavar="TIME", type=live_time, help=LIVE_TIMES)
+
+
+def add_authority(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--authority",
+        metavar="NAME",
+        default=default,
+        help=f"name to publish as (default {default})",
+    )
+
+
+def add_periods(parser: argparse.ArgumentParser, default_s: int) -> None:
+    """Add the length and the number of the periods in which a tree is watched."""
+    parser.add_argument(
+        "--every",
+        metavar="DURATION",
+        type=duration(above=True),
+        default=float(default_s),
+        help=f"the period (default {default_s}s)",
+    )
+    parser.add_argument("--count", metavar="N", type=whole(1), help="end after so many periods")
+
+
+def add_listen(parser: argparse.ArgumentParser, port: int, note: str) -> None:
+    """Add the address and the port that a command listens on, with a note about the port."""
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        default="127.0.0.1",
+        help="address to listen on (default 127.0.0.1: only this machine)",
+    )
+    parser.add_argument(
+        "--port",
+        metavar="N",
+        type=whole(1, 65_535),
+        default=port,
+        help=f"port to listen on (default {port}; {note})",
+    )
+
+
+def add_optional_file(parser: argparse.ArgumentParser) -> None:
+    """Add the recording of a command that otherwise asks a server."""
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        type=Path,
+        help="a recording (MCAP, db3, ROS 1 bag) in place of a server",
+    )
+    parser.set_defaults(topics=None)
