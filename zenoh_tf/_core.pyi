@@ -373,7 +373,9 @@ class Tree:
         fixed_frame: str,
         at_ns: int,
     ) -> bool: ...  # False: nothing was written, as each time has to be looked up by itself
-    def _frames_page(self, after: int, most: int, budget: Budget) -> tuple[list[str], Any]: ...
+    def _frames_page(
+        self, after: int, most: int, whole: bool, budget: Budget
+    ) -> tuple[list[str], Any]: ...
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
     def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields

@@ -35,7 +35,7 @@ from .security.access_rules import AccessRule
 
 _ACCESS: Final = "access"
 _LIMITS: Final = "limits"
-#: Flags that make no sense in a file, where limits have a section.
+#: Flags that cannot be in a file, where limits have a section.
 _NOT_IN_FILE: Final = ("help", "version", "config", "limit")
 _PATH_METAVARS: Final = ("FILE", "DIR")
 #: Numbers with a unit, as in "1G" or "30s".

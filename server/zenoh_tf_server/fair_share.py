@@ -9,7 +9,7 @@
    never fits is `LimitExceeded`; but where clients have limits of their own, which is where
    something has arrived already, it is let in alone.
 
-Two users can take back what they gave, so they refuse less. Frames of interests grow without being
+Two users can reclaim what they gave, so they refuse less. Frames of interests grow without being
 asked for: `room`. Put queues have no time to refuse: a full one drops its oldest put, and the
 longest one does if all are full together. They count for themselves, as a call for each put would
 cost more than the queue.

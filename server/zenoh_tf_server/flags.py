@@ -168,13 +168,13 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
 
 
 def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Exit with status 2 and a message if a flag makes no sense for a replica."""
+    """Exit with status 2 and a message if a flag contradicts --replica-of."""
     reasons = {
         "connect": "a replica is a router of its own: leave --connect out",
         "state_dir": "a replica stores nothing: give --state-dir to the primary",
-        "no_admin": "a replica takes no writes: give --no-admin to the primary",
-        "one_authority_per_frame": "a replica takes no writes: give this flag to the primary",
-        "ros2": "a replica takes no writes: give --ros2 to the primary",
+        "no_admin": "a replica accepts no writes: give --no-admin to the primary",
+        "one_authority_per_frame": "a replica accepts no writes: give this flag to the primary",
+        "ros2": "a replica accepts no writes: give --ros2 to the primary",
         "ros2_publish": "give --ros2-publish to the primary",
     }
     for name, reason in reasons.items():

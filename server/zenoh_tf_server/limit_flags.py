@@ -18,7 +18,7 @@ from zenoh_tf.text.flag_values import size
 
 from .limits import Limits
 
-#: The only limit with a flag of its own, which also takes a unit.
+#: The only limit with a flag of its own, which also accepts a unit.
 _MEMORY: Final = "memory"
 #: No client accepts a larger reply.
 _HIGHEST: Final = {"reply_bytes": wire.MAX_REPLY_BYTES}

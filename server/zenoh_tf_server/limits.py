@@ -27,24 +27,14 @@ def _limit(default: int, meaning: str, when_hit: str) -> int:
 class Limits:
     """The limits of one server; ``--limit`` and the configuration file set them by name."""
 
-    frames: int = _limit(
-        1 << 20,
-        "frames in the tree",
-        "a write that names a new frame is refused",
-    )
+    frames: int = _limit(1 << 20, "frames in the tree", "a write that names a new frame is refused")
     samples_per_frame: int = _limit(
-        1 << 16,
-        "samples kept per frame, within the cache time",
-        "the oldest samples are evicted",
+        1 << 16, "samples kept per frame, within the cache time", "the oldest samples are evicted"
     )
-    name_bytes: int = _limit(
-        255,
-        "UTF-8 bytes in a frame's name",
-        "the request is refused",
-    )
+    name_bytes: int = _limit(255, "UTF-8 bytes in a frame's name", "the request is refused")
     depth: int = _limit(
         1000,
-        "links between a frame and its root, and links that a lookup climbs from either frame",
+        "links between a frame and its root, and that a lookup follows from either frame",
         "a write that puts a frame deeper is refused, a lookup in the past fails",
     )
     memory: int = _limit(
@@ -70,7 +60,7 @@ class Limits:
     )
     links: int = _limit(
         10_000_000,
-        "links climbed by the lookups of one message: the sum of both frames' depths over all rows",
+        "links of the lookups of one message: the sum of both frames' depths over all rows",
         "the lookup is refused before it starts",
     )
     read_set: int = _limit(
@@ -95,9 +85,7 @@ class Limits:
         "further rows that fail have only their status",
     )
     pending_queries: int = _limit(
-        4096,
-        "queries received but not yet started",
-        "the query is refused with `ServerBusy`",
+        4096, "queries received but not yet started", "the query is refused with `ServerBusy`"
     )
     client_pending_queries: int = _limit(
         2048,
@@ -137,9 +125,7 @@ class Limits:
         "the lookup is refused with `ServerBusy`",
     )
     wait_s: int = _limit(
-        600,
-        "seconds that a lookup waits for a transform",
-        "the lookup is refused",
+        600, "seconds that a lookup waits for a transform", "the lookup is refused"
     )
     outcomes: int = _limit(
         200_000,
@@ -173,19 +159,17 @@ class Limits:
         "the same, with the authority that has the most waiting",
     )
     metrics_authorities: int = _limit(
-        100,
-        "authorities with metrics of their own (`--metrics`)",
-        "the others are summed as one",
+        100, "authorities with metrics of their own (`--metrics`)", "the others are summed as one"
     )
     change_log_bytes: int = _limit(
         64 << 20,
         "bytes of changes that wait to be published, while a mirror listens",
-        "changes are left out of the stream, and all mirrors take a new snapshot",
+        "changes are left out of the stream, and all mirrors load a new snapshot",
     )
     stream_bytes: int = _limit(
         64 << 20,
         "bytes of the stream's latest messages, kept for mirrors that missed some",
-        "the oldest is forgotten, and a mirror that missed it takes a new snapshot",
+        "the oldest is forgotten, and a mirror that missed it loads a new snapshot",
     )
     interests: int = _limit(
         1024,
@@ -193,11 +177,7 @@ class Limits:
         "client may hold as many as are left free",
         "the mirror is refused with `ServerBusy`",
     )
-    interest_pairs: int = _limit(
-        1000,
-        "pairs of frames in one interest",
-        "the mirror is refused",
-    )
+    interest_pairs: int = _limit(1000, "pairs of frames in one interest", "the mirror is refused")
     interest_frames: int = _limit(
         200_000,
         "frames that mirrors with an interest have, summed over all interests; a client always "
@@ -211,9 +191,7 @@ class Limits:
         "the one that was removed longest ago is forgotten",
     )
     connections: int = _limit(
-        1000,
-        "Zenoh connections to the embedded router",
-        "the connection is refused",
+        1000, "Zenoh connections to the embedded router", "the connection is refused"
     )
     local_connections: int = _limit(
         128,
@@ -269,7 +247,7 @@ def page() -> Iterator[str]:
     yield "Everything that a client can make grow has a limit. `zenoh-tf-server --limit"
     yield "NAME=VALUE` sets one, and is repeatable; in the file of `--config` the same names"
     yield "stand in `[limits]`. `--limit help` lists them. Only `memory` has a flag of its own,"
-    yield "`--max-memory`, which also takes 512MB or 4G (of 1024³ bytes)."
+    yield "`--max-memory`, which also accepts 512MB or 4G (of 1024³ bytes)."
     yield ""
     yield "```toml"
     yield 'max-memory = "1G"'
@@ -283,8 +261,8 @@ def page() -> Iterator[str]:
     yield "name (with `max_` in front if the tree itself refuses), `limit` its value and `value`"
     yield "what exceeded it. What clients share, such as waiting lookups, is refused with"
     yield "`ServerBusy`, the same facts and `retry_after_s`: one client may hold as much as is"
-    yield "left free. So a greedy one gets half, two get a third each, and the next one always"
-    yield "finds something. Clients learn the limits when they connect, and check the size of a"
+    yield "left free. With n heavy clients each gets 1/(n+1), so a new client always finds"
+    yield "capacity. Clients learn the limits when they connect, and check the size of a"
     yield "message before they send it."
     yield ""
     yield "| limit | default | of what | when hit |"
@@ -298,7 +276,7 @@ def page() -> Iterator[str]:
     yield "Some limits are fixed: 255 bytes in a tree's name, as many bytes in an authority's"
     yield "name as in a frame's, 4,096 authorities per tree, 25,000 operations of one batch,"
     yield "600 s until a write's expiry, and 4,096 publishers and 100,000 static transforms of"
-    yield "ROS 2 that are remembered. A lookup that climbs more than `depth` links fails with"
+    yield "ROS 2 that are remembered. A lookup that follows more than `depth` links fails with"
     yield "`LookupException`, as in tf2. If there is no room for a new authority, those that own"
     yield "no frame are forgotten, the least recently used first. A frame that was removed, or"
     yield "dropped by a reset, gives its place among the `frames` to the next new one. Memory of"

@@ -34,11 +34,11 @@ from .state.file import StateError
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
 CANNOT_START = 2
-#: A server stops within two seconds, of which hearing the signal under load may take some. A stop
-#: that takes longer than this is ended by force.
+#: A server stops within two seconds, of which the signal's delivery under load may use some. A stop
+#: that lasts longer than this is ended by force.
 _STOP_TIMEOUT_S = 1.2
 
-#: How long a thread may keep the interpreter while others wait for it. A single lookup takes it
+#: How long a thread may keep the interpreter while others wait for it. A single lookup needs it
 #: several times, and beside long requests waits as long each time; the default is 5 ms.
 _SWITCH_INTERVAL_S = 0.0005
 

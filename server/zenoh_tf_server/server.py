@@ -26,12 +26,8 @@ from .state.state import State
 from .streams.interests import Interests
 from .streams.snapshots import Snapshots
 from .streams.stream import Stream
-from .transport.clients import Clients
-from .transport.link_sockets import LinkSockets
 from .transport.local_requests import LocalRequests
-from .transport.outbox_links import OutboxLinks
-from .transport.replies import Replies
-from .transport.workers import Workers
+from .transport.workers import Workers, open_replies
 
 
 class Server:
@@ -80,11 +76,6 @@ class Server:
             self.session = session
             #: The key of a request type.
             self.key = functools.partial(keys.request, settings.tree)
-            self.clients = clients = Clients(limits.connections)
-            stack.callback(clients.close)
-            sockets = LinkSockets()
-            stack.callback(sockets.close)
-            sockets.start(session)
             guard = RequestGuard(
                 settings.security.rules,
                 admin=settings.security.admin,
@@ -101,14 +92,11 @@ class Server:
                 settings.future,
             )
             service.info_requests.addresses = network.addresses(session)
+            clients, replies = open_replies(session, service, stack)
+            self.clients = clients
             self._start_stream(settings, stack)
-            replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
-            stack.callback(replies.close)
-            clients.when_gone(replies.forget)
             stack.callback(service.close)
             service.waiters.is_connected = clients.is_connected
-            clients.when_gone(service.client_gone)
-            service.add_counters(replies.counters)
             ingest = Ingest(
                 service.commit,
                 service.puts,
@@ -121,7 +109,7 @@ class Server:
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
             workers = Workers(service, clients, replies, settings.workers)
             local = stack.enter_context(
-                closing(LocalRequests(service, clients, workers.budget, settings.workers))
+                closing(LocalRequests(service, clients, workers.shares, settings.workers))
             )
             # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
             service.offer = shared.start(
@@ -159,17 +147,14 @@ class Server:
 
     def _start_upkeep(self, settings: ServerSettings, ingest: Ingest, stack: ExitStack) -> None:
         """Free what is left of publishers, log what happens to frames, give freed memory back."""
-        if not settings.connect:  # another router looks after its own keys
-            abandoned = AbandonedKeys(settings.tree, ingest.authorities)
+        if not settings.connect:  # another router frees its own keys
+            abandoned = AbandonedKeys(self.session, settings.tree, ingest.authorities)
             stack.callback(abandoned.close)
             self.clients.when_gone(abandoned.client_gone)
-            abandoned.start(self.session)
-        reports = EventReports(self.service.tree, self.service.clocks)
-        stack.callback(reports.close)
-        reports.start()
-        memory = FreeMemory()
-        stack.callback(memory.close)
-        memory.start()
+            abandoned.start()
+        for upkeep in (EventReports(self.service.tree, self.service.clocks), FreeMemory()):
+            stack.callback(upkeep.close)
+            upkeep.start()
 
     def close(self) -> None:
         self._stack.close()

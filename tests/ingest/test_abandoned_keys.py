@@ -77,7 +77,7 @@ def test_the_keys_of_killed_publishers_are_freed(router: tuple[str, zenoh.Sessio
     before = used_bytes()
     publish_and_die(*router)
     kept = used_bytes() - before
-    AbandonedKeys("main", lambda: names).free(router[1])
+    AbandonedKeys(router[1], "main", lambda: names).free()
     left = used_bytes() - before
     assert kept > 2 * COUNT * 600, "Zenoh frees them by itself: AbandonedKeys can go"
     assert left < kept / 4
@@ -96,7 +96,7 @@ def test_a_publisher_that_lives_goes_on(router: tuple[str, zenoh.Session]) -> No
         )
         for number in range(100):
             publisher.put(str(number).encode())
-            AbandonedKeys("main", lambda: ["wheels"]).free(session)
+            AbandonedKeys(session, "main", lambda: ["wheels"]).free()
         end_s = time.monotonic() + 10.0
         while len(received) < 100 and time.monotonic() < end_s:
             time.sleep(0.01)

@@ -115,7 +115,7 @@ def test_a_sensor_with_a_wrong_clock_harms_only_its_own_frame(
             frame = tf.frame(name)
             assert (frame.samples, frame.time_jumps) == (2, 1)
             assert abs(frame.delay_s() or 0.0) < 5
-            wait_for_log(server, f"frame '{name}': time_jump: '{name}' went on at")
+            wait_for_log(server, f"frame '{name}': time_jump: '{name}' continued at")
         exactly = tf.frame("exact")
         assert (exactly.time_jumps, exactly.dropped) == (0, 0)
         assert authority(tf, "exact").dropped == authority(tf, "exact").refused == 0
@@ -140,7 +140,9 @@ def test_a_stored_stamp_far_ahead_does_not_end_the_frame(
         assert tf.frame("arm").samples == 4
         assert (tf.frame("base").time_jumps, tf.frame("arm").time_jumps) == (1, 0)
         assert abs(tf.frame("base").delay_s() or 0.0) < 60
-        wait_for_log(server, "'bad': from the future", "frame 'base': time_jump: 'good' went on at")
+        wait_for_log(
+            server, "'bad': from the future", "frame 'base': time_jump: 'good' continued at"
+        )
 
 
 def test_a_call_from_the_future_is_refused(start_server: StartServer) -> None:
@@ -292,7 +294,7 @@ def test_two_authorities_that_fight_are_reported(server: ServerProcess) -> None:
             for _ in range(20):
                 left.send(at("base", parent="map"))
                 right.send(at("base", parent="dock"))
-            return "fight over it: it changed hands" in server.log
+            return "both publish it: it changed hands" in server.log
 
         wait(fought, server.log)
         wait_for_log(

@@ -59,7 +59,7 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
         commit = {"v": 1, "operations": [["commit", wire.commit_body(_commit())]]}
         error = wire.decode_error(ask("batch", commit)["replies"][0]["error"])
         assert isinstance(error, InvalidArgumentException)
-        assert "takes no writes" in str(error)
+        assert "accepts no writes" in str(error)
         assert tf.last_receipt == receipt
 
 

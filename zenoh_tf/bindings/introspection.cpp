@@ -45,14 +45,20 @@ nb::list frames(const AnyTree& tree) {
   return out;
 }
 
-// (names, after of the next page or None): the frames whose ids are above `after`, at most `most`.
-// An id stays with a name until the frame is removed, so a frame that exists all the time is on one
-// page exactly.
-nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most, Budget& budget) {
+// (names, after of the next page or None): the frames whose ids are above `after`, at most `most`,
+// or with `whole` no names if there are more than `most`. An id stays with a name until the frame
+// is removed, so a frame that exists all the time is on one page exactly.
+nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most, bool whole,
+                      Budget& budget) {
   nb::list out;
   std::uint64_t bytes = 0;
   const FrameId n = tree.size();
   auto id = static_cast<FrameId>(std::min<std::uint64_t>(after, n));
+  if (whole && n - id > most) {  // counting costs a hundredth of listing in vain
+    std::uint64_t count = 0;
+    for (FrameId next = id; next < n && count <= most;) count += tree.removed(++next) ? 0 : 1;
+    if (count > most) return nb::make_tuple(out, nb::int_(id));
+  }
   while (id < n && out.size() < most) {
     if (tree.removed(++id)) continue;
     const std::string name = tree.name(id);
@@ -288,7 +294,8 @@ void bind_introspection(nb::class_<Tree>& tree) {
       .def("chain", &chain<Tree>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats, ZTF_DOC(Tree_stats))
-      .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("budget"))
+      .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"),
+           nb::arg("whole"), nb::arg("budget"))
       .def("_frame_count", [](const Tree& t) { return t.size(); })
       .def("_links", &links, nb::arg("frames"))
       .def("_frame_record", &frame_record<Tree>, nb::arg("name"))

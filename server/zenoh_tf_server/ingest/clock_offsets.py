@@ -116,7 +116,7 @@ class ClockOffsets:
                 window = _Window.of(arrival_ns, ahead_ns, ahead_ns)
             _put_last(self._authorities, authority, window)
 
-    def client_told(self, client: str, clock_ns: int, round_trip_ns: int) -> None:
+    def add_client_clock(self, client: str, clock_ns: int, round_trip_ns: int) -> None:
         """Note a client's real-time clock when it sent a message that has arrived now.
 
         Args:

@@ -1,7 +1,7 @@
 """Reports what happens to frames and clocks: time jumps, late samples, conflicts, wrong clocks.
 
-The core notes events where they happen, without waiting for a log. One thread fetches them twice a
-second, and logs them by name and at a bounded rate.
+The core records events where they happen, without waiting for a log. One thread fetches them
+twice a second, and logs them by name and at a bounded rate.
 
 Thread safety: all methods.
 """
@@ -21,26 +21,18 @@ from ..rate_limited_log import RateLimitedLog
 _INTERVAL_S: Final = 0.5
 #: A clock that stays wrong is reported again after this long.
 _CLOCK_PERIOD_S: Final = 60.0
-#: A frame that changes hands, or its parent, this often between two looks is fought over.
-_FIGHT: Final = 2
+#: A frame whose authority or parent changes this often between two reports is in dispute.
+_DISPUTE: Final = 2
 
 
-class EventReports:
+class EventReports(Periodic):
     def __init__(self, tree: TransformTree, clocks: ClockOffsets) -> None:
         logger = logging.getLogger("zenoh_tf.server.events")
         self._tree = tree
         self._clocks = clocks
         self._log = RateLimitedLog(logger)
         self._clock_log = RateLimitedLog(logger, _CLOCK_PERIOD_S)
-        self._thread = Periodic("event-reports", self._report, _INTERVAL_S, at_end=True)
-
-    def start(self) -> None:
-        """Begin to report."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Report what has happened until now, and stop."""
-        self._thread.close()
+        super().__init__("event-reports", self._report, _INTERVAL_S, at_end=True)
 
     def _report(self) -> None:
         events, lost = self._tree._take_events()
@@ -66,16 +58,16 @@ def _describe(event: dict[str, Any]) -> str | None:
             )
         case "time_jump":
             return (
-                f"{who} went on at {event['stamp_ns']} ns, far before the newest stamp, "
+                f"{who} continued at {event['stamp_ns']} ns, far before the newest stamp, "
                 f"{event['newest_stamp_ns']} ns: the frame's history was cleared and begins "
                 f"again there{times}"
             )
         case "conflict":
             before = quoted(event["authority_before"])
-            if count < _FIGHT:
+            if count < _DISPUTE:
                 return f"{who} took it over from {before}"
-            return f"{who} and {before} fight over it: it changed hands {count:,} times"
-        case _ if count >= _FIGHT:
+            return f"{who} and {before} both publish it: it changed hands {count:,} times"
+        case _ if count >= _DISPUTE:
             parents = f"{quoted(event['parent_before'])} and {quoted(event['parent'])}"
             return f"{who} and others flip its parent between {parents}{times}"
     return None  # a new parent is what happens to an object that is picked up

@@ -2,9 +2,9 @@
 
 A record may be caused by any client, and written by any worker. So each place in the code that logs
 has a bounded rate. A reader that has stopped, such as a terminal after Ctrl-S, loses records
-instead of holding the workers up. The next record that is written tells how many are missing.
+instead of holding the workers up. The next record that is written says how many are missing.
 
-Thread safety: `handle` of the base class takes the handler's lock.
+Thread safety: `handle` of the base class locks the handler.
 """
 
 from __future__ import annotations

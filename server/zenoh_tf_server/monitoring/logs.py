@@ -145,7 +145,7 @@ def _value(value: object) -> object:
 
 
 def _traceback(record: logging.LogRecord) -> list[str]:
-    """The lines of the record's exception: the last ones, because those tell the cause."""
+    """The lines of the record's exception: the last ones, because those say the cause."""
     info = record.exc_info
     if not info or info[1] is None:
         return record.stack_info.splitlines()[-_MAX_TRACEBACK_LINES:] if record.stack_info else []

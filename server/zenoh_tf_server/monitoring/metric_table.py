@@ -120,7 +120,7 @@ FROM_STATS: Final[dict[str, Metric]] = {
         "ros2_statics_dropped", "static links removed because their publisher was gone"
     ),
     "ros2_unanswered": _counter(
-        "ros2_unanswered", "times that a publisher did not tell its static transforms in time"
+        "ros2_unanswered", "times that a publisher did not send its static transforms in time"
     ),
     "ros2_unpublishable": _counter(
         "ros2_unpublishable", "transforms left out because ROS 2 has no such stamp or name"
@@ -190,7 +190,7 @@ FROM_ROBOTS: Final[dict[str, Metric]] = {
         "transforms_received_total", "counter", "transforms received, some of them twice"
     ),
     "robot_left_out": _per_robot(
-        "transforms_left_out_total", "counter", "transforms of shared frames, which are not taken"
+        "transforms_left_out_total", "counter", "transforms of shared frames, which are not stored"
     ),
     "robot_over_quota": _per_robot(
         "transforms_over_quota_total", "counter", "transforms of frames above its share of frames"
@@ -208,7 +208,7 @@ FROM_ROBOTS: Final[dict[str, Metric]] = {
     ),
 }
 
-#: Fields of an authority's record whose sum over several authorities means nothing.
+#: Fields of an authority's record without a meaningful sum over several authorities.
 NOT_SUMMED: Final = frozenset({"clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"})
 
 #: Fields of an authority's record that are no metrics.
@@ -223,7 +223,7 @@ REQUESTS: Final = Metric(
 DURATION: Final = Metric(
     "request_duration_seconds",
     "histogram",
-    "from the moment a worker takes a request until it has replied, or has parked a lookup that "
+    "from the moment a worker starts a request until it has replied, or has parked a lookup that "
     'waits; `outcome` is "ok" or "error"',
     ("request_type", "outcome"),
 )

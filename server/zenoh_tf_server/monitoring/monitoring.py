@@ -82,7 +82,7 @@ class Monitoring:
             self._metrics.serving(server)
         tree = server.service.name
         service_manager.notify(READY=1, STATUS=f"serves tree {quoted(tree)}")
-        if self._probes:  # after READY: a sign of life before it would tell nothing
+        if self._probes:  # after READY: before it, systemd expects no WATCHDOG=1
             self._health.serving(server)
         log.info(
             "instance %s serves tree %s",
@@ -103,7 +103,7 @@ class Monitoring:
         return Page(200, self._metrics.page(), self._metrics.content_type)
 
     def _healthz(self) -> Page:
-        if self._health.healthy or not self._health.ready:  # a start may take its time
+        if self._health.healthy or not self._health.ready:  # a start may be slow
             return Page(200, b"ok\n" + self._age())
         return Page(503, b"unhealthy: no worker has answered the latest probe lookups\n")
 

@@ -2,7 +2,7 @@
 
 A publisher declares its key. The router of Zenoh 1.10 forgets the key if the publisher closes
 before its session. If the session ends first, or its process is killed, the router keeps 2.5 kB of
-the key for good. It looks again whether anybody needs a key when a token under that key goes, so
+the key for good. It checks again whether anybody needs a key when a token under that key goes, so
 this server declares and removes one, in about 10 us. A key that a publisher still has stays.
 
 Without this, each authority that is never seen again cost 5 kB, as a broadcaster has two keys.
@@ -21,46 +21,40 @@ import zenoh
 from zenoh_tf._net import keys
 from zenoh_tf.threads import Periodic
 
-#: Keys are looked at this often, if a client has gone since.
+#: Keys are checked this often, if a client has gone since.
 _PERIOD_S: Final = 30.0
 #: The thread pauses after so many authorities, as each token locks the routing tables for a moment.
 _AT_ONCE: Final = 16
 _PAUSE_S: Final = 0.002
 
 
-class AbandonedKeys:
+class AbandonedKeys(Periodic):
     """Frees the keys of authorities whose publishers are gone."""
 
-    def __init__(self, tree: str, authorities: Callable[[], Iterable[str]]) -> None:
-        """`authorities`: the authorities that have published."""
+    def __init__(
+        self, session: zenoh.Session, tree: str, authorities: Callable[[], Iterable[str]]
+    ) -> None:
+        """`session`: that of the router. `authorities`: those that have published."""
+        super().__init__("abandoned-keys", self._free_if_gone, _PERIOD_S)
+        self._session = session
         self._tree = tree
         self._authorities = authorities
         self._gone = threading.Event()
-        self._thread = Periodic("abandoned-keys", self._free_if_gone, _PERIOD_S)
-
-    def start(self, session: zenoh.Session) -> None:
-        """Begin. The session is that of the router."""
-        self._session = session
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._thread.close()
 
     def client_gone(self, client: str) -> None:
-        """Note that a client is gone: its publishers are, too."""
+        """Free the keys of a client's publishers at the next period: it is gone."""
         self._gone.set()
 
-    def free(self, session: zenoh.Session) -> None:
+    def free(self) -> None:
         """Free the keys that nobody publishes on any more."""
-        tokens = session.liveliness()
+        tokens = self._session.liveliness()
         for count, authority in enumerate(self._authorities(), 1):
             for static in (False, True):  # a broadcaster declares both
                 tokens.declare_token(keys.put(self._tree, authority, static=static)).undeclare()
-            if count % _AT_ONCE == 0 and self._thread.pause(_PAUSE_S):
+            if count % _AT_ONCE == 0 and self.pause(_PAUSE_S):
                 return
 
     def _free_if_gone(self) -> None:
         if self._gone.is_set():
             self._gone.clear()
-            self.free(self._session)
+            self.free()

@@ -24,7 +24,7 @@ _STATM: Final = Path("/proc/self/statm")
 #: most that it ever held: 480 clients, killed 20 at a time, left 84 MB with 16 heaps, 76 with 4.
 _HEAPS: Final = 4
 #: Blocks of up to this size come from a heap, and each heap keeps so much free memory at its end.
-#: With glibc's own numbers, each request and reply of more than 128 kB were paged in anew: 250
+#: With glibc's own numbers, each request and reply of more than 128 kB were paged in again: 250
 #: pages and 0.7 ms of processor time for a lookup of 10,000 rows.
 _BLOCK_BYTES: Final = 4 << 20
 _KEPT_BYTES: Final = 8 << 20
@@ -36,24 +36,20 @@ _OPTIONS: Final = (
 )
 
 
-class FreeMemory:
+class FreeMemory(Periodic):
     """Gives free memory back whenever the process has grown; does nothing without glibc."""
 
     def __init__(self) -> None:
         self._trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        self._thread = Periodic("free-memory", self._look, _INTERVAL_S)
+        super().__init__("free-memory", self._give_back, _INTERVAL_S)
 
     def start(self) -> None:
         """Begin to watch the process's size."""
         if self._trim is not None and _STATM.exists():
             self._least = resident_bytes()
-            self._thread.start()
+            super().start()
 
-    def close(self) -> None:
-        """Stop."""
-        self._thread.close()
-
-    def _look(self) -> None:
+    def _give_back(self) -> None:
         assert self._trim is not None
         now = resident_bytes()
         if now > self._least + _GROWTH_BYTES:

@@ -50,8 +50,8 @@ def open_session(
 ) -> zenoh.Session:
     """Open a session: a client of `connect` if that is not empty, else a router on `listen`.
 
-    `security` says who may use the router, and `tree` for which keys. `gossip`: the router tells
-    peers of each other, which ROS 2 nodes rely on.
+    `security` says who may use the router, and `tree` for which keys. `gossip`: the router
+    introduces peers to each other, which ROS 2 nodes rely on.
 
     Raises:
         NetworkError: The endpoints cannot be reached or listened on.

@@ -1,7 +1,7 @@
 """Shares the server's tree with clients of the same host, who map its memory.
 
 The tree is in a region of memory, whose file descriptor every client gets that may open a Unix
-socket (`zenoh_tf._net.handover`). Clients believe what they read until the region's lease ends,
+socket (`zenoh_tf._net.handover`). Clients trust what they read while the region's lease is valid,
 which a thread of the core extends as long as the process lives and runs (core/shared/lease.hpp).
 
 No answer may come from this tree once a successor has accepted a write. The successor listens where
@@ -10,7 +10,7 @@ network can have a successor earlier, and shares nothing. And each server waits 
 the lease of a predecessor must have lapsed (`wait_for_predecessor`).
 
 A client that wants no more than that sends nothing, and nothing of its connection is kept. The
-connection may go on to `local_requests`, which bounds how many there are.
+connection may be handed to `local_requests`, which bounds how many there are.
 
 Thread safety: construction and `close` by one thread.
 """
@@ -46,7 +46,7 @@ _BACKLOG: Final = 64
 #: After an error that may last, such as too many open files.
 _PAUSE_S: Final = 0.1
 _SEND_TIMEOUT_S: Final = 1.0
-#: Sockets of other servers that are looked at when a server starts.
+#: Sockets of other servers that a server checks when it starts.
 _MOST_STALE: Final = 1000
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9_-]")
 #: The names of servers' sockets: the tree, the instance, and the number of a replica's copy.
@@ -57,7 +57,7 @@ log = logging.getLogger("zenoh_tf.server.sharing")
 
 @dataclass(frozen=True)
 class SharingSettings:
-    """What the flags of `add_flags` say."""
+    """From the flags of `add_flags`."""
 
     on: bool = True
     folder: Path | None = None  # None: the default
@@ -123,7 +123,7 @@ class Sharing:
     ) -> None:
         """Make the socket, which nobody can open before `start`.
 
-        `joined`: the server is a client of an existing network. `owner`: tells its socket from
+        `joined`: the server is a client of an existing network. `owner`: its socket differs from
         those of other owners of the same instance's tree.
 
         Raises:
@@ -148,7 +148,7 @@ class Sharing:
             self._give_up(error)
 
     def make_tree(self, make: Callable[..., TransformTree]) -> TransformTree:
-        """The server's tree, in shared memory if that is possible. `make` takes the options of
+        """The server's tree, in shared memory if that is possible. `make` accepts the options of
         TransformTree that say so.
 
         Raises:
@@ -166,22 +166,22 @@ class Sharing:
         self,
         tree: TransformTree,
         limits: dict[str, int],
-        take: Callable[[socket.socket], None] | None = None,
+        serve: Callable[[socket.socket], None] | None = None,
     ) -> handover.Offer | None:
         """Begin the lease and hand the tree over. Call it when no predecessor can have a lease.
-        `take` gets each connection, if it is to serve requests as well.
-        Returns what `hello` tells of it; None if the tree is not shared."""
+        `serve` gets each connection, if requests are to be served on it.
+        Returns what `hello` says of it; None if the tree is not shared."""
         listener, path = self._listener, self._path
         if listener is None or path is None:
             return None
         self._keeper = LeaseKeeper(tree)
         hello = handover.message(self._tree_name, self._instance, limits)
-        threads.start("share", self._hand_over, listener, hello, tree, take)
+        threads.start("share", self._hand_over, listener, hello, tree, serve)
         final = path.with_suffix(handover.SUFFIX)
         path.rename(final)
         self._path = final
         log.info("clients on this host can read the tree's memory: %s", final)
-        return handover.Offer(handover.boot_id(), str(final), requests=take is not None)
+        return handover.Offer(handover.boot_id(), str(final), requests=serve is not None)
 
     def close(self) -> None:
         """End the lease and remove the socket. May be called again."""
@@ -203,7 +203,7 @@ class Sharing:
             raise OSError(errno.ENOSYS, "the system does not say which host it is")
         folder = self._folder()
         _remove_stale(folder)
-        # Under another name at first: another server that starts must not take it for stale.
+        # Under another name at first: another server that starts must not regard it as stale.
         name = f"{_UNSAFE.sub('_', self._tree_name)[:40]}-{self._owner}.new"
         path = folder / name
         if len(os.fsencode(path.with_suffix(handover.SUFFIX))) >= handover.MAX_PATH_BYTES:
@@ -255,7 +255,7 @@ class Sharing:
         listener: socket.socket,
         hello: bytes,
         tree: TransformTree,
-        take: Callable[[socket.socket], None] | None,
+        serve: Callable[[socket.socket], None] | None,
     ) -> None:
         while not self._closed:
             try:
@@ -266,11 +266,11 @@ class Sharing:
                 log.warning("cannot hand the tree over: %s", error)
                 time.sleep(_PAUSE_S)
                 continue
-            with peer, contextlib.suppress(OSError):  # the client has gone, or takes no more
+            with peer, contextlib.suppress(OSError):  # the client has gone, or reads no more
                 peer.settimeout(_SEND_TIMEOUT_S)
                 socket.send_fds(peer, [hello], [tree._region_fd()])
-                if take is not None:
-                    take(peer.dup())
+                if serve is not None:
+                    serve(peer.dup())
 
 
 def wait_for_predecessor(settings: SharingSettings, listens_since_s: float) -> None:

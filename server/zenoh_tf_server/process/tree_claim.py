@@ -1,13 +1,13 @@
 """One server per tree: a server claims its tree with liveliness tokens.
 
 Two servers of one tree would reply to each other's clients from different data. Each server first
-declares a candidate's token, then looks for other candidates and for servers:
+declares a candidate's token, then queries other candidates and servers:
 
 - Tokens and queries pass the network in order, so of two candidates at least one sees the other.
 - A candidate yields to a server, and to a candidate with a lower instance id.
 - The candidate with the lowest id waits until each other one that it sees has yielded or, because
   it has not seen this one, serves. However slow they are, one of them serves in the end.
-- A candidate that nobody is in the way of has the tree. When it serves, it declares a server's
+- A candidate without a rival has the tree. When it serves, it declares a server's
   token, and then withdraws its candidate's. Candidates are queried before servers, so it is never
   missed.
 
@@ -28,9 +28,9 @@ from zenoh_tf.text import quoted
 from .network import NetworkError
 
 _QUERY_TIMEOUT_S: Final = 2.0
-#: A network that has not answered for so long is taken for broken.
+#: A network that has not answered for so long counts as broken.
 _SILENT_S: Final = 10.0
-#: Longer than a session without a sign of life keeps its tokens.
+#: Longer than a session without keep-alive messages keeps its tokens.
 _YIELD_TIMEOUT_S: Final = 20.0
 _POLL_PERIOD_S: Final = 0.1
 
@@ -76,8 +76,8 @@ class Claim:
             raise
 
     def serve(self) -> None:
-        """Declare the server's token. Call it when everything is served: clients take the token as
-        the sign that puts and queries arrive."""
+        """Declare the server's token. Call it when everything is served: to clients the token
+        means that puts and queries arrive."""
         self._server = self._session.liveliness().declare_token(self._key)
         self._withdraw()
 

@@ -56,7 +56,7 @@ class SharedCopies:
 
     def share(self, tree: TransformTree, limits: Limits) -> handover.Offer | None:
         """Share the last tree that was made, in place of the one before it. Returns what `hello`
-        tells of it; None if it is not shared."""
+        says of it; None if it is not shared."""
         if self._current is not None:
             self._current.close()
         self._current, self._next = self._next, None

@@ -22,11 +22,7 @@ from ..process.free_memory import FreeMemory
 from ..process.upstream import Upstream
 from ..security import access_rules
 from ..settings import ServerSettings
-from ..transport.clients import Clients
-from ..transport.link_sockets import LinkSockets
-from ..transport.outbox_links import OutboxLinks
-from ..transport.replies import Replies
-from ..transport.workers import Workers
+from ..transport.workers import Workers, open_replies
 from .copies import SharedCopies
 from .service import ReplicaService
 from .sessions import ReplicaSessions
@@ -46,33 +42,25 @@ class ReplicaServer:
             primary.wait(settings.replica_of, security.credentials)
             enforced = primary.access
             self.session = session = sessions.open_clients(settings.tree, enforced)
-            self.clients = clients = Clients(limits.connections)
-            stack.callback(clients.close)
-            sockets = LinkSockets()
-            stack.callback(sockets.close)
-            sockets.start(session)
             own_id = secrets.token_hex(8)
             copies = SharedCopies(settings.sharing, settings.tree, own_id)
             self.service = service = ReplicaService(settings.tree, own_id, limits, loop, copies)
-            service.access = lambda: _told(enforced, primary.access, security.credentials.user)
+            service.access = lambda: _access(enforced, primary.access, security.credentials.user)
+            clients, replies = open_replies(session, service, stack)
+            self.clients = clients
             service.is_connected = clients.is_connected
             stack.callback(service.close)
             service.start(primary)
-            replies = Replies(OutboxLinks(sockets, clients), limits, service.error)
-            stack.callback(replies.close)
-            clients.when_gone(replies.forget)
-            clients.when_gone(service.client_gone)
-            service.add_counters(replies.counters)
             workers = Workers(
                 service, clients, replies, settings.workers, keys.REPLICA_REQUEST_TYPES
             )
             memory = FreeMemory()
             stack.callback(memory.close)
             memory.start()
-            abandoned = AbandonedKeys(settings.tree, service.authorities)
+            abandoned = AbandonedKeys(session, settings.tree, service.authorities)
             stack.callback(abandoned.close)
             clients.when_gone(abandoned.client_gone)
-            abandoned.start(session)
+            abandoned.start()
             clients.start(session, settings.tree)
             stack.callback(workers.close)
             #: The key of a request type.
@@ -95,7 +83,7 @@ class ReplicaServer:
         self._stack.close()
 
 
-def _told(
+def _access(
     enforced: Mapping[str, Any] | None, primary: Mapping[str, Any] | None, user: str | None
 ) -> dict[str, Any] | None:
     """What `hello` says that clients may do: what both the replica's rules, which are made when it

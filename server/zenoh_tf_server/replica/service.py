@@ -26,18 +26,18 @@ from ..ingest.clock_offsets import ClockOffsets
 from ..limits import Limits
 from ..requests.counters import RequestCounters
 from ..requests.guard import RequestGuard
-from ..requests.handler import ReplyCallback
+from ..requests.handler import ReplyCallback, ReplyWithField
 from ..requests.info import InfoRequests
 from ..requests.service import Service
 from .copies import SharedCopies
 
-#: How long the first copy may take.
+#: Time-out of the first copy.
 _COPY_TIMEOUT_S: Final = 30.0
 #: Lookups that wait in a copy that was replaced end after this time, and are asked again.
 _REPLACED_S: Final = 0.5
 #: As many instances of the primary are remembered.
 _MAX_PAST: Final = 16
-#: Told in place of an age that is not known.
+#: In place of an age that is not known.
 _MAX_AGE_S: Final = 1e9
 
 
@@ -112,7 +112,8 @@ class ReplicaService:
         if service is None:
             reply_to(self.error(ServerUnavailable("the replica is stopping")), True)
         else:
-            service.handle(request_type, payload, _Dated(reply_to, state, self), chunk)
+            dated = ReplyWithField(reply_to, wire.REPLICA, lambda: self._dates(state))
+            service.handle(request_type, payload, dated, chunk)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
@@ -195,8 +196,8 @@ class ReplicaService:
         feed = self._feed
         return _MAX_AGE_S if feed is None else min(feed.age_s(state), _MAX_AGE_S)
 
-    def dates(self, state: State) -> dict[str, int]:
-        """What the reply to a read says that began in a state and has ended."""
+    def _dates(self, state: State) -> dict[str, int]:
+        """What the reply to a read that began in `state` says of it: how old it is, and more."""
         reach = state.seq if self._feed is None else max(state.seq, self._feed.reach)
         return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
 
@@ -217,24 +218,8 @@ class ReplicaService:
         )
 
 
-class _Dated:
-    """The ReplyCallback of a request: adds to its reply of what it is, and how old."""
-
-    __slots__ = ("_replica", "_reply_to", "_state", "client")
-
-    def __init__(self, reply_to: ReplyCallback, state: State, replica: ReplicaService) -> None:
-        self.client = reply_to.client
-        self._reply_to = reply_to
-        self._state = state
-        self._replica = replica
-
-    def __call__(self, reply: bytes, failed: bool) -> None:
-        told = self._replica.dates(self._state)
-        self._reply_to(wire.with_field(reply, wire.REPLICA, told), failed)
-
-
 class _CopyService(Service):
-    """The service of one copy: it takes no writes."""
+    """The service of one copy: it accepts no writes."""
 
     def __init__(self, replica: ReplicaService, tree: TransformTree, instance: str) -> None:
         guard = _Guard(
@@ -248,7 +233,7 @@ class _CopyService(Service):
         self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
     ) -> NoReturn:
         raise InvalidArgumentException(
-            f"this is a replica, which takes no writes: send them to the key of tree "
+            f"this is a replica, which accepts no writes: send them to the key of tree "
             f"{self.name!r} itself, not to that of its replica",
             field="request_type",
         )

@@ -1,7 +1,7 @@
 """The Zenoh sessions of a replica: towards its primary, and for its clients.
 
-Zenoh's access control knows a connection by its user, certificate and protocol. It cannot tell the
-one that leads to the primary from that of a client. So a replica that asks its clients who they are
+Zenoh's access control knows a connection by its user, certificate and protocol. By these, the one
+to the primary may equal that of a client. So a replica that asks its clients who they are
 has two routers: one links itself to the primary, the other listens for clients, and a Unix socket
 joins them. The rules of the second one allow everything on that socket, and to clients what the
 primary allows to this replica's user. A replica that anybody may use has one router for both.
@@ -125,7 +125,7 @@ class ReplicaSessions:
 
 
 def _wait_until_joined(session: zenoh.Session, tree: str) -> None:
-    """Wait until what clients ask the primary gets there: the first link takes a moment."""
+    """Wait until what clients ask the primary gets there: the first link is not there at once."""
     key, hello = keys.request(tree, "hello"), wire.pack(wire.call_body("hello"))
     deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
     while not list(session.get(key, payload=hello, timeout=_PERIOD_S)):

@@ -89,7 +89,7 @@ class RequestCounters:
         (self._local.counts or self._add_thread()).error = error
 
     def refused(self, request_type: str, error: str) -> None:
-        """Count a request that failed with an error of this class before a worker took it."""
+        """Count a request that failed with an error of this class before a worker ran it."""
         (self._local.counts or self._add_thread()).failures[request_type, error] += 1
 
     def total(self) -> ThreadCounts:

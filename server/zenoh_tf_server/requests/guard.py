@@ -30,7 +30,7 @@ class RequestGuard:
         admin: bool = True,
         certificate_of: Callable[[str], str | None] = lambda client: None,
     ) -> None:
-        """`certificate_of` tells the common name of a client's certificate by its Zenoh id."""
+        """`certificate_of`: from a client's Zenoh id to the common name of its certificate."""
         self._rules = tuple(rules)
         self._admin = admin
         self._certificate_of = certificate_of

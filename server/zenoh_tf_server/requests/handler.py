@@ -1,9 +1,11 @@
-"""The client that asks, the handler of its request, and the callback for the reply."""
+"""The client that asks, the handler of its request, and the callbacks for the reply."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
+
+from zenoh_tf import wire
 
 from ..ingest.clock_offsets import ClockOffsets
 from ..limits import Limits
@@ -16,7 +18,7 @@ UNKNOWN: Final = ""
 
 
 class ReplyCallback(Protocol):
-    """Takes the reply to one request. Called exactly once."""
+    """Called exactly once, with the reply to one request."""
 
     @property
     def client(self) -> str:
@@ -24,6 +26,22 @@ class ReplyCallback(Protocol):
 
     def __call__(self, reply: bytes, failed: bool) -> None:
         """Send the reply's bytes; `failed`: they are an error."""
+
+
+class ReplyWithField:
+    """The ReplyCallback of a request whose reply gets one more field."""
+
+    __slots__ = ("_name", "_reply_to", "_value", "client")
+
+    def __init__(self, reply_to: ReplyCallback, name: str, value: Callable[[], Any]) -> None:
+        """`value` is called after the request has run."""
+        self.client = reply_to.client
+        self._reply_to = reply_to
+        self._name = name
+        self._value = value
+
+    def __call__(self, reply: bytes, failed: bool) -> None:
+        self._reply_to(wire.with_field(reply, self._name, self._value()), failed)
 
 
 class Handler(Protocol):
@@ -60,6 +78,9 @@ class Handler(Protocol):
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
+
+    def client_gone(self, client: str) -> None:
+        """Release what a client holds that is not connected any more."""
 
     def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
         """Let `stats` have the counters of another part of the server too."""

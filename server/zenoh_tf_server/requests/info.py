@@ -16,7 +16,7 @@ from ..ingest.clock_offsets import ClockOffsets
 from ..ingest.refusals import Refusals
 from ..limits import Limits
 
-#: Trees of more frames are not counted anew for each `stats` and `authorities`.
+#: Trees of more frames are not counted again for each `stats` and `authorities`.
 _LARGE_TREE: Final = 100_000
 #: How long the counts of a large tree are used.
 _COUNTS_AGE_S: Final = 1.0
@@ -102,7 +102,7 @@ class InfoRequests:
         after = wire.integer(message, "after", 0, low=0)
         most = wire.integer(message, "limit", 0, low=0)
         left = budget.listed_left
-        names, following = self._tree._frames_page(after, min(most or left, left), budget)
+        names, following = self._tree._frames_page(after, min(most or left, left), not most, budget)
         if following is None:
             budget.take_listed(len(names) + sum(map(len, names)) // _LONG_NAME)
             return {"value": names}
@@ -121,21 +121,23 @@ class InfoRequests:
 
     def _authority_records(self, budget: Budget) -> Any:
         frames = self._tree._frame_count()
-        _charge_scan(budget, frames)
+        budget.take_listed(1)
+        _charge(budget, frames)
         records = self._merged(self._authorities.value(frames))
-        budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
+        _charge(budget, len(records) * _RECORD)
         return records
 
     def _client_records(self, budget: Budget) -> list[dict[str, Any]]:
         budget.take_listed(1)
         addresses = self.addresses()
         records = self._clocks.client_records()
-        budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
+        _charge(budget, len(records) * _RECORD)
         return [{**record, "address": addresses.get(record["client"])} for record in records]
 
     def _stats_of(self, budget: Budget) -> dict[str, int]:
         frames = self._tree._frame_count()
-        _charge_scan(budget, frames)
+        budget.take_listed(1)
+        _charge(budget, frames)
         counts: dict[str, int] = self._stats.value(frames)
         return counts | self._counters()
 
@@ -143,7 +145,7 @@ class InfoRequests:
         target, source = self._frame(message, "target"), self._frame(message, "source")
         budget.take_listed(1)
         names = self._tree.chain(target, source, _stamp(message))
-        budget.take_listed(min(len(names) * _CHAINED, budget.listed_left))
+        _charge(budget, len(names) * _CHAINED)
         return names
 
     def _ancestors(self, message: wire.Message, budget: Budget) -> list[dict[str, Any]]:
@@ -153,7 +155,7 @@ class InfoRequests:
         records: list[dict[str, Any]] = self._tree._ancestor_records(
             target, source, _stamp(message)
         )
-        budget.take_listed(min(len(records) * _RECORD, budget.listed_left))
+        _charge(budget, len(records) * _RECORD)
         return records
 
     def _velocity(self, message: wire.Message, budget: Budget) -> dict[str, Any]:
@@ -181,10 +183,9 @@ class InfoRequests:
         return self._frame(message, field) if field in message else None
 
 
-def _charge_scan(budget: Budget, n: int) -> None:
-    """Charge `n` frames or names. The first scan of a message is always allowed: it takes what is
-    left, and refuses the next one."""
-    budget.take_listed(1)
+def _charge(budget: Budget, n: int) -> None:
+    """Charge `n` listed names or as many as are left. So the first such request of a message is
+    always answered, and the next one is refused."""
     budget.take_listed(min(n, budget.listed_left))
 
 

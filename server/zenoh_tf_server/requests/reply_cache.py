@@ -21,7 +21,7 @@ from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, ServerBusy,
 from ..fair_share import FairShare
 from ..limits import Limits
 
-#: What an outcome takes beside its bytes.
+#: What an outcome costs beside its bytes.
 _OVERHEAD_BYTES: Final = 64
 #: Repeats that may wait for one running write.
 _MAX_REPEATS: Final = 64
@@ -31,7 +31,7 @@ _NS: Final = 1_000_000_000
 _MAX_EXPIRY_S: Final = 600
 
 
-#: Takes the outcome of a write that was repeated; True: it is an error.
+#: Called with the outcome of a write that was repeated; True: it is an error.
 OnRepeat = Callable[[bytes, bool], None]
 
 

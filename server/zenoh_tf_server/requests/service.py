@@ -32,9 +32,8 @@ from .admin import AdminRequests
 from .batches import Batch
 from .counters import RequestCounters
 from .guard import RequestGuard
-from .handler import ReplyCallback
+from .handler import ReplyCallback, ReplyWithField
 from .info import InfoRequests
-from .numbered_reply import NumberedReply
 from .reads import Reads
 from .reply_cache import ReplyCache
 from .waiters import Waiters
@@ -76,9 +75,9 @@ class Service:
         self._reply_cache = ReplyCache(limits)
         self._writes = Writes(instance, self._reply_cache)
         self.name = name
-        #: Number of the tree's last commit, which replies to writes tell.
+        #: Number of the tree's last commit, for the replies to writes.
         self.last_seq: Callable[[], int] | None = None
-        #: Is told of each commit that the tree has applied, with what became of its rows.
+        #: Called with each commit that the tree has applied, and what became of its rows.
         self.on_commit: Callable[[wire.Commit, Any], None] | None = None
         self.requests = RequestCounters()
         self._more_counters: list[Callable[[], dict[str, int]]] = []
@@ -129,13 +128,13 @@ class Service:
         counts.end(request_type)
 
     def _numbered(self, message: wire.Message, reply_to: ReplyCallback) -> ReplyCallback:
-        """Take the wish for a number from a read, and add it to the reply."""
-        last_seq = self.last_seq
+        """Add the number of the last commit that a read may have seen to its reply, if the read
+        asks for it."""
         is_wanted = wire.flag(message, wire.WITH_SEQ)
         del message[wire.WITH_SEQ]
-        if last_seq is None or not is_wanted:
+        if self.last_seq is None or not is_wanted:
             return reply_to
-        return NumberedReply(reply_to, last_seq)
+        return ReplyWithField(reply_to, "seq", self.last_seq)
 
     def error(self, error: Exception) -> bytes:
         """The bytes of the reply to a request that failed as a whole."""
@@ -315,8 +314,8 @@ class Service:
 
     def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if "clock_ns" in message:
-            told = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
-            self.clocks.client_told(reply_to.client, *told)
+            clock = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
+            self.clocks.add_client_clock(reply_to.client, *clock)
         reply_to(self._pack({"value": self._hello(message)}), False)
 
     def info(self, message: wire.Message, budget: Budget) -> wire.Message:

@@ -239,7 +239,7 @@ class Waiters:
         with self._lock:
             if self._stopping:
                 raise ServerUnavailable("the server is stopping")
-            # A client that goes later finds the lookups: `client_gone` takes the lock after that.
+            # A client that goes later finds the lookups: `client_gone` locks after that.
             if client != UNKNOWN and not self.is_connected(client):
                 raise ServerUnavailable("the client has gone")
             self._rows.check(client, rows, _RETRY_AFTER_S)
@@ -257,7 +257,7 @@ class Waiters:
                 self._finish(token)
 
     def _take(self, token: int) -> _WaitingLookup | None:
-        """Remove a waiting lookup. None: another caller has taken it."""
+        """Remove a waiting lookup. None: another caller has it."""
         with self._lock:
             waiting = self._waiting.pop(token, None)
             if waiting is None:

@@ -41,11 +41,11 @@ def replica_settings(tree: str, rule: AccessRule) -> dict[str, Any]:
     """The same of a replica's router for clients. `rule`: what each of them may do."""
     builder = _Builder(tree)
     builder.add(AccessRule(), [*_for_all(tree), *_rights(tree, rule, keyed=True)])
-    near = {name: keys.replica_request(tree, "*", name) for name in keys.REPLICA_REQUEST_TYPES}
-    queries = [near.pop("hello")]
+    replica = {name: keys.replica_request(tree, "*", name) for name in keys.REPLICA_REQUEST_TYPES}
+    queries = [replica.pop("hello")]
     if "read" in rule.may:
-        queries += near.values()
-    if rule == EVERYTHING:  # the primary may have no rules, and so take writes on plain keys
+        queries += replica.values()
+    if rule == EVERYTHING:  # the primary may have no rules, and so accept writes on plain keys
         queries += (keys.request(tree, request_type) for request_type in KEYED)
     builder.add(AccessRule(), [_right("ingress", ["query"], queries)])
     everything = [_right(flow, _MESSAGES, ["**"]) for flow in ("ingress", "egress")]

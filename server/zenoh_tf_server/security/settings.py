@@ -118,65 +118,60 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
     """The security settings of these flags.
 
     Raises:
-        InvalidArgumentException: They make no sense together, or a file is wrong.
+        InvalidArgumentException: They contradict each other, or a file is wrong.
     """
-    joins = options.connect or options.replica_of
-    if joins:
-        if options.users and options.connect:
-            _reject("users", "works with --listen only: the network's routers check their clients")
-        if options.replica_of and bool(options.users) != bool(options.user):
-            missing = "user" if options.users else "users"
-            _reject(
-                missing, "is missing: a replica whose primary asks for users asks for them, too"
-            )
-        if rules:
-            _reject("access", "rules work with --listen only: configure the network's routers")
-        given = credentials.from_parts(
-            options.tls_ca,
-            options.tls_certificate,
-            options.tls_key,
-            options.user,
-            password_file=options.password_file,
-        )
-        for endpoint in joins:
-            zenoh_config.check_encrypted(endpoint, given)
-        if options.replica_of:  # its clients get the same certificate
-            if any(zenoh_config.protocol(e) == PRIMARY_PROTOCOL for e in options.listen):
-                _reject("listen", f"cannot be {PRIMARY_PROTOCOL}/... with --replica-of")
-            if options.users:
-                check_users(options.users)
-            listening = options.tls_certificate, options.tls_key, options.tls_ca, options.users
-            return Security(*listening, credentials=given)
-        return Security(
-            admin=not options.no_admin,
-            credentials=given,
-        )
-    given = credentials.NO_CREDENTIALS
-    listening_ca = options.tls_ca
-    if options.mirror_of:
-        given = credentials.from_parts(
-            options.tls_ca,
-            options.tls_certificate,
-            options.tls_key,
-            options.user,
-            password_file=options.password_file,
-        )
-        if options.tls_certificate is None:
-            listening_ca = None  # it is for the robots' certificates only
+    if options.connect or options.replica_of:
+        return _joining(options, rules)
     for name in ("user", "password_file"):
         if getattr(options, name) and not options.mirror_of:
             _reject(name, "works with --connect only; --users says who may connect to this server")
+    # Without a certificate of the server, the authorities sign those of the robots only.
+    own_ca = options.tls_certificate is not None or not options.mirror_of
     security = Security(
         options.tls_certificate,
         options.tls_key,
-        listening_ca,
+        options.tls_ca if own_ca else None,
         options.users,
         tuple(rules),
         not options.no_admin,
-        given,
+        _credentials(options) if options.mirror_of else NO_CREDENTIALS,
     )
     _check(security, options.listen)
     return security
+
+
+def _joining(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Security:
+    """Of a server that joins a network, or a replica."""
+    if options.users and options.connect:
+        _reject("users", "works with --listen only: the network's routers check their clients")
+    if options.replica_of and bool(options.users) != bool(options.user):
+        missing = "user" if options.users else "users"
+        _reject(missing, "is missing: a replica whose primary asks for users asks for them, too")
+    if rules:
+        _reject("access", "rules work with --listen only: configure the network's routers")
+    given = _credentials(options)
+    for endpoint in options.connect or options.replica_of:
+        zenoh_config.check_encrypted(endpoint, given)
+    if not options.replica_of:
+        return Security(admin=not options.no_admin, credentials=given)
+    if any(zenoh_config.protocol(endpoint) == PRIMARY_PROTOCOL for endpoint in options.listen):
+        _reject("listen", f"cannot be {PRIMARY_PROTOCOL}/... with --replica-of")
+    if options.users:
+        check_users(options.users)
+    # Its clients get the same certificate as its primary.
+    listening = options.tls_certificate, options.tls_key, options.tls_ca, options.users
+    return Security(*listening, credentials=given)
+
+
+def _credentials(options: argparse.Namespace) -> Credentials:
+    """What the server shows to others that it connects to."""
+    return credentials.from_parts(
+        options.tls_ca,
+        options.tls_certificate,
+        options.tls_key,
+        options.user,
+        password_file=options.password_file,
+    )
 
 
 def _check(security: Security, listen: Sequence[str]) -> None:

@@ -1,7 +1,7 @@
 """Streams of parts of the tree, for mirrors that do not want all of it (`wire.Interest`).
 
 An interest is read from the tree itself (`InterestReader`), so commits pay nothing for it. One
-thread looks at the versions of the frames of all interests every few milliseconds, and publishes
+thread compares the versions of the frames of all interests every few milliseconds, and publishes
 what is new of those that have changed; of thinned ones when their time has come. After a message,
 changes are gathered for as long as the interest allows: at a sensor's rate, a message for each
 change would cost more than what is in it. All mirrors with the same interest share one stream. It
@@ -22,7 +22,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
@@ -33,8 +33,7 @@ from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerRestarted, Transfor
 
 from .. import fair_share
 from ..limits import Limits
-from .recent_messages import RecentMessages
-from .stream import HEARTBEAT_S
+from .publisher import HEARTBEAT_S, StreamPublisher
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -43,7 +42,7 @@ _LEAST_PERIOD_S: Final = 0.001
 _PERIOD_S: Final = 0.01
 #: New interests, and listeners that come and go, are noticed within this time.
 _WAIT_S: Final = 0.05
-#: After a change, the number of the last commit is told this soon, as someone may wait for it.
+#: After a change, the number of the last commit is published this soon, as someone may wait for it.
 _SOON_S: Final = 0.02
 #: The thread rests this many times as long as it works.
 _REST: Final = 2.0
@@ -52,7 +51,6 @@ _KEPT_BYTES: Final = 256 << 10
 #: An interest ends if nobody has listened to it for this long, or sooner if there are too many.
 _UNHEARD_S: Final = 10.0
 _UNHEARD_IF_BUSY_S: Final = 1.0
-_MISSED_BYTES: Final = 1 << 20
 
 
 class _Interest:
@@ -63,37 +61,34 @@ class _Interest:
         self.period_s = interest.period_ns / 1e9
         self.delay_s = interest.delay_ns / 1e9
         self.reader = InterestReader(tree, list(interest.pairs), bool(interest.period_ns))
-        self.recent = RecentMessages(_KEPT_BYTES)
+        self.publisher = StreamPublisher(instance, _KEPT_BYTES)
         self.clients: set[str] = set()
-        self.publisher: Any = None
         self.unheard_since_s: float | None = time.monotonic()  # None: someone listens
-        self.messages = self.bytes = 0
-        self._instance = instance
         self._lock = threading.Lock()  # guards what follows, and the order of the messages
-        self._last = self._clock_ns = 0
-        self._told_s = 0.0  # when the state was put
-        self._put_s = 0.0
+        self._clock_ns = 0  # of the state in the last message
+        self._state_s = 0.0  # when it was put
         self._has_changed = False  # in the last message
 
-    def listen(self) -> None:
-        """Note whether someone listens."""
-        if self.publisher is not None and self.publisher.matching_status.matching:
+    def update_listeners(self) -> None:
+        """Record whether someone listens."""
+        if self.publisher.has_listeners():
             self.unheard_since_s = None
         elif self.unheard_since_s is None:
             self.unheard_since_s = time.monotonic()
 
     def due_s(self) -> float:
         """When the next message is due if nothing changes."""
+        put_s = self.publisher.put_s
         if self.period_s:
-            return min(self._told_s + self.period_s, self._put_s + HEARTBEAT_S)
-        return self._put_s + (max(_SOON_S, self.delay_s) if self._has_changed else HEARTBEAT_S)
+            return min(self._state_s + self.period_s, put_s + HEARTBEAT_S)
+        return put_s + (max(_SOON_S, self.delay_s) if self._has_changed else HEARTBEAT_S)
 
     def gathers_until_s(self) -> float:
         """When the next message may have changes."""
-        return self._told_s + self.delay_s
+        return self._state_s + self.delay_s
 
     def snapshot(self, room: int, settings: wire.TreeSettings) -> wire.SnapshotPlan:
-        """All that there is; what of it is new is published, so that the stream goes on from it."""
+        """All that there is. Publishes what of it is new, so that the stream continues from it."""
         with self._lock:
             clock_ns = time.monotonic_ns()
             seq, reparented, changes, everything = self.reader.read(True, room)
@@ -102,31 +97,22 @@ class _Interest:
             bounds = wire.NO_BOUNDS
             return wire.SnapshotPlan(seq, reparented, bounds, settings, clock_ns, everything)
 
-    def tell(self, room: int) -> None:
+    def publish(self, room: int) -> None:
         """Publish what has changed; of a thinned stream whose time has not come, a heartbeat."""
         with self._lock:
-            if self.period_s and time.monotonic() < self._told_s + self.period_s:
-                self._put(self._last, self._clock_ns, None)
+            if self.period_s and time.monotonic() < self._state_s + self.period_s:
+                self._put(self.publisher.last, self._clock_ns, None)
                 return
             clock_ns = time.monotonic_ns()  # all that was committed before is in what is read
             seq, _, changes, _ = self.reader.read(False, room)
             self._put(seq, clock_ns, changes)
 
     def _put(self, last: int, clock_ns: int, changes: wire.Changes | None) -> None:
-        first, self._last = self._last + 1, last
-        message = wire.StreamMessage(self._instance, first, last, clock_ns, changes)
-        data = wire.pack(wire.stream_body(message))
-        if last >= first:
-            self.recent.add(first, last, data)
-        self._put_s = time.monotonic()
         if clock_ns != self._clock_ns:
-            self._told_s = self._put_s
+            self._state_s = time.monotonic()
         self._clock_ns = clock_ns
         self._has_changed = changes is not None
-        self.messages += 1
-        self.bytes += len(data)
-        if self.publisher is not None:
-            self.publisher.put(data)
+        self.publisher.put(last, clock_ns, changes)
 
 
 class Interests:
@@ -140,8 +126,8 @@ class Interests:
         self._lock = threading.Lock()
         self._interests: dict[str, _Interest] = {}
         self._shares = fair_share.FairShare(limits, "interests")
-        self._ended = {"messages": 0, "bytes": 0}  # of interests that have ended
-        self._frames = 0  # of all interests, counted anew at each sweep
+        self._ended_messages = self._ended_bytes = 0  # of interests that have ended
+        self._frames = 0  # of all interests, counted again at each sweep
         self._rest_until_s = 0.0  # of the thread
         self._changed = threading.Event()  # the interests, their listeners, or `_closing`
         self._closing = False
@@ -183,9 +169,8 @@ class Interests:
         with self._lock:
             interest = self._interests.get(interest_id)
         if interest is None:
-            raise ServerRestarted("the interest has ended: take a new snapshot")
-        messages = interest.recent.since(first, _MISSED_BYTES)
-        return wire.missed_reply(messages, self._log.last)
+            raise ServerRestarted("the interest has ended: load a new snapshot")
+        return interest.publisher.missed(first, self._log.last)
 
     def client_gone(self, client: str) -> None:
         """Give up what only this client wanted."""
@@ -200,11 +185,12 @@ class Interests:
         """Counters for `stats`."""
         with self._lock:
             running = list(self._interests.values())
+            publishers = [one.publisher for one in running]
             return {
                 "interests": len(running),
                 "interest_frames": sum(one.reader.frames for one in running),
-                "interest_messages": self._ended["messages"] + sum(one.messages for one in running),
-                "interest_message_bytes": self._ended["bytes"] + sum(one.bytes for one in running),
+                "interest_messages": self._ended_messages + sum(p.messages for p in publishers),
+                "interest_message_bytes": self._ended_bytes + sum(p.bytes for p in publishers),
             }
 
     # --- which there are
@@ -220,24 +206,14 @@ class Interests:
                     self._shares.check(client, 1, _UNHEARD_IF_BUSY_S)
             if interest is None or wanted.id not in self._interests:
                 interest = _Interest(wanted, self._tree, self._instance)
-                interest.publisher = self._publisher(wanted.id)
+                if self._session is not None:
+                    key = keys.stream(self._name, self._instance, wanted.id)
+                    interest.publisher.start(self._session, key, self._changed.set)
                 self._interests[wanted.id] = interest
             if client not in interest.clients:
                 interest.clients.add(client)
                 self._shares.take(client, 1)
             return interest
-
-    def _publisher(self, interest_id: str) -> Any:
-        if self._session is None:
-            return None
-        publisher = self._session.declare_publisher(
-            keys.stream(self._name, self._instance, interest_id),
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.DATA_LOW,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
-        publisher.declare_matching_listener(lambda status: self._changed.set())
-        return publisher
 
     def _sweep(self, unheard_s: float) -> None:
         """End those that nobody wants any more. Requires the lock."""
@@ -252,11 +228,10 @@ class Interests:
         self._frames -= interest.reader.frames
         for client in interest.clients:
             self._shares.give_back(client, 1)
-        self._ended["messages"] += interest.messages
-        self._ended["bytes"] += interest.bytes
+        self._ended_messages += interest.publisher.messages
+        self._ended_bytes += interest.publisher.bytes
         try:
-            if interest.publisher is not None:
-                interest.publisher.undeclare()
+            interest.publisher.close()
         except zenoh.ZError as error:  # the session is closed
             log.debug("cannot undeclare the stream of an interest: %s", error)
 
@@ -308,11 +283,11 @@ class Interests:
                     next_sweep_s = time.monotonic() + _UNHEARD_IF_BUSY_S
                     with self._lock:
                         for interest in self._interests.values():
-                            interest.listen()
+                            interest.update_listeners()
                         self._sweep(_UNHEARD_S)
                         self._frames = sum(one.reader.frames for one in self._interests.values())
                 self._publish(next_sweep_s)
-            except Exception:  # the streams must go on
+            except Exception:  # the streams must continue
                 log.exception("internal error in the streams of interests")
                 time.sleep(HEARTBEAT_S)
 
@@ -345,19 +320,17 @@ class Interests:
         changed = wait_for_changes(readers, period_s, max(left_s, 0))
         begin_s = time.monotonic()
         due = (one for one in heard if one.due_s() <= begin_s)
-        told: set[int] = set()
-        for interest in itertools.chain((ready[i] for i in changed), due):
-            if id(interest) not in told:
-                told.add(id(interest))
-                self._tell(interest)
-        if told:
+        published = dict.fromkeys(itertools.chain((ready[i] for i in changed), due))
+        for interest in published:
+            self._publish_one(interest)
+        if published:
             end_s = time.monotonic()
             self._rest_until_s = end_s + max(_LEAST_PERIOD_S, _REST * (end_s - begin_s))
 
-    def _tell(self, interest: _Interest) -> None:
+    def _publish_one(self, interest: _Interest) -> None:
         try:
             with self._counted(interest) as room:
-                interest.tell(room)
+                interest.publish(room)
         except TransformException as error:  # its mirrors learn why when they ask
             log.warning("an interest of %d pairs ends: %s", len(interest.wanted.pairs), error)
             with self._lock:

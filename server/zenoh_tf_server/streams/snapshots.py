@@ -78,6 +78,6 @@ class Snapshots:
         if instance != self._instance:
             raise ServerRestarted(
                 f"the request is for server instance {quoted(instance)}, but this is instance "
-                f"{self._instance}: take a new snapshot",
+                f"{self._instance}: load a new snapshot",
                 value=quoted(instance),
             )

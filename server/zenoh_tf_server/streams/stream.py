@@ -1,9 +1,9 @@
 """The commit stream: publishes what commits change, while someone listens.
 
-One thread takes the entries of the tree's change log and puts each batch as one message. A commit
+One thread reads the entries of the tree's change log and puts each batch as one message. A commit
 that comes alone goes out at once; after a message, the next one waits for a millisecond and then
-has everything. With nothing to say, a heartbeat tells the last number. The publisher drops what a
-link does not take: so no listener delays the server or another listener, and those that miss a
+has everything. Without changes, a heartbeat has the last number. The publisher drops what a
+link does not accept: so no listener delays the server or another listener, and those that miss a
 message ask for it (docs/explanation/decisions/0010-the-stream-tells-versions.md).
 
 Thread safety: all methods.
@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
@@ -23,18 +23,15 @@ from zenoh_tf._core import ChangeLog
 from zenoh_tf._net import keys
 
 from ..limits import Limits
-from .recent_messages import RecentMessages
+from .publisher import HEARTBEAT_S, StreamPublisher
 
 log = logging.getLogger("zenoh_tf.server")
 
-HEARTBEAT_S: Final = 0.1
 #: The least time between two messages.
 _INTERVAL_S: Final = 0.001
-#: A message takes entries until they have this many bytes; one commit is never split. Zenoh queues
+#: A message has entries until they have this many bytes; one commit is never split. Zenoh queues
 #: 1 MB for each link, and drops a message for which there is no room.
 _MESSAGE_BYTES: Final = 1 << 18
-#: A reply to `missed` takes messages until they have this many bytes.
-_MISSED_BYTES: Final = 1 << 20
 
 
 class Stream:
@@ -43,28 +40,17 @@ class Stream:
     def __init__(self, tree: TransformTree, instance: str, limits: Limits) -> None:
         self._instance = instance
         self._log = ChangeLog(tree)
-        self._recent = RecentMessages(limits.stream_bytes)
-        self._publisher: zenoh.Publisher | None = None
+        self._publisher = StreamPublisher(instance, limits.stream_bytes)
         self._changed = threading.Event()  # the listeners, or `_closing`
         self._active = threading.Event()  # the log is read
         self._closing = False
-        # Of the last message; only the thread changes these.
-        self._last = 0
-        self._put_s = 0.0  # when that was
-        self._clock_ns = 0
-        self._messages = self._bytes = self._gaps = 0
+        self._clock_ns = 0  # of the last message
+        self._gaps = 0
         self._thread: threading.Thread | None = None
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         """Publish to whoever listens to the stream of a tree."""
-        self._publisher = session.declare_publisher(
-            keys.stream(tree, self._instance),
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.DATA_LOW,
-            # This session subscribes to puts of transforms, on a key that includes the stream's.
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
-        self._publisher.declare_matching_listener(lambda status: self._wake())
+        self._publisher.start(session, keys.stream(tree, self._instance), self._wake)
         self._thread = threads.start("stream", self._run)
 
     def close(self) -> None:
@@ -75,7 +61,7 @@ class Stream:
 
     def wait_until_active(self, timeout_s: float) -> None:
         """Wait until the changes are published, if someone listens."""
-        if not self._active.is_set() and self._has_listeners():
+        if not self._active.is_set() and self._publisher.has_listeners():
             self._active.wait(timeout_s)
 
     def last_seq(self) -> int:
@@ -84,15 +70,15 @@ class Stream:
 
     def missed(self, first: int) -> wire.Message:
         """The fields of the reply to `missed`: the messages from the number `first` on."""
-        return wire.missed_reply(self._recent.since(first, _MISSED_BYTES), self._last)
+        return self._publisher.missed(first, self._publisher.last)
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
         return {
-            "stream_messages": self._messages,
-            "stream_message_bytes": self._bytes,
+            "stream_messages": self._publisher.messages,
+            "stream_message_bytes": self._publisher.bytes,
             "stream_gaps": self._gaps,
-            "stream_kept_bytes": self._recent.bytes,
+            "stream_kept_bytes": self._publisher.recent.bytes,
             "change_log_bytes": self._log.bytes,
         }
 
@@ -100,19 +86,15 @@ class Stream:
         self._changed.set()
         self._log.wake()
 
-    def _has_listeners(self) -> bool:
-        publisher: Any = self._publisher
-        return publisher is not None and bool(publisher.matching_status.matching)
-
     def _run(self) -> None:
         while not self._closing:
             self._changed.clear()
             try:
-                if self._has_listeners():
+                if self._publisher.has_listeners():
                     self._publish()
                 elif not self._closing:
                     self._changed.wait()
-            except Exception:  # the stream must go on, with a gap
+            except Exception:  # the stream must continue, with a gap
                 log.exception("internal error in the commit stream")
                 time.sleep(HEARTBEAT_S)
 
@@ -123,7 +105,7 @@ class Stream:
             while not self._closing:
                 if self._changed.is_set():
                     self._changed.clear()
-                    if not self._has_listeners():
+                    if not self._publisher.has_listeners():
                         break
                 self._log.wait(HEARTBEAT_S)
                 self._put_changes()
@@ -131,38 +113,27 @@ class Stream:
         finally:
             self._active.clear()
             self._log.stop()
-            self._recent.clear()
+            self._publisher.recent.clear()
 
     def _begin(self) -> None:
-        """Go on with the next commit. Listeners see a gap if they know of an earlier one."""
-        self._recent.clear()
+        """Continue with the next commit. Listeners see a gap if they know of an earlier one."""
+        self._publisher.recent.clear()
         self._clock_ns = time.monotonic_ns()  # not later than the number, see `_put_changes`
-        self._last = self._log.start()
+        self._publisher.last = self._log.start()
         self._active.set()
-        self._put(self._last, None)
+        self._publisher.put(self._publisher.last, self._clock_ns, None)
 
     def _put_changes(self) -> None:
         """Put what there is, or a heartbeat if its time has come."""
-        # Mirrors tell their age from the clock: what was committed before must be in this message
-        # or an earlier one, so the clock waits for commits in progress.
-        clock_ns, drawn = time.monotonic_ns(), self._log.last
+        # Mirrors compute their age from the clock: what was committed before must be in this
+        # message or an earlier one, so the clock waits for commits in progress.
+        clock_ns, assigned = time.monotonic_ns(), self._log.last
         _, last, lost, changes = self._log.take(_MESSAGE_BYTES)
-        if last >= drawn:
+        if last >= assigned:
             self._clock_ns = clock_ns
-        if last > self._last or time.monotonic() - self._put_s >= HEARTBEAT_S:
-            self._put(last, changes)
+        publisher = self._publisher
+        if last > publisher.last or time.monotonic() - publisher.put_s >= HEARTBEAT_S:
+            publisher.put(last, self._clock_ns, changes)
         if lost:
             self._gaps += 1
             self._begin()
-
-    def _put(self, last: int, changes: wire.Changes | None) -> None:
-        first, self._last = self._last + 1, last
-        message = wire.StreamMessage(self._instance, first, last, self._clock_ns, changes)
-        data = wire.pack(wire.stream_body(message))
-        if last >= first:
-            self._recent.add(first, last, data)
-        self._messages += 1
-        self._bytes += len(data)
-        self._put_s = time.monotonic()
-        if self._publisher is not None:
-            self._publisher.put(data)

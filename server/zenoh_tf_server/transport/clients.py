@@ -1,10 +1,10 @@
 """The clients that are connected, by their liveliness tokens.
 
 A query says which client sent it, but anyone may say anything: only an id with a live token is
-taken for a client of its own. All other queries belong to the client "". So do, for some
+regarded as a client of its own. All other queries belong to the client "". So do, for some
 milliseconds, those of a new client whose token arrives after its first query. Its link is known
 earlier, but cannot stand in for the token: clients behind a router have no link of their own, and
-what is kept for a client would need a second way to be forgotten if its token never comes.
+what is kept for a client would need a second rule for when to forget it if its token never comes.
 
 Thread safety: all methods.
 """

@@ -2,7 +2,7 @@
 
 Requests wait in lanes. Within a lane the clients take turns, so a client with many requests
 delays itself. All lanes share the bounds, for each client and for all together; a request beyond
-a bound is refused before any work is spent on it, and the client is told to come back.
+a bound is refused before any work is spent on it, with the time of the next try.
 
 Thread safety: all methods.
 Invariant: a lane holds no client without requests, so `take` is O(1).
@@ -55,19 +55,19 @@ class QueueShares:
 
 
 class Lane(Generic[Q]):
-    """The requests of one kind that wait, a queue for each client."""
+    """Requests that wait for the same threads, a queue for each client."""
 
-    def __init__(self, budget: QueueShares) -> None:
-        self._budget, self._queries, self._sizes = budget, budget.count, budget.bytes
+    def __init__(self, shares: QueueShares) -> None:
+        self._shares, self._queries, self._sizes = shares, shares.count, shares.bytes
         self._queues: OrderedDict[str, deque[QueuedRequest[Q]]] = OrderedDict()
-        self._filled = threading.Condition(budget.lock)
+        self._filled = threading.Condition(shares.lock)
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
     def put(self, request: QueuedRequest[Q]) -> TransformException | None:
         """Queue a request, or return why it is refused."""
         client, cost = request.client, request.size + _OVERHEAD_BYTES
-        with self._budget.lock:
+        with self._shares.lock:
             if not self._queries.admit(client, 1):
                 return self._queries.refusal(client, 1, RETRY_AFTER_S)
             if not self._sizes.admit(client, cost):
@@ -83,12 +83,12 @@ class Lane(Generic[Q]):
 
     def take(self) -> QueuedRequest[Q] | None:
         """The next request of the client whose turn it is; None if there is none."""
-        with self._budget.lock:
+        with self._shares.lock:
             return self._take()
 
     def wait(self) -> QueuedRequest[Q] | None:
         """The same, but waits for a request. None: the lane is closed and empty."""
-        with self._budget.lock:
+        with self._shares.lock:
             while (request := self._take()) is None:
                 if self._closed:
                     return None
@@ -99,7 +99,7 @@ class Lane(Generic[Q]):
 
     def close(self) -> None:
         """Let `wait` return when the lane is empty."""
-        with self._budget.lock:
+        with self._shares.lock:
             self._closed = True
             self._filled.notify_all()
 
@@ -120,11 +120,11 @@ class Admission(Lane[Q], ABC):
 
     Invariant: requests wait only while no place is free. `begin` takes a place or queues, and
     `end` takes from the queue or frees the place, under one lock, so no request stays behind. That
-    lock is taken before the budget's.
+    lock is taken before that of the shares.
     """
 
-    def __init__(self, budget: QueueShares, places: int) -> None:
-        super().__init__(budget)
+    def __init__(self, shares: QueueShares, places: int) -> None:
+        super().__init__(shares)
         self._lock = threading.Lock()
         self._free = places  # guarded by the lock
 

@@ -46,7 +46,7 @@ class LinkSocket:
     """A socket of Zenoh's: only asked, set up and shut down here, never read, written or closed."""
 
     fd: int
-    inode: int  # tells a socket from a later one with the same number
+    inode: int  # differs from that of a later socket with the same number
 
     def do_not_linger(self) -> None:
         """Let a close of the socket return at once."""
@@ -61,7 +61,7 @@ class LinkSocket:
             return False
 
     def is_writable(self) -> bool:
-        """True if the kernel takes more, so that Zenoh's sending task makes progress, or if the
+        """True if the kernel accepts more, so that Zenoh's sending task makes progress, or if the
         socket is closed, so that Zenoh drops what is sent. While a broken link is still open,
         Zenoh blocks whoever sends."""
         events = self._events()
@@ -85,7 +85,7 @@ class LinkSocket:
         return int(struct.unpack("i", unsent)[0])
 
     def free_bytes(self) -> int:
-        """How many bytes the kernel takes at least. It counts what it spends beside the bytes,
+        """How many bytes the kernel accepts at least. It counts what it spends beside the bytes,
         too, hence only a quarter of the buffer."""
         try:
             with _borrowed(self.fd) as connection:

@@ -3,7 +3,7 @@
 A client gets its connection from `sharing`. Each connection has a thread, which reads a request,
 serves it, and sends the reply before it reads the next one. So a client that sends much, or reads
 nothing, holds up nobody but itself, and what a connection costs is bounded. There are no hand-overs
-between threads: those and Zenoh take four fifths of the time of a query that writes.
+between threads: those and Zenoh are four fifths of the time of a query that writes.
 
 As many requests of a type may be served at once as by `workers`. Others wait in a lane, where
 clients take turns, within the same bounds as queries. Long requests and replies, waiting lookups
@@ -47,13 +47,13 @@ _MAX_OF_CLIENT: Final = 32
 _MAX_ID_BYTES: Final = 64
 #: A client that does not say who it is for this long loses the connection.
 _ID_S: Final = 5.0
-#: A client that takes nothing of a reply for this long loses the connection.
+#: A client that reads nothing of a reply for this long loses the connection.
 _CUT_OFF_S: Final = 10
 _READ_BYTES: Final = 8192
 
 
 class _Malformed(Exception):
-    """What a client sent makes no sense; the message is one line for the log."""
+    """A client has sent no valid request; the message is one line for the log."""
 
 
 class _Reply:
@@ -142,11 +142,11 @@ class _LocalConnection:
 class LocalRequests:
     """The connections of clients on this host; see the module."""
 
-    def __init__(self, service: Handler, clients: Clients, budget: QueueShares, count: int) -> None:
+    def __init__(self, service: Handler, clients: Clients, shares: QueueShares, count: int) -> None:
         """`count`: how many requests of a type may be served at once."""
         self._service = service
         self._clients = clients
-        self._turns = {name: _Turns(budget, count) for name in REQUEST_TYPES.values()}
+        self._turns = {name: _Turns(shares, count) for name in REQUEST_TYPES.values()}
         self._lines = RateLimitedLog(log)
         self._lock = threading.Lock()
         # Guarded by the lock.
@@ -171,7 +171,7 @@ class LocalRequests:
             self._connections.add(connection)
         try:
             connection.thread = threads.start("local", self._serve, connection)
-        except RuntimeError:  # the system has no thread left; the client goes on over Zenoh
+        except RuntimeError:  # the system has no thread left; the client uses Zenoh instead
             self._forget(connection)
             peer.close()
 

@@ -1,8 +1,8 @@
-"""How much a client's link takes without blocking, and which links a reply may go to.
+"""How much a client's link accepts without blocking, and which links a reply may go to.
 
 A client that has said who it is, and is connected, has links of its own. The reply to any other
 query may go to each link that never was a known client's, for example to a router with clients
-behind it: it is sent when all of those take more. The server's queries to itself have no link.
+behind it: it is sent when all of those have room. The server's queries to itself have no link.
 
 Thread safety: all methods.
 """
@@ -16,28 +16,28 @@ from ..requests.handler import UNKNOWN
 from .clients import Clients
 from .link_sockets import LinkSocket, LinkSockets
 
-#: A link that is writable takes this much, whatever the kernel has free: Zenoh's own queue has room
-#: for two batches of 64 KiB.
+#: A link that is writable accepts this much, whatever the kernel has free: Zenoh's own queue has
+#: room for two batches of 64 KiB.
 UNCHECKED_ROOM: Final = 60_000
 #: No more is sent at once, so that clients take turns.
 _MAX_ROOM: Final = 1 << 20
-#: The longest reply to a client that takes no parts. It is sent when nothing is before it, and then
-#: fits into the kernel's buffer of a usual system.
+#: The longest reply to a client that accepts no parts. It is sent when nothing is before it, and
+#: then fits into the kernel's buffer of a usual system.
 WHOLE_ROOM: Final = 2 << 20
 #: In place of a file descriptor: the link is broken, but Zenoh has not closed it yet.
 BROKEN: Final = -1
 
 
 class OutboxLinks:
-    """The links of clients, and whether they take more."""
+    """The links of clients, and whether they have room."""
 
     def __init__(self, sockets: LinkSockets, clients: Clients) -> None:
         self._sockets = sockets
         self._clients = clients
 
     def room(self, client: str) -> int | None:
-        """How many bytes can be sent to the client without blocking; None if that cannot be told
-        of one of its links."""
+        """How many bytes can be sent to the client without blocking; None if that of one
+        of its links is not known."""
         room = _MAX_ROOM
         for link in self._links(client):
             if link is None:
@@ -56,19 +56,19 @@ class OutboxLinks:
         return all(link is not None and link.unsent_bytes() == 0 for link in self._links(client))
 
     def is_blind(self, client: str) -> bool:
-        """True if the room of one of the client's links cannot be told."""
+        """True if the room of one of the client's links is not known."""
         return any(link is None for link in self._links(client))
 
     def full_link(self, client: str) -> int | None:
-        """The file descriptor of a link that takes no more now, to poll; BROKEN if a poll cannot
-        wait for it. None: all take more."""
+        """The file descriptor of a link without room, to poll; BROKEN if a poll cannot
+        wait for it. None: all have room."""
         for link in self._links(client):
             if link is not None and not link.is_writable():
                 return BROKEN if link.is_broken() else link.fd
         return None
 
     def cut_full(self, client: str) -> bool:
-        """Cut the links that a reply to the client may go to and that take no more."""
+        """Cut the links that a reply to the client may go to and that have no room."""
         cut = False
         for peer in self._peers(client):
             links = self._sockets.of_peer(peer)
@@ -85,7 +85,7 @@ class OutboxLinks:
             return []
         if client and self._sockets.of_peer(client):
             return [client]
-        # The link of a client that is gone may stay for seconds, and take nothing: a new client,
+        # The link of a client that is gone may stay for seconds, and be full: a new client,
         # whose token has not arrived yet, must not wait for it.
         peers = self._sockets.peers()
         return [peer for peer in peers if not self._clients.has_been_known(peer)]

@@ -1,13 +1,13 @@
 """Sends replies, so that a client that does not read delays nobody else.
 
 No thread ever waits for a client. Each client has an outbox with a credit: how many bytes its
-link takes now without blocking (`outbox_links`). A worker sends a reply itself as long as the
-credit lasts. Else the reply waits in the outbox, and the sender thread goes on when the link takes
-more; it waits for all full links at once. A client that can join parts gets a long reply in parts
+link accepts now without blocking (`outbox_links`). A worker sends a reply itself as long as the
+credit lasts. Else the reply waits in the outbox, and the sender thread continues when the link has
+room; it waits for all full links at once. A client that can join parts gets a long reply in parts
 as large as the credit. What waits in an outbox is bounded in bytes: the client's new requests are
-refused (`refusal`), and a client that takes nothing for a while loses its connection, alone.
+refused (`refusal`), and a client that reads nothing for a while loses its connection, alone.
 
-Where a link's room cannot be told, a thread of the client's own sends what is beyond the credit,
+Where a link's room is not known, a thread of the client's own sends what is beyond the credit,
 and may block in Zenoh.
 
 Thread safety: all methods.
@@ -43,7 +43,7 @@ log = logging.getLogger("zenoh_tf.server")
 _OVERHEAD_BYTES: Final = 512
 #: The sender thread sends at most this many replies and parts of one client before the next.
 _AT_ONCE: Final = 32
-#: A client that takes nothing of what waits for it for this long loses its connection. Zenoh
+#: A client that reads nothing of what waits for it for this long loses its connection. Zenoh
 #: gives a silent peer as long.
 _CUT_OFF_S: Final = 10.0
 #: How often links are asked that no poll can wait for.
@@ -215,13 +215,15 @@ class Replies:
     def refusal(self, client: str) -> TransformException | None:
         """Why a new request of the client must be refused: so many bytes of replies wait for the
         client, or for all. None: nothing stands against it."""
+        if not self.unread.total:  # the common case
+            return None
         with self._lock:
             held = self.unread.held(client)
             if not held or self.unread.admit(client, 0):
                 return None
             refusal = self.unread.refusal(client, 0, RETRY_AFTER_S)
         if held > 2 * self._limits.unread_reply_bytes:
-            # It goes on asking, and even the refusals are not read.
+            # It continues to ask, and even the refusals are not read.
             self._cut_off += self._links.cut_full(client)
         return refusal
 
@@ -230,10 +232,10 @@ class Replies:
         return {"unread_reply_bytes": self.unread.total, "clients_cut_off": self._cut_off}
 
     def too_long(self, size: int) -> bytes:
-        """The reply in place of one that is too long for a client that takes no parts."""
+        """The reply in place of one that is too long for a client that accepts no parts."""
         error = LimitExceeded(
             f"the request has run, but its reply of {size:,} bytes is too long for a client that "
-            f"takes no parts: the limit is {WHOLE_ROOM:,} bytes; ask for less, or in parts",
+            f"accepts no parts: the limit is {WHOLE_ROOM:,} bytes; ask for less, or in parts",
             field="whole_reply_bytes",
             limit=WHOLE_ROOM,
             value=size,
@@ -258,7 +260,7 @@ class Replies:
             return self._outboxes.setdefault(client, _Outbox(client))
 
     def _spend(self, outbox: _Outbox, size: int, reply: Reply) -> bool:
-        """Take the credit for sending `size` bytes. Requires the outbox's lock."""
+        """Spend the credit for sending `size` bytes. Requires the outbox's lock."""
         if outbox.credit < size:
             room = self._links.room(outbox.client)
             if room is not None:
@@ -297,7 +299,7 @@ class Replies:
                 log.exception("internal error while sending replies")
 
     def _resume(self, outbox: _Outbox) -> bool:
-        """Go on sending. True: the outbox is done, or another thread's."""
+        """Continue to send. True: the outbox is done, or another thread's."""
         if self._links.is_blind(outbox.client):
             threads.start("reply", self._send_blindly, outbox)
             return True
@@ -364,7 +366,7 @@ class Replies:
                 outbox.credit = UNCHECKED_ROOM
 
     def _wait(self, stuck: deque[_Outbox]) -> None:
-        """Wait until an outbox is handed over, or the link of a stuck one may take more."""
+        """Wait until an outbox is handed over, or the link of a stuck one may have room."""
         poll = select.poll()
         poll.register(self._woken, select.POLLIN)
         timeout_ms = _POLL_MS

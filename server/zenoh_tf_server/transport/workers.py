@@ -19,6 +19,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any, Final
 
 import zenoh
@@ -31,6 +32,8 @@ from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
 from .lanes import Admission, Lane, QueuedRequest, QueueShares
+from .link_sockets import LinkSockets
+from .outbox_links import OutboxLinks
 from .replies import Replies, Reply
 
 log = logging.getLogger("zenoh_tf.server")
@@ -41,13 +44,30 @@ _CHANNEL: Final = 8
 _MAX_ATTACHMENT_BYTES: Final = 64
 _MAX_SENDERS: Final = 1000
 #: A request of up to this size is short: about 15,000 lookups, or 3,000 transforms to store,
-#: which take a few milliseconds.
+#: of a few milliseconds.
 SHORT_BYTES: Final = 256 << 10
 #: Types of rare requests: one thread serves each.
 _SMALL: Final = ("info", "admin", "hello", "snapshot", "missed")
-#: A request with these bytes and no more than `_HELLO_BYTES` is taken for a `hello`.
+#: A request with these bytes and no more than `_HELLO_BYTES` is treated as a `hello`.
 _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64
+
+
+def open_replies(
+    session: zenoh.Session, service: Handler, stack: ExitStack
+) -> tuple[Clients, Replies]:
+    """The clients of a session and the outboxes of their replies, until `stack` is closed."""
+    clients = Clients(service.limits.connections)
+    stack.callback(clients.close)
+    sockets = LinkSockets()
+    stack.callback(sockets.close)
+    sockets.start(session)
+    replies = Replies(OutboxLinks(sockets, clients), service.limits, service.error)
+    stack.callback(replies.close)
+    clients.when_gone(replies.forget)
+    clients.when_gone(service.client_gone)
+    service.add_counters(replies.counters)
+    return clients, replies
 
 
 class Workers:
@@ -61,16 +81,25 @@ class Workers:
         count: int,
         request_types: Sequence[str] = keys.REQUEST_TYPES,
     ) -> None:
-        #: What waits, also of requests that come in other ways.
-        self.budget = QueueShares(service.limits)
-        service.add_counters(self.budget.counters)
-        self._shared = shared = _Shared(service, clients, replies, self.budget)
-        long: Lane[zenoh.Query] = Lane(self.budget)
-        infos: Lane[zenoh.Query] = Lane(self.budget)
+        #: What waits, also of requests that do not come as queries.
+        self.shares = QueueShares(service.limits)
+        service.add_counters(self.shares.counters)
+        self._service = service
+        self._clients = clients
+        self._replies = replies
+        #: The types whose keys end with the authority or the admin call of the request.
+        self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
+        #: By request type.
+        self.keys: dict[str, zenoh.KeyExpr] = {}
+        self._threads: list[threading.Thread] = []
+        #: What attachments say: the client's id, and whether it accepts parts. Saves decoding.
+        self._senders: dict[bytes, tuple[str, bool]] = {}
+        long: Lane[zenoh.Query] = Lane(self.shares)
+        infos: Lane[zenoh.Query] = Lane(self.shares)
         self._lanes = ((long, count), (infos, 1))
         self._queryables = [
             _Queryable(
-                shared,
+                self,
                 request_type,
                 1 if request_type in _SMALL else count,
                 infos if request_type == "info" else long,
@@ -82,9 +111,13 @@ class Workers:
         """Receive the queries on the key of each request type."""
         for lane, count in self._lanes:
             for index in range(count):
-                self._shared.start(f"lane-{index}", self._shared.serve_lane, lane)
+                self.start_thread(f"lane-{index}", self._serve_lane, lane)
         for queryable in self._queryables:
             queryable.start(session, key)
+
+    def start_thread(self, name: str, work: Callable[..., None], *arguments: object) -> None:
+        """Start a thread that ends after `close`."""
+        self._threads.append(threads.start(name, work, *arguments))
 
     def close(self) -> None:
         """Receive no more queries, serve those received, and end the threads."""
@@ -92,51 +125,25 @@ class Workers:
             queryable.undeclare()
         for lane, _ in self._lanes:
             lane.close()
-        threads.join(*self._shared.threads)
+        threads.join(*self._threads)
 
-
-class _Shared:
-    """What all threads share: how a request is served or refused."""
-
-    def __init__(
-        self,
-        service: Handler,
-        clients: Clients,
-        replies: Replies,
-        budget: QueueShares,
-    ) -> None:
-        self.service = service
-        self.clients = clients
-        self.replies = replies
-        self.unread = replies.unread
-        self.budget = budget
-        #: The types whose keys end with the authority or the admin call of the request.
-        self.keyed = frozenset(KEYED) if service.guard.keyed else frozenset()
-        self.keys: dict[str, zenoh.KeyExpr] = {}
-        self.threads: list[threading.Thread] = []
-        #: What attachments say: the client's id, and whether it takes parts. Saves decoding.
-        self._senders: dict[bytes, tuple[str, bool]] = {}
-
-    def start(self, name: str, work: Callable[..., None], *arguments: object) -> None:
-        self.threads.append(threads.start(name, work, *arguments))
-
-    def reply_to(self, query: zenoh.Query, request_type: str, size: int) -> Reply:
+    def _reply_to(self, query: zenoh.Query, request_type: str, size: int) -> Reply:
         """The ReplyCallback of a query with `size` bytes."""
         # A reply's key must lie within its query's key.
         key = query.key_expr if request_type in self.keyed else self.keys[request_type]
-        client, takes_parts = self.sender(query)
-        return Reply(query, key, client, takes_parts, size, self.replies)
+        client, takes_parts = self._sender(query)
+        return Reply(query, key, client, takes_parts, size, self._replies)
 
-    def sender(self, query: zenoh.Query) -> tuple[str, bool]:
-        """The client that sent a query, and whether it takes parts."""
+    def _sender(self, query: zenoh.Query) -> tuple[str, bool]:
+        """The client that sent a query, and whether it accepts parts."""
         attachment = query.attachment
         if attachment is None or len(attachment) > _MAX_ATTACHMENT_BYTES:
             return UNKNOWN, False
         data = attachment.to_bytes()
         known = self._senders.get(data) or self._new_sender(data)
-        if known[0] in self.clients.connected:  # the common case
+        if known[0] in self._clients.connected:  # the common case
             return known
-        return self.clients.known(known[0]), known[1]
+        return self._clients.known(known[0]), known[1]
 
     def _new_sender(self, data: bytes) -> tuple[str, bool]:
         client, _, word = data.decode("ascii", "replace").partition(" ")
@@ -152,18 +159,18 @@ class _Shared:
             if data is None:
                 payload = query.payload
                 data = payload.to_bytes() if payload is not None else b""
-            reply_to = self.reply_to(query, request_type, len(data))
-            refusal = self.replies.refusal(reply_to.client) if self.unread.total else None
+            reply_to = self._reply_to(query, request_type, len(data))
+            refusal = self._replies.refusal(reply_to.client)
             if refusal is None:
                 chunk = keys.subject(str(query.key_expr)) if request_type in self.keyed else None
-                self.service.handle(request_type, data, reply_to, chunk)
+                self._service.handle(request_type, data, reply_to, chunk)
             else:
-                reply_to(self.service.error(refusal), True)
+                reply_to(self._service.error(refusal), True)
         except Exception:  # no query may end a worker
             log.exception("internal error while serving %s", request_type)
             query.drop()
 
-    def serve_lane(self, lane: Lane[zenoh.Query]) -> None:
+    def _serve_lane(self, lane: Lane[zenoh.Query]) -> None:
         while (request := lane.wait()) is not None:
             self.serve(request.query, request.request_type)
 
@@ -172,22 +179,22 @@ class _Shared:
     ) -> None:
         """Let a query wait in a lane, or refuse it."""
         refusal: Exception | None
-        if size > self.service.limits.message_bytes:
-            refusal = self.service.limits.exceeded("message_bytes", size)
+        if size > self._service.limits.message_bytes:
+            refusal = self._service.limits.exceeded("message_bytes", size)
         else:
-            refusal = lane.put(QueuedRequest(query, request_type, self.sender(query)[0], size))
+            refusal = lane.put(QueuedRequest(query, request_type, self._sender(query)[0], size))
         if refusal is not None:
-            self.reply_to(query, request_type, size)(self.service.error(refusal), True)
+            self._reply_to(query, request_type, size)(self._service.error(refusal), True)
 
 
 class _Queryable(Admission[zenoh.Query]):
     """The channel and the threads of one type of requests."""
 
     def __init__(
-        self, shared: _Shared, request_type: str, count: int, long_lane: Lane[zenoh.Query]
+        self, workers: Workers, request_type: str, count: int, long_lane: Lane[zenoh.Query]
     ) -> None:
-        super().__init__(shared.budget, count)
-        self._shared = shared
+        super().__init__(workers.shares, count)
+        self._workers = workers
         self._request_type = request_type
         self._count = count
         self._long_lane = long_lane
@@ -195,15 +202,15 @@ class _Queryable(Admission[zenoh.Query]):
 
     def start(self, session: zenoh.Session, key_of: Callable[[str], str]) -> None:
         key = key_of(self._request_type)
-        self._shared.keys[self._request_type] = zenoh.KeyExpr(key)
+        self._workers.keys[self._request_type] = zenoh.KeyExpr(key)
         channel: FifoChannel[zenoh.Query] = FifoChannel(_CHANNEL)
-        served = f"{key}/**" if self._request_type in self._shared.keyed else key
+        served = f"{key}/**" if self._request_type in self._workers.keyed else key
         self._queryable = session.declare_queryable(served, channel, complete=True)
         # Threads receive on the handler: undeclaring a queryable fails while a thread waits on
         # the queryable itself.
         handler: Any = self._queryable.handler
         for index in range(self._count + 1):
-            self._shared.start(f"{self._request_type}-{index}", self._work, handler.recv)
+            self._workers.start_thread(f"{self._request_type}-{index}", self._work, handler.recv)
 
     def undeclare(self) -> None:
         if self._queryable is not None:
@@ -227,12 +234,12 @@ class _Queryable(Admission[zenoh.Query]):
             data = payload.to_bytes() if payload is not None else b""
             if self._request_type != "info" or (size <= _HELLO_BYTES and _HELLO in data):
                 if not self.begin(query, size):
-                    self._shared.serve(query, self._request_type, data)
+                    self._workers.serve(query, self._request_type, data)
                     while (request := self.end()) is not None:
-                        self._shared.serve(request.query, self._request_type)
+                        self._workers.serve(request.query, self._request_type)
                 return
-        self._shared.put(self._long_lane, query, self._request_type, size)
+        self._workers.put(self._long_lane, query, self._request_type, size)
 
     def _queue(self, query: zenoh.Query, size: int) -> bool:
-        self._shared.put(self, query, self._request_type, size)
+        self._workers.put(self, query, self._request_type, size)
         return True
