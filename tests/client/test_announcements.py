@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import keys
 from zenoh_tf_client import Broadcaster, TransformClient
@@ -54,13 +54,6 @@ def x_of(tf: TransformClient, child: str) -> float:
     return float(tf.lookup_transform("base", child).transform.translation[0])
 
 
-def until(condition: Callable[[], object]) -> None:
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
-
-
 def announcer_of(broadcaster: Broadcaster) -> Announcer:
     assert broadcaster._announcer is not None
     return broadcaster._announcer
@@ -68,7 +61,7 @@ def announcer_of(broadcaster: Broadcaster) -> Announcer:
 
 def until_informed(broadcaster: Broadcaster, server: ServerProcess) -> None:
     """Wait until the broadcaster has announced its statics to this server instance."""
-    until(lambda: (announcer_of(broadcaster)._informed or "?") in server.greeting)
+    wait_until(lambda: (announcer_of(broadcaster)._informed or "?") in server.greeting)
 
 
 def test_a_reconnect_to_the_same_server(frozen_soon: ServerProcess) -> None:
@@ -80,13 +73,13 @@ def test_a_reconnect_to_the_same_server(frozen_soon: ServerProcess) -> None:
         tf.remove_frame("lidar")
         puts = tf.stats()["puts"]
         announcer = announcer_of(urdf)
-        until(lambda: announcer._present)
+        wait_until(lambda: announcer._present)
         server.freeze()
-        until(lambda: not announcer._present)
+        wait_until(lambda: not announcer._present)
         server.send_signal(signal.SIGCONT)
-        until(lambda: announcer._present)
+        wait_until(lambda: announcer._present)
         announcer.look()
-        until(lambda: not announcer._may_be_new)
+        wait_until(lambda: not announcer._may_be_new)
         urdf.send_static(link("base", "radar", 3))
         assert tf.can_transform("base", "radar", timeout_s=10)
         assert sorted(tf.frames()) == ["base", "camera", "radar"]
@@ -102,11 +95,11 @@ def test_statics_sent_while_no_server_is_there(start: Callable[..., ServerProces
         for child in ("camera", "lidar"):
             tf.set_transform(link("base", child, 2), authority="operator", static=True)
         server.kill()
-        until(lambda: urdf._announcer and not urdf._announcer._present)
+        wait_until(lambda: urdf._announcer and not urdf._announcer._present)
         urdf.send_static(link("base", "camera", 3))  # newer than the correction
         server = start()
         until_informed(urdf, server)
-        until(lambda: x_of(tf, "camera") == 3)
+        wait_until(lambda: x_of(tf, "camera") == 3)
         assert x_of(tf, "lidar") == 2
 
 
@@ -125,7 +118,7 @@ def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) ->
             server = start()
             # As if the sensor had not come back before these.
             until_informed(urdf, server)
-            until(lambda: tf.stats()["puts"] == 1)
+            wait_until(lambda: tf.stats()["puts"] == 1)
             assert sorted(tf.frames()) == ["base", "camera", "imu", "own", "radar"]
             assert (x_of(tf, "camera"), tf.frame("camera").authority) == (2, "operator")
             assert (x_of(tf, "imu"), tf.frame("imu").authority) == (2, "urdf")
@@ -136,7 +129,7 @@ def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) ->
         server.kill()
         server = start()
         until_informed(urdf, server)
-        until(lambda: len(tf.frames()) == 6)
+        wait_until(lambda: len(tf.frames()) == 6)
 
 
 def test_many_statics_and_small_limits(start_server: StartServer) -> None:
@@ -149,7 +142,7 @@ def test_many_statics_and_small_limits(start_server: StartServer) -> None:
         flags = ("--limit", "rows=50", "--limit", "message_bytes=4096")
         server = start_server(*flags, endpoint=endpoint)
         until_informed(urdf, server)
-        until(lambda: len(tf.frames()) == 501)
+        wait_until(lambda: len(tf.frames()) == 501)
         assert tf.stats()["bad_puts"] == 0
 
 
@@ -196,7 +189,7 @@ def test_which_announcements_are_applied(server: ServerProcess, client: Transfor
         puts = sum(tf.stats()[name] for name in ("puts", "bad_puts"))
         key = keys.put("main", "urdf", static=True)
         tf._connection.session.put(key, message(rows, announce=announce))
-        until(lambda: sum(tf.stats()[name] for name in ("puts", "bad_puts")) == puts + 1)
+        wait_until(lambda: sum(tf.stats()[name] for name in ("puts", "bad_puts")) == puts + 1)
 
     put(link("base", "own", 1))
     tf.set_transform(link("base", "corrected", 1), authority="urdf", static=True)

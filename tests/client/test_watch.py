@@ -13,7 +13,8 @@ import pytest
 
 from tests.conftest import Main, StartServer
 from tests.processes.servers import ServerProcess
-from tests.support.small_robot import DEADLINE_S, wait
+from tests.support.small_robot import DEADLINE_S
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import (
     InvalidArgumentException,
@@ -106,7 +107,7 @@ def test_heartbeats_do_not_move_the_band(tf: TransformClient) -> None:
             assert event.reason == "heartbeat"
         assert event.reason == "heartbeat"
         put(tf, 0.11)
-        wait(lambda: watch.get().reason == "moved", "a drift is not told")
+        wait_until(lambda: watch.get().reason == "moved", "a drift is not told")
 
 
 def test_lost_and_found(tf: TransformClient) -> None:
@@ -142,8 +143,8 @@ def test_stillness_and_silence(start_server: StartServer) -> None:
     server = start_server()
     with server.connect() as tf, tf.watch("map", "base", heartbeat_s=0.05) as watch:
         put(tf, 1)
-        wait(lambda: (event := watch.get()).reason == "heartbeat" and event.pose, "not found")
-        wait(lambda: watch.get().age_s < 1, "a still pose is old")
+        wait_until(lambda: (event := watch.get()).reason == "heartbeat" and event.pose, "not found")
+        wait_until(lambda: watch.get().age_s < 1, "a still pose is old")
         server.freeze()
         ages: list[float] = []
         while not ages or ages[-1] < 1.5:
@@ -153,15 +154,15 @@ def test_stillness_and_silence(start_server: StartServer) -> None:
             ages.append(event.age_s)
         assert ages[-20:] == sorted(ages[-20:])
         server.send_signal(signal.SIGCONT)
-        wait(lambda: watch.get().age_s < 1, "it does not become young again")
+        wait_until(lambda: watch.get().age_s < 1, "it does not become young again")
         put(tf, 2)
-        wait(lambda: watch.get().reason == "moved", "not moved")
+        wait_until(lambda: watch.get().reason == "moved", "not moved")
         server.kill()
         second = start_server(endpoint=server.endpoint)
-        wait(lambda: watch.get().reason == "lost", "the new server has no frames")
+        wait_until(lambda: watch.get().reason == "lost", "the new server has no frames")
         with second.connect() as other:
             put(other, 3)
-            wait(lambda: watch.get().reason == "found", "not found at the new server")
+            wait_until(lambda: watch.get().reason == "found", "not found at the new server")
 
 
 @pytest.mark.parametrize("closed", ["watch", "client"])
@@ -174,7 +175,7 @@ def test_close_ends_iterations(
         events: list[PoseEvent] = []
         thread = threading.Thread(target=lambda: events.extend(watch), daemon=True)
         thread.start()
-        wait(lambda: events, "nothing is told")
+        wait_until(lambda: events, "nothing is told")
         (watch if closed == "watch" else other).close()
         thread.join(DEADLINE_S)
         assert not thread.is_alive()

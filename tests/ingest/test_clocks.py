@@ -13,6 +13,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.server.test_metrics import until, value
+from tests.support.waiting import wait_until
 from zenoh_tf import (
     AuthorityInfo,
     ClientInfo,
@@ -35,13 +36,6 @@ def at(child: str, ahead_s: float = 0.0, parent: str = "map") -> StampedTransfor
     return StampedTransform(parent, child, time.time_ns() + int(ahead_s * 1e9), Transform())
 
 
-def wait(done: Callable[[], object], what: str) -> None:
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while not done():
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.02)
-
-
 def authority(tf: TransformClient, name: str) -> AuthorityInfo:
     return next(each for each in tf.authorities() if each.name == name)
 
@@ -53,7 +47,7 @@ def is_measured(tf: TransformClient, name: str) -> bool:
 
 
 def wait_for_puts(tf: TransformClient, count: int) -> None:
-    wait(lambda: tf.stats()["puts"] == count, f"no {count} puts")
+    wait_until(lambda: tf.stats()["puts"] == count, f"no {count} puts")
 
 
 def clients(tf: TransformClient) -> dict[str, ClientInfo]:
@@ -61,7 +55,7 @@ def clients(tf: TransformClient) -> dict[str, ClientInfo]:
 
 
 def wait_for_log(server: ServerProcess, *texts: str) -> None:
-    wait(lambda: all(text in server.log for text in texts), f"no {texts} in\n{server.log}")
+    wait_until(lambda: all(text in server.log for text in texts), f"no {texts} in\n{server.log}")
 
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])
@@ -71,7 +65,7 @@ def test_one_bad_stamp_harms_nobody(start_server: StartServer, time_jump: str) -
         good, bad = tf.broadcaster("good"), tf.broadcaster("bad")
         for _ in range(5):
             good.send([at("base"), at("arm")])
-        wait(lambda: tf.stats()["put_transforms"] == 10, "stored")
+        wait_until(lambda: tf.stats()["put_transforms"] == 10, "stored")
         for ahead_s in (YEAR_S, -3600.0):
             bad.send([at("base", ahead_s), at("cup", parent="arm")])
             good.send([at("base"), at("arm")])
@@ -131,7 +125,7 @@ def test_a_stored_stamp_far_ahead_does_not_end_the_frame(
         good.send([at("base"), at("arm")])
         wait_for_puts(tf, 1)
         bad.send(at("base", YEAR_S))
-        wait(lambda: tf.stats()["flagged_as_future"] == 1, "flagged")
+        wait_until(lambda: tf.stats()["flagged_as_future"] == 1, "flagged")
         assert (tf.frame("base").delay_s() or 0.0) < -YEAR_S / 2
         for _ in range(3):
             good.send([at("base"), at("arm")])
@@ -182,7 +176,9 @@ def test_clocks_that_are_off_are_reported_by_name(server: ServerProcess) -> None
             return all(line in server.log for line in lines)
 
         with tf.broadcaster("drifting") as drifting:
-            wait(lambda: sent_and_seen(("authority 'ahead': ", "authority 'behind': ")), server.log)
+            wait_until(
+                lambda: sent_and_seen(("authority 'ahead': ", "authority 'behind': ")), server.log
+            )
             ahead, behind = authority(tf, "ahead"), authority(tf, "behind")
             exact, drifts = authority(tf, "exact"), authority(tf, "drifting")
         for record, offset_s in ((ahead, 10.0), (behind, -10.0), (exact, 0.0)):
@@ -221,10 +217,10 @@ def test_a_client_whose_clock_is_off_is_shown(
             patch.setattr(exchange, "time", Ahead(ahead_s))
             off = stack.enter_context(server.connect())
             name = str(off._connection.session.zid())
-            wait(lambda: is_measured(off, name), "measured")
+            wait_until(lambda: is_measured(off, name), "measured")
         exact = stack.enter_context(server.connect())
         exact_name = str(exact._connection.session.zid())
-        wait(lambda: is_measured(exact, exact_name), "measured")
+        wait_until(lambda: is_measured(exact, exact_name), "measured")
         shown, own = clients(exact)[name], clients(exact)[exact_name]
         assert shown.clock_offset_min_s <= ahead_s <= shown.clock_offset_max_s
         assert shown.clock_age_s >= 0
@@ -238,7 +234,7 @@ def test_a_client_whose_clock_is_off_is_shown(
         assert value(found, f"client_clock_{side}_seconds") <= 10
         assert value(found, f"client_clock_{other}_seconds") == 0
         off.close()
-        wait(lambda: name not in clients(exact), "forgotten")
+        wait_until(lambda: name not in clients(exact), "forgotten")
 
 
 def test_a_client_tells_its_clock_again(
@@ -260,7 +256,7 @@ def test_a_client_tells_its_clock_again(
                 found = clients(watching).get(name)
                 return found is not None and found.clock_offset_max_s > ahead_s - 5
 
-            wait(is_told, "told")
+            wait_until(is_told, "told")
 
 
 def test_a_drift_is_reported_once_the_exact_time_is_past() -> None:
@@ -296,7 +292,7 @@ def test_two_authorities_that_fight_are_reported(server: ServerProcess) -> None:
                 right.send(at("base", parent="dock"))
             return "both publish it: it changed hands" in server.log
 
-        wait(fought, server.log)
+        wait_until(fought, server.log)
         wait_for_log(
             server, "frame 'base': conflict: ", "'right'", "left\\x1b[31m", "flip its parent"
         )

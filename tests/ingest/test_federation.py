@@ -11,8 +11,8 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
-from tests.processes.replicas import wait
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import TransformClient
@@ -64,7 +64,7 @@ def start_site(start_server: StartServer) -> Callable[..., ServerProcess]:
 
 
 def arrived(tf: TransformClient, robot: str, x: float) -> None:
-    wait(lambda: x_of(tf, "map", f"{robot}/camera") == x, f"{robot} at {x}")
+    wait_until(lambda: x_of(tf, "map", f"{robot}/camera") == x, f"{robot} at {x}")
 
 
 def test_equal_names_become_different_and_shared_ones_stay(
@@ -109,9 +109,9 @@ def test_no_robot_moves_a_shared_frame_or_harms_another_one(
     with site.connect() as tf:
         arrived(tf, "robot1", 1.5)
         arrived(tf, "robot2", 2.5)
-        wait(lambda: x_of(tf, "map", "robot1/arm") == 3.0, "a frame with the prefix already")
+        wait_until(lambda: x_of(tf, "map", "robot1/arm") == 3.0, "a frame with the prefix already")
         assert tf.frame("map").parent is None
-        wait(lambda: stats(tf)["robot_refused/robot1"] == 1, "the refusal is counted")
+        wait_until(lambda: stats(tf)["robot_refused/robot1"] == 1, "the refusal is counted")
         found = stats(tf)
         assert found["robot_left_out/robot1"] == 1
         assert found["robot_refused/robot2"] == found["robot_left_out/robot2"] == 0
@@ -133,13 +133,13 @@ def test_a_robot_is_killed_and_comes_back(
         robots[0].kill()
         second.set_transform(link("map", "base", 2, 22.0), authority="wheels")
         arrived(tf, "robot2", 22.5)
-        wait(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is away")
+        wait_until(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is away")
         assert x_of(tf, "map", "robot1/camera") == 1.5
         again = start_server(tree="main", endpoint=robots[0].endpoint)
         with again.connect() as first:
             first.set_transform(link("map", "base", 3, 33.0), authority="wheels")
             arrived(tf, "robot1", 33.5)
-            wait(lambda: stats(tf)["robot_connected/robot1"] == 1, "robot1 is back")
+            wait_until(lambda: stats(tf)["robot_connected/robot1"] == 1, "robot1 is back")
             first.set_transform(link("map", "base", 4, 44.0), authority="wheels")
             arrived(tf, "robot1", 44.5)
 
@@ -156,7 +156,7 @@ def test_a_frozen_robot_holds_nobody_up(
         arrived(tf, "robot2", 29.5)
         tf.set_transform(link("map", "own", 1, 4.0))
         assert x_of(tf, "robot1/base", "own") == 3.0
-        wait(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is silent")
+        wait_until(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is silent")
         robots[0].send_signal(signal.SIGCONT)
         with robots[0].connect() as first:
             first.set_transform(link("map", "base", 2, 12.0), authority="wheels")
@@ -172,7 +172,7 @@ def test_a_site_starts_without_its_robots(
         assert stats(tf)["robot_connected/robot1"] == 0
         with start_server(endpoint=endpoint).connect() as robot:
             robot.set_transform(link("map", "base", 1, 1.0))
-            wait(lambda: x_of(tf, "robot1/map", "robot1/base") == 1.0, "the robot's frames")
+            wait_until(lambda: x_of(tf, "robot1/map", "robot1/base") == 1.0, "the robot's frames")
 
 
 def test_a_site_shows_robots_who_it_is(start_server: StartServer, tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_site_shows_robots_who_it_is(start_server: StartServer, tmp_path: Path
     stranger = start_server(*where)
     site = start_server(*where, "--user", "site", "--password-file", str(password))
     with site.connect() as tf:
-        wait(lambda: stats(tf)["robot_connected/robot1"] == 1, "the user may connect")
+        wait_until(lambda: stats(tf)["robot_connected/robot1"] == 1, "the user may connect")
     with stranger.connect() as tf:
         stranger.wait_for_log("cannot be reached")
         assert stats(tf)["robot_connected/robot1"] == 0

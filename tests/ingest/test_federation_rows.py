@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.conftest import StartServer
-from tests.processes.replicas import wait
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformException, TransformTree, wire
 from zenoh_tf.errors import LimitExceeded
 from zenoh_tf_client import TransformClient
@@ -147,9 +147,11 @@ def test_a_robot_with_too_many_frames_harms_nobody(start_server: StartServer) ->
         *("--mirror-of", f"modest={modest.endpoint}", "--mirror-shared", "map"),
     )
     with site.connect() as tf:
-        wait(lambda: tf.stats()["robot_over_quota/greedy"] == 40, "the greedy robot is refused")
-        wait(lambda: tf.stats()["robot_stored/modest"] == 10, "the modest robot's frames")
-        wait(lambda: tf.stats()["robot_refused/greedy"] == 40, "its authorities know")
+        wait_until(
+            lambda: tf.stats()["robot_over_quota/greedy"] == 40, "the greedy robot is refused"
+        )
+        wait_until(lambda: tf.stats()["robot_stored/modest"] == 10, "the modest robot's frames")
+        wait_until(lambda: tf.stats()["robot_refused/greedy"] == 40, "its authorities know")
         stats = tf.stats()
         assert stats["robot_frames/greedy"] == stats["robot_max_frames/greedy"] == 20
         assert stats["robot_max_frames/modest"] == 16
@@ -162,5 +164,5 @@ def test_a_robot_with_too_many_frames_harms_nobody(start_server: StartServer) ->
                 StampedTransform("map", f"part{n}", 2, Transform((n, 0, 0))) for n in range(60)
             ]
             robot.set_transforms_xact(moved)
-        wait(lambda: tf.stats()["robot_stored/greedy"] == 40, "samples of its frames")
+        wait_until(lambda: tf.stats()["robot_stored/greedy"] == 40, "samples of its frames")
         assert has(tf, "of the site") and len(tf.frames()) == 1 + 20 + 10 + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
 from tests.support.raw import raw
+from tests.support.waiting import wait_until
 from zenoh_tf import AuthorityInfo, StampedTransform, Transform, wire
 from zenoh_tf._net import keys
 from zenoh_tf_client import TransformClient
@@ -33,19 +34,12 @@ def authority(tf: TransformClient, name: str) -> AuthorityInfo | None:
     return next((each for each in tf.authorities() if each.name == name), None)
 
 
-def wait(done: Callable[[], object], what: Callable[[], object]) -> None:
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while not done():
-        assert time.monotonic() < deadline_s, what()
-        time.sleep(0.02)
-
-
 def test_a_publisher_alone_is_held_back_and_loses_nothing(start_server: StartServer) -> None:
     server = start_server("--limit", "put_queue_bytes=20000")
     with server.connect() as tf, tf.broadcaster("burst") as burst:
         for stamp_ns in range(3000):
             burst.send(rows("f", stamp_ns))
-        wait(lambda: tf.stats()["put_transforms"] == 30_000, tf.stats)
+        wait_until(lambda: tf.stats()["put_transforms"] == 30_000, tf.stats)
         assert tf.stats()["dropped_by_queue"] == 0
         assert tf.frame("f0").samples == 3000
 
@@ -82,12 +76,14 @@ def test_floods_lose_and_a_sensor_beside_them_does_not(start_server: StartServer
                 sensor.send(rows("s", sent, 1))
                 return tf.stats()["dropped_by_queue"] > 0
 
-            wait(dropped, tf.stats)
+            wait_until(dropped, tf.stats)
         finally:
             stop.set()
             for thread in threads:
                 thread.join()
-        wait(lambda: (seen := authority(tf, "sensor")) and seen.stored == sent, tf.authorities)
+        wait_until(
+            lambda: (seen := authority(tf, "sensor")) and seen.stored == sent, tf.authorities
+        )
 
         def all_lost_are_counted() -> bool:  # puts of the floods may still be on the way
             records = {each.name: each for each in tf.authorities()}
@@ -95,7 +91,7 @@ def test_floods_lose_and_a_sensor_beside_them_does_not(start_server: StartServer
             lost = records["flood 1"].dropped_by_queue + records["flood 2"].dropped_by_queue
             return bool(lost == tf.stats()["dropped_by_queue"] > 0)
 
-        wait(all_lost_are_counted, tf.authorities)
+        wait_until(all_lost_are_counted, tf.authorities)
         assert "puts of 'flood" in server.log and "its queue is full" in server.log
 
 
@@ -107,7 +103,7 @@ def test_static_and_dynamic_puts_of_an_authority_keep_their_order(server: Server
             driver.send_static(StampedTransform("map", "base", 1, Transform()))
             driver.send(StampedTransform("map", "base", 2, Transform()))
             sent += 3
-        wait(lambda: tf.stats()["puts"] == sent, tf.stats)
+        wait_until(lambda: tf.stats()["puts"] == sent, tf.stats)
         info = tf.frame("base")
         assert (info.static, info.newest_stamp_ns, info.switched) == (False, 2, 400)
         assert info.samples == 1
@@ -117,7 +113,7 @@ def test_one_large_put_holds_up_nobody_and_is_atomic(server: ServerProcess) -> N
     with server.connect() as tf, tf.broadcaster("map maker") as large:
         large.send(rows("cell", 1, 20_000))
         large.send(rows("last", 1, 1))  # after the large one, as sent
-        wait(lambda: "last0" in tf.frames(), tf.stats)
+        wait_until(lambda: "last0" in tf.frames(), tf.stats)
         assert tf.stats()["put_transforms"] == 20_001
         assert tf.frame("cell19999").samples == 1
 
@@ -129,7 +125,7 @@ def test_puts_on_other_keys_are_ignored(server: ServerProcess) -> None:
             session.put(key, b"x")
         with tf.broadcaster("good") as good:
             good.send(rows("f", 1))
-        wait(lambda: tf.stats()["puts"] == 1, tf.stats)
+        wait_until(lambda: tf.stats()["puts"] == 1, tf.stats)
         assert tf.stats()["bad_puts"] == 0
 
 

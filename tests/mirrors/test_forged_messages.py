@@ -7,8 +7,8 @@ import logging
 import pytest
 
 from tests.conftest import ServerProcess
-from tests.processes.replicas import wait
 from tests.support.raw import raw
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys
 from zenoh_tf.mirrors.source import ServerStatus, State
@@ -116,7 +116,7 @@ def test_a_mirror_recovers_from_forged_messages(
                 client.set_transform(StampedTransform("map", "base", 2, Transform((2, 0, 0))))
                 return bool(caplog.records) and m.synced and m.seq < 400
 
-            wait(is_right, "the mirror believes the forged number")
+            wait_until(is_right, "the mirror believes the forged number")
         assert "contradicts its server" in caplog.text
         m.wait_for()
         assert m.lookup_transform("map", "base").transform.translation[0] == 2

@@ -10,7 +10,8 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
-from tests.support.small_robot import DEADLINE_S, robot, stamped, wait
+from tests.support.small_robot import DEADLINE_S, robot, stamped
+from tests.support.waiting import wait_until
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import (
     ConnectivityException,
@@ -195,7 +196,7 @@ def test_equal_interests_share_a_stream_that_ends(
 ) -> None:
     robot(client, 1)
     pair = ("map", "gripper")
-    wait(lambda: client.stats()["interests"] == 0, "interests of another test are left")
+    wait_until(lambda: client.stats()["interests"] == 0, "interests of another test are left")
     with server.connect() as one, server.connect() as two:
         first = one.mirror([pair, ("camera", "arm")])
         second = two.mirror([("arm", "camera"), pair[::-1]])
@@ -208,7 +209,7 @@ def test_equal_interests_share_a_stream_that_ends(
         second.wait_for(client.last_receipt)
         assert second.lookup_transform(*pair).stamp_ns == 2
         third.close()  # nobody listens to this one
-    wait(lambda: client.stats()["interests"] == 0, "interests are left")
+    wait_until(lambda: client.stats()["interests"] == 0, "interests are left")
 
 
 def test_bad_arguments(client: TransformClient) -> None:
@@ -250,7 +251,7 @@ def test_limits(start_server: StartServer) -> None:
         with pytest.raises(LimitExceeded) as caught:
             tf.mirror(max_rate_hz=1)
         assert caught.value.field == "interest_frames"
-        wait(lambda: tf.stats()["interests"] == 0, "refused interests are left")
+        wait_until(lambda: tf.stats()["interests"] == 0, "refused interests are left")
         with tf.mirror([("base", "camera")]) as m, tf.mirror([("x", "y")]):
             with pytest.raises(ServerBusy):  # half of them are for others
                 tf.mirror([("v", "w")], timeout_s=2)
@@ -260,7 +261,7 @@ def test_limits(start_server: StartServer) -> None:
                 tf.set_transforms_xact([stamped(f"x{i}", 1, 0, f"x{i - 1}") for i in range(1, 9)])
                 tf.set_transform(stamped("camera", 2, 0, "x8"))
                 tf.set_transform(stamped("x0", 2, 0, "base"))
-                wait(lambda: m.age_s > 1, "it does not age")
+                wait_until(lambda: m.age_s > 1, "it does not age")
                 assert m.lookup_transform("base", "camera").stamp_ns == 1
                 with pytest.raises(TransformException):
                     tf.mirror([("base", "camera")], timeout_s=0.5)
@@ -279,9 +280,9 @@ def test_a_greedy_client_does_not_end_the_small_interest_of_another() -> None:
     # The small one needs more than is free, but less than its client's share.
     way = ["odom", *(f"y{i}" for i in range(10)), "base"]
     tree.set_transforms_xact([stamped(b, 2, 0, a) for a, b in pairwise(way)])
-    interests._tell(interests._interests[small.id])
+    interests._publish_one(interests._interests[small.id])
     assert interests.counters()["interest_frames"] == 12 + 90
-    interests._tell(interests._interests[everything.id])
+    interests._publish_one(interests._interests[everything.id])
     assert [*interests._interests] == [small.id]
     with pytest.raises(ServerBusy, match=r"112 frames .* its share") as caught:
         interests.snapshot(everything, "greedy", settings)

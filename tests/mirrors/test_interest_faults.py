@@ -15,7 +15,8 @@ from tests.processes.mirror_process import MirrorProcess
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from tests.support.raw import raw
-from tests.support.small_robot import DEADLINE_S, robot, stamped, wait
+from tests.support.small_robot import DEADLINE_S, robot, stamped
+from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf.errors import ProtocolError, ServerUnavailable
@@ -36,7 +37,7 @@ def test_behind_a_broken_link(server: ServerProcess, client: TransformClient, fa
         for round_ in range(2):
             if fault == "hold":
                 proxy.hold()
-                wait(lambda: m.age_s > 1, "it does not age")
+                wait_until(lambda: m.age_s > 1, "it does not age")
             for _ in range(50):
                 stamp += 1
                 robot(client, stamp)
@@ -71,13 +72,13 @@ def test_a_restarted_server(start_server: StartServer) -> None:
         robot(tf, 7)
         m.wait_for()
         first.kill()
-        wait(lambda: m.age_s > 0.5, "it does not age")
+        wait_until(lambda: m.age_s > 0.5, "it does not age")
         assert m.lookup_transform("map", "gripper").stamp_ns == 7
         old = m.instance
         second = start_server(endpoint=first.endpoint)
         with second.connect(20) as other:
             robot(other, 1)
-            wait(lambda: m.instance != old, "it does not follow the new server")
+            wait_until(lambda: m.instance != old, "it does not follow the new server")
             m.wait_for(other.last_receipt, DEADLINE_S)
             assert m.lookup_transform("map", "gripper").stamp_ns == 1
             robot(other, 2)
@@ -102,7 +103,7 @@ def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> Non
         assert m.lookup_transform(*pair).stamp_ns == 399
         stopped.go_on()
         expected = {name: client.frame(name).version for name in m.frames()}
-        wait(lambda: stopped.ask()["versions"] == expected, "it does not catch up")
+        wait_until(lambda: stopped.ask()["versions"] == expected, "it does not catch up")
 
 
 def test_a_killed_client_leaves_nothing(server: ServerProcess, client: TransformClient) -> None:
@@ -110,7 +111,7 @@ def test_a_killed_client_leaves_nothing(server: ServerProcess, client: Transform
     with MirrorProcess(server.endpoint, "pair", "map", "gripper") as killed:
         assert client.stats()["interests"] == 1
         killed.process.kill()
-        wait(lambda: client.stats()["interests"] == 0, "the interest of a dead client is left")
+        wait_until(lambda: client.stats()["interests"] == 0, "a dead client's interest is left")
         killed.process.wait()
 
 

@@ -18,6 +18,7 @@ from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from tests.support.raw import raw
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys
 from zenoh_tf.errors import (
@@ -35,13 +36,6 @@ DEADLINE_S = 30.0
 
 def stamped(child: str, stamp_ns: int, x: float = 0.0, parent: str = "map") -> StampedTransform:
     return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
-
-
-def wait(condition: object, what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
 
 
 def test_every_lookup_is_the_servers(client: TransformClient) -> None:
@@ -135,7 +129,7 @@ def test_a_receipt_of_another_process(server: ServerProcess, client: TransformCl
 def test_the_age_is_measured(server: ServerProcess, client: TransformClient) -> None:
     """What was committed before the time that the age tells can be read."""
     with server.connect() as other, other.mirror() as m:
-        wait(lambda: m.age_s < 0.5, "no fresh state")
+        wait_until(lambda: m.age_s < 0.5, "no fresh state")
         for stamp in range(1, 30):
             client.set_transform(stamped("base", stamp))
             done_s = time.monotonic()
@@ -160,7 +154,7 @@ def test_a_state_that_is_too_old_is_not_read(
         other.mirror() as m,
     ):
         proxy.hold()
-        wait(lambda: m.age_s > 0.3, "it does not age")
+        wait_until(lambda: m.age_s > 0.3, "it does not age")
         client.set_transform(stamped("base", 2))
         pair = ("map", "base")
         assert m.lookup_latest_transform(*pair).stamp_ns == 1
@@ -176,7 +170,7 @@ def test_a_state_that_is_too_old_is_not_read(
         assert m.lookup_latest_transform(*pair, max_age_s=-1).stamp_ns == 2
         assert m.lookup_latest_transform_xact(*pair, max_age_s=-1).stamp_ns == 2
         assert m.lookup_latest_transforms_xact([pair], max_age_s=-1)[0].stamp_ns == 2
-        wait(lambda: m.age_s < 0.3, "it stays old")
+        wait_until(lambda: m.age_s < 0.3, "it stays old")
         assert m.lookup_latest_transform(*pair).stamp_ns == 2
 
 
@@ -267,7 +261,7 @@ def test_a_closed_mirror(server: ServerProcess) -> None:
     other = tf.mirror()
     assert other.frames() == []
     tf.close()
-    wait(lambda: "closed" in repr(other), "the client is closed, but its mirror is not")
+    wait_until(lambda: "closed" in repr(other), "the client is closed, but its mirror is not")
     with pytest.raises(ServerUnavailable):
         other.frames()
     with pytest.raises(ServerUnavailable):
@@ -282,7 +276,7 @@ def test_mirrors_leave_nothing_behind(client: TransformClient) -> None:
     unreferenced = weakref.ref(client.mirror())
     gc.collect()
     assert unreferenced() is None
-    wait(lambda: threading.active_count() <= threads, "threads are left")
+    wait_until(lambda: threading.active_count() <= threads, "threads are left")
 
 
 def test_several_mirrors_of_one_client(client: TransformClient) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -14,6 +14,7 @@ from tests.conftest import StartServer
 from tests.processes.mirror_process import MirrorProcess, versions
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Mirror, TransformClient
@@ -21,13 +22,6 @@ from zenoh_tf_client import Mirror, TransformClient
 DEADLINE_S = 40.0
 #: The frames of the load's commits, all of which have the same stamp.
 FRAMES = [f"frame{i}" for i in range(60)]
-
-
-def wait(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
 
 
 def step(stamp: int) -> list[StampedTransform]:
@@ -85,12 +79,12 @@ def test_a_stopped_mirror(server: ServerProcess) -> None:
         while time.monotonic() < end:  # the other one goes on
             check_whole(other)
             time.sleep(0.05)
-        wait(lambda: len(stamps) > at + 100, "the writer is held up")
-        wait(lambda: check_whole(other) >= stamps[at + 100], "the other mirror is held up")
+        wait_until(lambda: len(stamps) > at + 100, "the writer is held up")
+        wait_until(lambda: check_whole(other) >= stamps[at + 100], "the other mirror is held up")
         stopped.go_on()
-        wait(lambda: stopped.ask()["seq"] > other.seq - 200, "it does not catch up")
+        wait_until(lambda: stopped.ask()["seq"] > other.seq - 200, "it does not catch up")
     with MirrorProcess(server.endpoint) as fresh:
-        wait(lambda: is_equal(server, fresh.ask()["versions"]), "not equal")
+        wait_until(lambda: is_equal(server, fresh.ask()["versions"]), "not equal")
 
 
 @pytest.mark.parametrize("fault", ["cut", "reset", "hold"])
@@ -106,15 +100,15 @@ def test_a_mirror_behind_a_broken_link(server: ServerProcess, fault: str) -> Non
             before = check_whole(m)
             if fault == "hold":
                 proxy.hold()
-                wait(lambda: m.age_s > 1, "it does not age")
+                wait_until(lambda: m.age_s > 1, "it does not age")
                 assert check_whole(m) >= before
                 proxy.release()
             else:
                 getattr(proxy, fault)()
             at = stamps[-1]
-            wait(lambda at=at: check_whole(m) > at, "it does not go on")  # type: ignore[misc]
+            wait_until(lambda at=at: check_whole(m) > at, "it does not go on")  # type: ignore[misc]
             assert m.instance == instance
-        wait(lambda: m.age_s < 1, "it stays old")
+        wait_until(lambda: m.age_s < 1, "it stays old")
 
 
 @pytest.mark.slow
@@ -127,10 +121,10 @@ def test_a_mirror_that_is_too_slow(start_server: StartServer) -> None:
             with load(server) as stamps:
                 for _ in range(20):
                     at = stamps[-1]
-                    wait(lambda at=at: check_whole(other) > at, "held up")  # type: ignore[misc]
+                    wait_until(lambda at=at: check_whole(other) > at, "held up")  # type: ignore[misc]
                     time.sleep(0.1)
                 assert slow.ask()["seq"] > 0
-            wait(lambda: is_equal(server, slow.ask()["versions"]), "it does not catch up")
+            wait_until(lambda: is_equal(server, slow.ask()["versions"]), "it does not catch up")
 
 
 def test_a_restarted_server(start_server: StartServer) -> None:
@@ -140,17 +134,17 @@ def test_a_restarted_server(start_server: StartServer) -> None:
         tf.set_transforms_xact(step(7))
         m.wait_for()
         first.kill()
-        wait(lambda: m.age_s > 0.5, "it does not age")
+        wait_until(lambda: m.age_s > 0.5, "it does not age")
         assert check_whole(m) == 7
         old = m.instance
         second = start_server(endpoint=first.endpoint)
         assert set(m.frames()) in ({"map", *FRAMES}, set())
         with second.connect(20) as other:
             other.set_transforms_xact(step(1))
-            wait(lambda: m.instance != old, "it does not follow the new server")
+            wait_until(lambda: m.instance != old, "it does not follow the new server")
             m.wait_for(other.last_receipt, DEADLINE_S)
             assert check_whole(m) == 1
-            wait(lambda: m.age_s < 5, "it stays old")
+            wait_until(lambda: m.age_s < 5, "it stays old")
             assert sorted(m.frames()) == sorted(other.frames())
 
 
@@ -187,10 +181,10 @@ def test_listeners_end_with_all_commits(server: ServerProcess) -> None:
             except TransformException:
                 return False
 
-        wait(is_there, "the puts are not applied")
+        wait_until(is_there, "the puts are not applied")
         expected = {name: tf.frame(name).version for name in tf.frames()}
         for m in mirrors:
-            wait(lambda m=m: versions(m) == expected, "commits are missing")  # type: ignore[misc]
+            wait_until(lambda m=m: versions(m) == expected, "commits are missing")  # type: ignore[misc]
             m._connection.close()
 
 

@@ -15,7 +15,7 @@ import pytest
 import zenoh
 
 from tests.conftest import linux
-from tests.processes.replicas import wait
+from tests.support.waiting import wait_until
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog
 from zenoh_tf._net import keys
@@ -86,7 +86,7 @@ def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCapture
         feed.wait_for_copy(10)
         assert feed.state.tree is told[2]
         assert len(set(map(id, told))) == len(told) == feed.snapshots == 3
-        wait(lambda: feed.state.synced, "it does not go on")
+        wait_until(lambda: feed.state.synced, "it does not go on")
         assert [record.exc_text is not None for record in caplog.records] == [True, True]
     finally:
         feed.close()

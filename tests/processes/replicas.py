@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
 DEADLINE_S = 40.0
 FRAMES = [f"frame{i}" for i in range(10)]
-
-
-def wait(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
 
 
 def step(stamp: int) -> list[StampedTransform]:

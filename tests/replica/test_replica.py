@@ -16,9 +16,10 @@ import pytest
 
 from tests.conftest import StartServer, linux
 from tests.processes.ports import free_port
-from tests.processes.replicas import DEADLINE_S, FRAMES, reads_near, seen, step, wait
+from tests.processes.replicas import DEADLINE_S, FRAMES, reads_near, seen, step
 from tests.processes.servers import ServerProcess
 from tests.support.raw import raw
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
 from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
@@ -171,7 +172,7 @@ def test_a_lookup_waits_at_the_replica(primary: ServerProcess, near: TransformCl
 
     waiting = threading.Thread(target=look_up)
     waiting.start()
-    wait(lambda: near.stats()["waiters"] == 1, "the lookup does not wait there")
+    wait_until(lambda: near.stats()["waiters"] == 1, "the lookup does not wait there")
     near.broadcaster("sensor").send([StampedTransform("map", FRAMES[0], 5, Transform())])
     waiting.join(DEADLINE_S)
     assert found == [5]
@@ -275,7 +276,7 @@ def test_a_client_on_the_host_reads_the_replicas_memory(
             assert tf.lookup_transform("map", FRAMES[0]).stamp_ns == stamp
         asked = tf.stats()["reads_asked_absent"]
         far.set_transforms_xact(step(50))
-        wait(lambda: seen(tf) == 50, "its memory does not change")
+        wait_until(lambda: seen(tf) == 50, "its memory does not change")
         assert tf.stats()["reads_asked_absent"] == asked
         # What was read in its memory is validated by the primary.
         with pytest.raises(TransactionConflict), tf.transaction() as tx:
@@ -287,7 +288,7 @@ def test_a_client_on_the_host_reads_the_replicas_memory(
         assert seen(tf) == 51
         assert way(tf) == "shared"
         replica.kill()
-        wait(lambda: way(tf) == "query", "it reads a dead replica's memory")
+        wait_until(lambda: way(tf) == "query", "it reads a dead replica's memory")
         with pytest.raises(ServerUnavailable):
             seen(tf)
 
@@ -306,13 +307,13 @@ def test_a_new_copy_has_memory_of_its_own(
         (old,) = socket_folder.glob("*.sock")
         primary.kill()
         start_server("--no-share", endpoint=primary.endpoint)
-        wait(lambda: not old.exists(), "the old copy is still shared")
+        wait_until(lambda: not old.exists(), "the old copy is still shared")
 
         def is_new() -> bool:
             tf.can_transform("map", "base")
             return way(tf) == "shared" and tf.frames() == []
 
-        wait(is_new, "the new copy is not read")
+        wait_until(is_new, "the new copy is not read")
         tf.set_transforms_xact(step(1))
         assert seen(tf) == 1
     replica.stop()
@@ -331,7 +332,7 @@ def test_a_replaced_copy_goes_without_a_garbage_collection() -> None:
         replica._take(old[0], "first")
         replica._take(TransformTree(), "second")
         old.clear()
-        wait(lambda: gone() is None, "the first copy is still there")
+        wait_until(lambda: gone() is None, "the first copy is still there")
     finally:
         gc.enable()
         replica.close()

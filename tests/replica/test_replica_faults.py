@@ -12,8 +12,9 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_port
-from tests.processes.replicas import reads_near, seen, step, wait
+from tests.processes.replicas import reads_near, seen, step
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 from zenoh_tf_client import TransformClient
@@ -31,7 +32,7 @@ def test_reads_go_on_without_the_primary(
     with replica.connect(10) as near:
         lose_the_primary(primary, replica, near, port)
         start_server(endpoint=primary.endpoint)
-        wait(
+        wait_until(
             lambda: near.stats().get("replica_age_s", 9) < 0.5, "it does not follow the new server"
         )
         assert near.frames() == []
@@ -49,7 +50,7 @@ def lose_the_primary(
     for page in ("readyz", "healthz"):
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}") as reply:
             assert re.search(rb"^replica, \d+\.\d s old$", reply.read(), re.MULTILINE)
-    wait(lambda: near.stats()["replica_age_s"] > 0.5, "it does not age")
+    wait_until(lambda: near.stats()["replica_age_s"] > 0.5, "it does not age")
     ages = []
     for _ in range(5):
         assert seen(near) == 7
@@ -71,7 +72,7 @@ def test_static_links_are_announced_through_a_replica(
 ) -> None:
     broadcaster = near.broadcaster("mount")
     broadcaster.send_static([StampedTransform("base", "camera", 0, Transform((1, 0, 0)))])
-    wait(lambda: near.can_transform("base", "camera"), "the primary does not get it")
+    wait_until(lambda: near.can_transform("base", "camera"), "the primary does not get it")
     first = near.instance
     primary.kill()
     assert near.can_transform("base", "camera")
@@ -80,7 +81,7 @@ def test_static_links_are_announced_through_a_replica(
     def is_back() -> bool:
         return near.can_transform("base", "camera") and near.instance != first
 
-    wait(is_back, "the new primary does not get it")
+    wait_until(is_back, "the new primary does not get it")
 
 
 def test_nobody_sees_an_older_state(primary: ServerProcess, replica: ServerProcess) -> None:
@@ -107,7 +108,7 @@ def test_nobody_sees_an_older_state(primary: ServerProcess, replica: ServerProce
     with primary.connect(20) as tf:
         tf.set_transforms_xact(step(1))
     with replica.connect(20) as tf:
-        wait(lambda: bool(tf.frames()), "the replica has nothing")
+        wait_until(lambda: bool(tf.frames()), "the replica has nothing")
     threads = [threading.Thread(target=each) for each in (read, read, write)]
     for thread in threads:
         thread.start()
@@ -120,13 +121,13 @@ def test_nobody_sees_an_older_state(primary: ServerProcess, replica: ServerProce
         time.sleep(0.5)
         primary.send_signal(signal.SIGCONT)
         at = last[0]
-        wait(lambda at=at: last[0] > at + 20, "the writer is held up")  # type: ignore[misc]
+        wait_until(lambda at=at: last[0] > at + 20, "the writer is held up")  # type: ignore[misc]
     ending.set()
     for thread in threads:
         thread.join()
     assert errors == []
     with replica.connect(20) as tf:
-        wait(lambda: seen(tf) == last[0], "it is not right again")
+        wait_until(lambda: seen(tf) == last[0], "it is not right again")
 
 
 def test_a_restarted_replica(
@@ -151,6 +152,6 @@ def test_a_restarted_replica(
         except ServerUnavailable:
             return False
 
-    wait(is_back, "the client does not find it")
+    wait_until(is_back, "the client does not find it")
     near.set_transforms_xact(step(3))
     assert seen(near) == 3

@@ -8,9 +8,10 @@ import msgpack
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes.replicas import FRAMES, reads_near, seen, step, wait
+from tests.processes.replicas import FRAMES, reads_near, seen, step
 from tests.processes.servers import ServerProcess
 from tests.support.raw import raw
+from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf._net.credentials import Credentials
@@ -36,7 +37,9 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
             assert answer is not None
             return wire.unpack(answer.payload.to_bytes())
 
-        wait(lambda: "error" not in ask("lookup", body | wire.least(tf.instance, receipt.seq)), "")
+        wait_until(
+            lambda: "error" not in ask("lookup", body | wire.least(tf.instance, receipt.seq)), ""
+        )
         for name, message in (("lookup", body), ("info", {"v": 1, "what": "frames"})):
             reply = ask(name, message)
             told = wire.parse_replica(reply)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import random
 import struct
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -16,6 +15,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.support.raw import Raw, raw
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import (
@@ -160,10 +160,9 @@ def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServ
         assert full.retry_after_s is not None and 0 < full.retry_after_s <= 6
         # Another client has a share of its own.
         assert tf.set_transform(StampedTransform("map", "base", 5, Transform()))
-        deadline = time.monotonic() + 30
-        while "error" in wires.query("commit", wire.pack(commit(id=os.urandom(16)))):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(
+            lambda: "error" not in wires.query("commit", wire.pack(commit(id=os.urandom(16))))
+        )
 
 
 def test_limits_name_themselves(start_server: StartServer) -> None:
@@ -205,10 +204,7 @@ def test_limits_name_themselves(start_server: StartServer) -> None:
 
 
 def _wait(tf: TransformClient, counter: str, value: int) -> None:
-    deadline = time.monotonic() + 10
-    while (seen := tf.stats()[counter]) < value:
-        assert time.monotonic() < deadline, f"{counter} is {seen}, not {value}"
-        time.sleep(0.01)
+    wait_until(lambda: tf.stats()[counter] >= value, tf.stats)
 
 
 def garbage(seed: int) -> Iterator[bytes]:

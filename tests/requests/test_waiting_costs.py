@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -17,6 +16,7 @@ from tests.processes import forks
 from tests.processes.server_costs import cost_of, fill_chain, lookup
 from tests.processes.servers import ServerProcess
 from tests.support.raw import Raw, raw
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
@@ -38,11 +38,8 @@ def waiting(rows: int, target: str, source: str, timeout_s: float) -> bytes:
     return wire.pack(lookup(rows, target, source, timeout_ns=int(timeout_s * 1e9)))
 
 
-def until_waiters(tf: TransformClient, count: int, timeout_s: float = 20.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while (seen := tf.stats()["waiters"]) != count:
-        assert time.monotonic() < deadline, f"{seen} lookups wait, not {count}"
-        time.sleep(0.02)
+def until_waiters(tf: TransformClient, count: int) -> None:
+    wait_until(lambda: tf.stats()["waiters"] == count, tf.stats)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")

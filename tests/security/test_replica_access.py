@@ -10,7 +10,8 @@ import pytest
 import zenoh
 
 from tests.conftest import ServerProcess, free_endpoint
-from tests.processes.replicas import reads_near, seen, step, wait
+from tests.processes.replicas import reads_near, seen, step
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied
@@ -114,7 +115,7 @@ def test_rights_that_changed_meanwhile_are_no_unknown_outcome(site: Site) -> Non
 def test_a_client_cannot_falsify_what_others_read(site: Site) -> None:
     with site.client("admin") as tf, site.raw("nobody") as attacker, tf.mirror() as m:
         tf.set_transforms_xact(step(5))
-        wait(lambda: m.synced and seen(tf) == 5, "the copy is not complete")
+        wait_until(lambda: m.synced and seen(tf) == 5, "the copy is not complete")
         heard: list[str] = []
         answered: list[str] = []
 
@@ -139,7 +140,7 @@ def test_a_client_cannot_falsify_what_others_read(site: Site) -> None:
         assert seen(tf) == m.lookup_transform("map", "frame0").stamp_ns == 29
         with tf.broadcaster("arm") as arm:
             arm.send(StampedTransform("map", "hand", 1, Transform()))
-            wait(lambda: tf.can_transform("map", "hand"), "the put has not arrived")
+            wait_until(lambda: tf.can_transform("map", "hand"), "the put has not arrived")
         tokens = attacker.liveliness().get(keys.servers("main"))
         assert [str(each.ok.key_expr) for each in tokens if each.ok] == [
             keys.server("main", tf.instance)

@@ -23,6 +23,7 @@ from tests.processes import forks
 from tests.processes.ports import free_endpoint, free_port
 from tests.processes.servers import ServerProcess
 from tests.support.raw import raw
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LookupException
 from zenoh_tf_server.monitoring import metric_table
@@ -38,11 +39,8 @@ Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
 
 
 def metrics_url(server: ServerProcess) -> str:
-    deadline = time.monotonic() + 20
-    while (found := re.search(r"metrics on port (\d+)", server.log)) is None:
-        assert time.monotonic() < deadline, server.log
-        time.sleep(0.01)
-    return f"http://127.0.0.1:{found[1]}"
+    found = wait_until(lambda: re.search(r"metrics on port (\d+)", server.log))
+    return f"http://127.0.0.1:{found[1]}"  # type: ignore[index]
 
 
 def fetch(url: str) -> tuple[int, str]:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 import zenoh
@@ -18,6 +18,7 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import zenoh_config
 from zenoh_tf.errors import (
@@ -94,6 +95,7 @@ def test_signals_stop_it_cleanly(server: ServerProcess, number: signal.Signals) 
 FLOOD = """
 import sys
 import numpy as np
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 sensor = TransformClient.connect(sys.argv[1]).broadcaster(f"flood {sys.argv[2]}")
@@ -184,10 +186,7 @@ def test_of_two_servers_at_once_one_stays() -> None:
         ]
         try:
             with TransformClient.connect(endpoint, timeout_s=20.0) as tf:
-                deadline = time.monotonic() + 20
-                while sum(server.poll() is None for server in servers) > 1:
-                    assert time.monotonic() < deadline
-                    time.sleep(0.05)
+                wait_until(lambda: sum(server.poll() is None for server in servers) <= 1)
                 assert sorted(server.poll() or 0 for server in servers) == [0, 2, 2]
                 assert tf.set_transform(LINK)
         finally:
@@ -290,16 +289,15 @@ def test_kill_during_a_call_and_restart(start_server: StartServer, write: bool) 
         assert tf.lookup_transform("map", "base") == LINK
 
 
-def wait_for_frames(tf: TransformClient, frames: list[str], timeout_s: float = 15.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    seen: object = None
-    while seen != frames:
-        assert time.monotonic() < deadline, f"still {seen}"
-        try:
-            seen = sorted(tf.frames())
-        except ServerUnavailable as error:
-            seen = error
-        time.sleep(0.02)
+def wait_for_frames(tf: TransformClient, frames: list[str]) -> None:
+    """Wait until there is a server, which has these frames."""
+
+    def found() -> bool:
+        with suppress(ServerUnavailable):
+            return sorted(tf.frames()) == frames
+        return False
+
+    wait_until(found, str(frames))
 
 
 def test_a_stopped_server_runs_no_write_that_was_given_up(server: ServerProcess) -> None:
@@ -339,14 +337,13 @@ def test_a_write_finds_the_new_server_by_itself(start_server: StartServer) -> No
         server.kill()
         start_server(endpoint=server.endpoint)
         wait_for_frames(watcher, [])
-        deadline = time.monotonic() + 10
-        while True:  # until this client has reconnected
-            try:
-                assert tf.set_transform(LINK)
-                break
-            except (OutcomeUnknown, ServerUnavailable):
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
+
+        def is_written() -> bool:
+            with suppress(OutcomeUnknown, ServerUnavailable):  # until this client has reconnected
+                return tf.set_transform(LINK)
+            return False
+
+        wait_until(is_written)
         assert sorted(watcher.frames()) == ["base", "map"]
 
 

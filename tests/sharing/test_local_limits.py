@@ -13,6 +13,7 @@ import pytest
 from tests.conftest import StartServer, linux
 from tests.processes.server_costs import commit, lookup
 from tests.processes.servers import START_TIMEOUT_S, ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import handover
 from zenoh_tf._net.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST
@@ -22,7 +23,7 @@ from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.transport.lanes import QueueShares
 from zenoh_tf_server.transport.local_requests import _Turns
 
-from .test_local_requests import connect, eventually, link, through_socket
+from .test_local_requests import connect, link, through_socket
 
 pytestmark = linux
 
@@ -113,7 +114,7 @@ def test_half_a_request_holds_up_nobody(server: ServerProcess, client: Transform
         peer.sendall(REQUEST.pack(100, LOOKUP) + b"half")
         client.set_transform(link())
     assert through_socket(client) == 1
-    eventually(lambda: client.stats()["local_connections"] == 1)
+    wait_until(lambda: client.stats()["local_connections"] == 1)
     assert "closed the connection" not in server.log
 
 
@@ -128,7 +129,7 @@ def test_a_client_that_reads_nothing_is_cut_off_alone(
     assert len(payload) < MAX_REQUEST_BYTES
     with raw(server) as peer, raw(server, b"other") as other:
         peer.sendall(REQUEST.pack(len(long), b"batch\0\0\0") + long)
-        eventually(lambda: len(peer.recv(1, socket.MSG_PEEK)) == 1)
+        wait_until(lambda: len(peer.recv(1, socket.MSG_PEEK)) == 1)
         for _ in range(100):
             client.set_transform(link())
         assert wire.unpack(ask(other, LOOKUP, payload))["status"] == bytes(900)
@@ -183,7 +184,7 @@ def test_waiting_clients_take_turns() -> None:
     with ThreadPoolExecutor(4) as pool:
         for index, client in enumerate(("greedy", "greedy", "greedy", "modest")):
             pool.submit(serve, client)
-            eventually(lambda index=index: _waiting(turns) == index + 1)  # type: ignore[misc]
+            wait_until(lambda index=index: _waiting(turns) == index + 1)  # type: ignore[misc]
         assert isinstance(turns.begin("greedy", 10), ServerBusy)
         turns.end()
     assert served == ["greedy", "modest", "greedy", "greedy"]
@@ -191,4 +192,4 @@ def test_waiting_clients_take_turns() -> None:
 
 
 def _waiting(turns: _Turns) -> int:
-    return turns._budget.counters()["pending_queries"]
+    return turns._shares.counters()["pending_queries"]

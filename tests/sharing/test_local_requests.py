@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from tests.conftest import StartServer, linux
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import START_TIMEOUT_S, ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import handover, keys
 from zenoh_tf._net.credentials import Credentials
@@ -52,13 +53,6 @@ def connect(server: ServerProcess, timeout_s: float = 5.0) -> TransformClient:
 def through_socket(tf: TransformClient) -> int:
     """How many replies the client has got through the socket."""
     return tf._connection.local.replies
-
-
-def eventually(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + START_TIMEOUT_S
-    while not holds():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -146,7 +140,7 @@ def test_the_server_forgets_clients_that_end(server: ServerProcess) -> None:
         ended.stdout.close()
         with connect(server) as closed:
             closed.set_transform(link())
-        eventually(lambda: watching.stats()["local_connections"] == 0)
+        wait_until(lambda: watching.stats()["local_connections"] == 0)
 
 
 @pytest.mark.usefixtures("either_client")
@@ -158,7 +152,7 @@ def test_a_stopped_server_ends_calls_as_over_zenoh(start_sharing: StartServer) -
         with pytest.raises(OutcomeUnknown, match=r"no answer from .* within 1 s"):
             tf.set_transform(link())
         server.send_signal(signal.SIGCONT)
-        eventually(lambda: _sets(tf))
+        wait_until(lambda: _sets(tf))
         server.freeze()
         with pytest.raises(ServerUnavailable, match=r"no answer from .* within 1 s"):
             tf.lookup_transform("map", "base")
@@ -195,7 +189,7 @@ def test_a_client_goes_on_with_the_next_server(start_sharing: StartServer) -> No
             end(server)
             server = start_sharing(endpoint=endpoint)
             before = through_socket(tf)
-            eventually(lambda: _sets(tf))
+            wait_until(lambda: _sets(tf))
             tf.set_transform(link())
             assert tf.lookup_transform("map", "base") == link()
             assert through_socket(tf) > before
@@ -211,14 +205,14 @@ def test_a_write_is_applied_once_if_the_connection_fails(
     server.freeze()
     with ThreadPoolExecutor() as pool:
         write = pool.submit(client.set_transform, link())
-        eventually(lambda: not client._connection.local._idle)
+        wait_until(lambda: not client._connection.local._idle)
         time.sleep(0.1)  # so that the request is on its way, though it does not matter
         peer._socket.shutdown(socket.SHUT_RD)
-        eventually(lambda: not client._connection.local._peers)
+        wait_until(lambda: not client._connection.local._peers)
         server.send_signal(signal.SIGCONT)
         assert write.result() is True
     assert through_socket(client) == 1
-    eventually(lambda: client.stats()["local_connections"] == 0)
+    wait_until(lambda: client.stats()["local_connections"] == 0)
     assert client.stats()["commits"] == 2
 
 
@@ -266,7 +260,7 @@ def test_closing_ends_calls(server: ServerProcess) -> None:
         tf.set_transform(link())
         server.freeze()
         call = pool.submit(tf.lookup_transform, "map", "base")
-        eventually(lambda: not tf._connection.local._idle)
+        wait_until(lambda: not tf._connection.local._idle)
         tf.close()
         with pytest.raises(ServerUnavailable, match="closed"):
             call.result(START_TIMEOUT_S)

@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ import pytest
 
 from tests.processes import forks
 from tests.support import torn
+from tests.support.waiting import wait_until
 from zenoh_tf import (
     LookupException,
     StampedTransform,
@@ -67,13 +68,6 @@ def owner() -> Iterator[Owner]:
     owner.stop()
 
 
-def eventually(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def x_of(answer: StampedTransform | AskServer) -> float | AskServer:
     return answer if isinstance(answer, AskServer) else answer.transform.translation[0]
 
@@ -99,11 +93,11 @@ def test_no_read_is_torn_while_another_process_commits(owner: Owner) -> None:
 
 
 def test_a_killed_owner_is_not_believed(owner: Owner) -> None:
-    eventually(lambda: x_of(owner.tree.lookup_transform(torn.ROOT, torn.LEAF)) == 0.0)
+    wait_until(lambda: x_of(owner.tree.lookup_transform(torn.ROOT, torn.LEAF)) == 0.0)
     owner.stop()
     assert owner.tree.lease_left_s < 10
     # Its last lease ends; a writer that died in the middle of a commit leaves its frames busy.
-    eventually(lambda: owner.tree.lease_left_s <= 0)
+    wait_until(lambda: owner.tree.lease_left_s <= 0)
     for read in (
         lambda: owner.tree.lookup_transform(torn.ROOT, torn.LEAF),
         lambda: owner.tree.lookup_latest_transform(torn.ROOT, torn.LEAF),
@@ -118,12 +112,12 @@ def test_a_killed_owner_is_not_believed(owner: Owner) -> None:
 
 
 def test_a_stopped_owner_is_believed_again_when_it_goes_on(owner: Owner) -> None:
-    eventually(lambda: x_of(owner.tree.lookup_transform(torn.ROOT, torn.LEAF)) == 0.0)
+    wait_until(lambda: x_of(owner.tree.lookup_transform(torn.ROOT, torn.LEAF)) == 0.0)
     owner.process.send_signal(signal.SIGSTOP)
-    eventually(lambda: owner.tree.lease_left_s <= 0)
+    wait_until(lambda: owner.tree.lease_left_s <= 0)
     assert isinstance(owner.tree.lookup_transform(torn.ROOT, torn.LEAF), AskServer)
     owner.process.send_signal(signal.SIGCONT)
-    eventually(lambda: x_of(owner.tree.lookup_transform(torn.ROOT, torn.LEAF)) == 0.0)
+    wait_until(lambda: x_of(owner.tree.lookup_transform(torn.ROOT, torn.LEAF)) == 0.0)
 
 
 @pytest.mark.parametrize("attempt", range(5))

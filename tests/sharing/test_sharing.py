@@ -10,7 +10,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
+from tests.support.waiting import wait_until
 from zenoh_tf import (
     InvalidArgumentException,
     LookupException,
@@ -39,13 +39,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def link(x: float, child: str = "base") -> StampedTransform:
     return StampedTransform("map", child, time.time_ns(), Transform((x, 0, 0)))
-
-
-def eventually(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 40
-    while not holds():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
 
 
 def becomes_shared(tf: TransformClient) -> bool:
@@ -201,7 +194,7 @@ def test_no_answer_is_from_a_killed_server_once_its_successor_has_committed(
             with second.connect() as writer:
                 writer.set_transform(link(2))
                 committed_s = time.monotonic()
-            eventually(lambda: becomes_shared(tf))
+            wait_until(lambda: becomes_shared(tf))
         finally:
             reader.stop()
         assert any(x == 1 for _, x in reader.seen)
@@ -218,17 +211,17 @@ def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(
     with server.connect(1.0, reads="shared") as tf:
         tf.set_transform(link(1))
         server.freeze()
-        eventually(lambda: tf.reads == "query")
+        wait_until(lambda: tf.reads == "query")
         with pytest.raises(ServerUnavailable):
             tf.lookup_transform("map", "base")
         server.send_signal(signal.SIGCONT)
-        eventually(lambda: becomes_shared(tf))
+        wait_until(lambda: becomes_shared(tf))
         assert tf.lookup_transform("map", "base").transform.translation[0] == 1
         # Stopped for so long that its memory is given up.
         server.freeze()
-        eventually(lambda: tf._reads.mapped.tree.lease_left_s == 0.0)
+        wait_until(lambda: tf._reads.mapped.tree.lease_left_s == 0.0)
         server.send_signal(signal.SIGCONT)
-        eventually(lambda: becomes_shared(tf))
+        wait_until(lambda: becomes_shared(tf))
         assert tf.stats()["reads_mapped"] == 2
 
 
@@ -364,7 +357,7 @@ def test_connections_leave_nothing_behind(start_sharing: StartServer) -> None:
     server = start_sharing()
     with server.connect(reads="shared"):
         pass
-    eventually(lambda: mapped_regions() == 0)
+    wait_until(lambda: mapped_regions() == 0)
     descriptors = len(os.listdir("/proc/self/fd"))
     of_server = f"/proc/{server.process.pid}/fd"
     before = len(os.listdir(of_server))
@@ -372,6 +365,6 @@ def test_connections_leave_nothing_behind(start_sharing: StartServer) -> None:
         with server.connect(reads="shared") as tf:
             assert tf.reads == "shared" and mapped_regions() == 1
         del tf
-    eventually(lambda: mapped_regions() == 0)
-    eventually(lambda: len(os.listdir("/proc/self/fd")) <= descriptors + 3)
-    eventually(lambda: len(os.listdir(of_server)) <= before + 3)
+    wait_until(lambda: mapped_regions() == 0)
+    wait_until(lambda: len(os.listdir("/proc/self/fd")) <= descriptors + 3)
+    wait_until(lambda: len(os.listdir(of_server)) <= before + 3)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from tests.support.waiting import wait_until
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
 
@@ -20,11 +19,6 @@ class OnlyNamed:
         return "short"
 
 
-def until(condition: Callable[[], object]) -> None:
-    while not condition():
-        time.sleep(0.01)
-
-
 def test_one_transform_or_several(shim: TransformClient) -> None:
     broadcaster = tf2.TransformBroadcaster(Node("wheels", "/robot"), 10)
     broadcaster.sendTransform(link("map", "odom", 1))
@@ -32,7 +26,7 @@ def test_one_transform_or_several(shim: TransformClient) -> None:
     broadcaster.sendTransform(tuple(link("odom", "base", seconds) for seconds in (3, 4)))
     broadcaster.sendTransform([])
     assert tf2.Buffer().can_transform("map", "base", at(2), lasting(30))
-    until(lambda: shim.frame("base").samples == 3)
+    wait_until(lambda: shim.frame("base").samples == 3)
     assert shim.frame("odom").samples == 2
 
 
@@ -73,7 +67,7 @@ def test_a_static_broadcaster_tells_a_late_server_every_child(
     assert buffer.can_transform("camera", "spot", LATEST, lasting(30))
     server.stop()
     start_server(endpoint=server.endpoint)
-    until(lambda: _answers(buffer))
+    wait_until(lambda: _answers(buffer))
     assert buffer.lookup_transform("base", "camera", LATEST).transform.translation.x == 2.0
     tf2.close()
 

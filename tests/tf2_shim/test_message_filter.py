@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+from tests.support.waiting import wait_until
 from zenoh_tf.errors import LimitExceeded, ServerUnavailable
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
@@ -18,11 +18,6 @@ from .fake_ros.geometry_msgs import msg
 from .messages import at, lasting, link
 
 Calls = list[tuple[Any, ...]]
-
-
-def until(condition: Callable[[], object]) -> None:
-    while not condition():
-        time.sleep(0.005)
 
 
 def point(seconds: float, frame: str = "base") -> msg.PointStamped:
@@ -77,12 +72,12 @@ def test_a_message_waits_for_its_transform(
     held, late, early = make(), point(3), point(2)
     held.add(late)
     held.add(early)
-    until(lambda: shim.stats()["waiters"] == 2)
+    wait_until(lambda: shim.stats()["waiters"] == 2)
     assert (held.stats()["held"], calls) == (2, [])
     move(buffer, 2)
-    until(lambda: calls)
+    wait_until(lambda: calls)
     move(buffer, 3)
-    until(lambda: len(calls) == 2)
+    wait_until(lambda: len(calls) == 2)
     assert [call[0] for call in calls] == [early, late]  # in the order of their transforms
     for message, transform in calls:
         assert transform.header.stamp.nanoseconds == at(message.header.stamp.sec).nanoseconds
@@ -96,7 +91,7 @@ def test_nothing_waits_for_what_is_there(buffer: tf2.Buffer, make: Any, calls: C
     held, message = make(MessageFilter), point(1)
     held.registerCallback(lambda *arguments: calls.append(arguments), "more", 5)
     held.add(message)
-    until(lambda: len(calls) == 2)
+    wait_until(lambda: len(calls) == 2)
     assert calls == [(message,), (message, "more", 5)]
 
 
@@ -113,10 +108,10 @@ def test_a_full_queue_drops_the_oldest_and_its_wait(
     error = calls[0][2]
     assert type(error) is LimitExceeded
     assert (error.field, error.limit) == ("queue_size", 3)
-    until(lambda: shim.stats()["waiters"] == 3)  # the server forgets the others
+    wait_until(lambda: shim.stats()["waiters"] == 3)  # the server forgets the others
     calls.clear()
     move(buffer, 10)
-    until(lambda: len(calls) == 3)
+    wait_until(lambda: len(calls) == 3)
     assert {id(call[0]) for call in calls} == {id(message) for message in messages[2:]}
     assert held.stats()["queue_full"] == 2
 
@@ -139,7 +134,7 @@ def test_a_slow_callback_fills_the_queue(buffer: tf2.Buffer, calls: Calls) -> No
             held.add(message)
         assert held.stats()["held"] == 2
         go.set()
-        until(lambda: held.stats()["passed"] == 3)
+        wait_until(lambda: held.stats()["passed"] == 3)
         assert held.stats()["queue_full"] == 48
 
 
@@ -150,10 +145,10 @@ def test_several_target_frames(
     held, message = make(target=["map", "odom"]), point(2, "camera")
     held.add(message)
     move(buffer, 2)
-    until(lambda: shim.stats()["waiters"] == 1)
+    wait_until(lambda: shim.stats()["waiters"] == 1)
     assert calls == []
     move(buffer, 2, "odom")
-    until(lambda: calls)
+    wait_until(lambda: calls)
     [(got, transforms)] = calls
     assert got is message
     assert [transform.header.frame_id for transform in transforms] == ["map", "odom"]
@@ -208,7 +203,7 @@ def test_what_cannot_come_is_dropped_at_once(
     prepare, reason, error, text = REFUSED[name]
     held, message = make(), prepare(buffer)
     held.add(message)
-    until(lambda: calls)
+    wait_until(lambda: calls)
     [(got, given, raised)] = calls
     assert (got, given, type(raised)) == (message, reason, error)
     assert text in str(raised)
@@ -226,7 +221,7 @@ def test_what_is_no_message_is_the_callers_error(make: Any) -> None:
 def test_a_time_out(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
     held, message = make(buffer_timeout=lasting(0.05)), point(2)
     held.add(message)
-    until(lambda: calls)
+    wait_until(lambda: calls)
     assert calls[0][:2] == (message, FilterFailureReason.NO_TRANSFORM_FOUND)
     assert type(calls[0][2]) is tf2.NoDataForExtrapolationException
 
@@ -254,7 +249,7 @@ def test_filters_in_a_row(buffer: tf2.Buffer, calls: Calls) -> None:
     with first, second:
         second.registerCallback(lambda *arguments: calls.append(arguments))
         subscriber.receive(message)
-        until(lambda: calls)
+        wait_until(lambda: calls)
     assert calls[0][0] is message
     assert calls[0][1].header.frame_id == "base"
 
@@ -266,7 +261,7 @@ def test_a_callback_that_fails(
     held.registerCallback(lambda *_: 1 / 0)
     held.add(point(1))
     held.add(point(1))
-    until(lambda: held.stats()["callback_errors"] == 2)
+    wait_until(lambda: held.stats()["callback_errors"] == 2)
     assert held.stats()["passed"] == 2
     assert "ZeroDivisionError" in caplog.text
 
@@ -276,15 +271,15 @@ def test_clear_and_close_leave_nothing_behind(
 ) -> None:
     held = make()
     held.add(point(2))
-    until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: shim.stats()["waiters"])
     held.clear()
-    until(lambda: not shim.stats()["waiters"])
+    wait_until(lambda: not shim.stats()["waiters"])
     held.add(point(3))
-    until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: shim.stats()["waiters"])
     held.close()
     held.close()
     held.add(point(1))
-    until(lambda: not shim.stats()["waiters"])
+    wait_until(lambda: not shim.stats()["waiters"])
     move(buffer, 4)
     assert (held.stats()["held"], calls) == (0, [])
 
@@ -292,7 +287,7 @@ def test_clear_and_close_leave_nothing_behind(
 def test_the_filters_thread_ends(buffer: tf2.Buffer) -> None:
     with MessageFilter(None, buffer, "map", 5):
         pass
-    until(lambda: "tf2 filter" not in {thread.name for thread in threading.enumerate()})
+    wait_until(lambda: "tf2 filter" not in {thread.name for thread in threading.enumerate()})
 
 
 def test_a_closed_connection_drops_what_is_held(
@@ -300,14 +295,14 @@ def test_a_closed_connection_drops_what_is_held(
 ) -> None:
     held, message = make(), point(2)
     held.add(message)
-    until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: shim.stats()["waiters"])
     tf2.close()
-    until(lambda: calls)
+    wait_until(lambda: calls)
     assert calls[0][:2] == (message, FilterFailureReason.UNKNOWN)
     assert type(calls[0][2]) is ServerUnavailable
     calls.clear()
     held.add(point(1))  # opens the connection again
-    until(lambda: calls)
+    wait_until(lambda: calls)
     assert calls[0][1].header.frame_id == "map"
 
 
@@ -319,12 +314,12 @@ def test_messages_outlive_a_server(start_server: Any, monkeypatch: pytest.Monkey
     with TransformFilter(None, buffer, "map", 5) as held:
         held.registerCallback(lambda *arguments: calls.append(arguments))
         held.add(point(2))
-        until(lambda: tf2.connect().stats()["waiters"])
+        wait_until(lambda: tf2.connect().stats()["waiters"])
         server.kill()
         start_server(endpoint=server.endpoint)
         with server.connect() as tf:
             tf.set_transforms_xact([_stamped(seconds) for seconds in (1, 3)])
-            until(lambda: calls)
+            wait_until(lambda: calls)
     tf2.close()
     assert calls[0][1].header.stamp.sec == 2
 
@@ -348,10 +343,10 @@ def test_many_messages_wait_on_two_threads(
     before = threading.active_count()
     for number in range(1000):
         held.add(point(2 + number / 1000))
-    until(lambda: shim.stats()["waiters"] == 1000)
+    wait_until(lambda: shim.stats()["waiters"] == 1000)
     assert threading.active_count() <= before + 2
     move(buffer, 4)
-    until(lambda: len(calls) == 1000)
+    wait_until(lambda: len(calls) == 1000)
 
 
 def test_an_error_that_no_lookup_should_raise(
@@ -363,7 +358,7 @@ def test_an_error_that_no_lookup_should_raise(
     monkeypatch.setattr("zenoh_tf_client.tf2.message_filter._look_up", fail)
     held, message = make(), point(2)
     held.add(message)
-    until(lambda: calls)
+    wait_until(lambda: calls)
     assert calls[0][:2] == (message, FilterFailureReason.UNKNOWN)
     assert "boom" in str(calls[0][2])
     assert held.stats()["held"] == 0
@@ -378,6 +373,6 @@ def test_a_callback_cannot_end_the_filter(buffer: tf2.Buffer, make: Any, calls: 
     held = make()
     held.registerCallback(leave)
     held.add(point(1))
-    until(lambda: held.stats()["callback_errors"] == 1)
+    wait_until(lambda: held.stats()["callback_errors"] == 1)
     held.add(point(1))
-    until(lambda: len(calls) == 2)
+    wait_until(lambda: len(calls) == 2)

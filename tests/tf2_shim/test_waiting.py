@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.waiting import wait_until
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
 
@@ -24,14 +25,9 @@ def buffer(shim: TransformClient) -> tf2.Buffer:
     return buffer
 
 
-def until(condition: Callable[[], object]) -> None:
-    while not condition():
-        time.sleep(0.01)
-
-
 def when_someone_waits(shim: TransformClient, action: Callable[[], None]) -> threading.Thread:
     def run() -> None:
-        until(lambda: shim.stats()["waiters"])
+        wait_until(lambda: shim.stats()["waiters"])
         action()
 
     thread = threading.Thread(target=run)
@@ -133,17 +129,17 @@ def test_a_cancelled_future_leaves_nothing_behind(
     shim: TransformClient, buffer: tf2.Buffer
 ) -> None:
     future = buffer.wait_for_transform_async("map", "base", at(2))
-    until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: shim.stats()["waiters"])
     assert future.cancel()
     with pytest.raises(CancelledError):
         future.result()
-    until(lambda: not shim.stats()["waiters"])  # at the end of its round
-    until(lambda: "tf2 wait" not in {thread.name for thread in threading.enumerate()})
+    wait_until(lambda: not shim.stats()["waiters"])  # at the end of its round
+    wait_until(lambda: "tf2 wait" not in {thread.name for thread in threading.enumerate()})
 
 
 def test_closing_ends_the_waits(shim: TransformClient, buffer: tf2.Buffer) -> None:
     future = buffer.wait_for_transform_async("map", "base", at(2))
-    until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: shim.stats()["waiters"])
     tf2.close()
     with pytest.raises(tf2.TransformException):
         future.result(30)

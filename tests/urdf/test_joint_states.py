@@ -25,6 +25,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.processes import forks
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.urdf import reader
@@ -57,11 +58,6 @@ def encode(
     )
     kind = "sensor_msgs/msg/JointState"
     return bytes(STORE.serialize_cdr(message, kind, little_endian=order == "little"))
-
-
-def until(condition: Callable[[], object]) -> None:
-    while not condition():
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -285,7 +281,7 @@ def test_a_restarted_server_gets_everything_again(start_server: Any, command: An
     server.kill()
     server = start_server(endpoint=server.endpoint)
     with robot_at(server.endpoint) as publish, server.connect() as tf:
-        until(lambda: "camera" in tf.frames())
+        wait_until(lambda: "camera" in tf.frames())
         stamp_ns = time.time_ns()
         payload = encode(["pan"], [1.0], stamp_ns)
         send_until(

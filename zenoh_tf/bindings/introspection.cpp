@@ -294,8 +294,8 @@ void bind_introspection(nb::class_<Tree>& tree) {
       .def("chain", &chain<Tree>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("stats", &stats, ZTF_DOC(Tree_stats))
-      .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"),
-           nb::arg("whole"), nb::arg("budget"))
+      .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("whole"),
+           nb::arg("budget"))
       .def("_frame_count", [](const Tree& t) { return t.size(); })
       .def("_links", &links, nb::arg("frames"))
       .def("_frame_record", &frame_record<Tree>, nb::arg("name"))
