@@ -83,7 +83,6 @@ class Tree:
     ) -> None: ...
     def _region_fd(self) -> int: ...  # belongs to the tree; -1 if it is not shared
     def _begin_lease(self, duration_s: float) -> None: ...  # see zenoh_tf.shared_tree
-    def _extend_lease(self, duration_s: float) -> bool: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> bool:

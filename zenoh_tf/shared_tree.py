@@ -1,11 +1,9 @@
 """A tree of another process on this host, read through shared memory.
 
 The owner is a `TransformTree` made with `_shared=True`, which raises OSError where the host cannot.
-It hands out the file descriptor `_region_fd()`, which stays the tree's. Others believe what they
-read until its lease ends, so it begins one with `_begin_lease(seconds)` once no other server can
-have taken over, and moves the end with `_extend_lease(seconds)` as long as it lives. Where the
-lease has lapsed, that does nothing and returns False, as another server may have taken over.
-`_begin_lease(0)` ends it. Both are for one thread at a time.
+It hands out the file descriptor `_region_fd()`, which stays the tree's. Others trust what they
+read until its lease ends. So it begins one with `_begin_lease(seconds)`, and again before it ends,
+as long as no other server can have taken over. `_begin_lease(0)` ends it. For one thread at a time.
 
 Internal: for `zenoh_tf_server`, which shares its tree, and `zenoh_tf_client`, which reads it.
 

@@ -1,8 +1,9 @@
 """Which room of the core may include which.
 
 The core's folders are floors: `MAY_INCLUDE` names them from the ground up, so a room includes only
-rooms before it. ``tree.hpp`` is in between, as it declares what the rooms above it define;
-``tree.cpp`` is on top. An include is written from the core's root.
+rooms before it. The files at the root are floors, too: ``tree_state.hpp`` between the rooms that
+it is made of and those that work on it, ``tree.hpp`` on top. An include is written from the
+core's root.
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ MAY_INCLUDE: dict[str, tuple[str, ...]] = {
     "histories": ("geometry", "records"),
     "names": ("base", "records"),
     "reads": ("base", "geometry", "records", "histories"),
-    "waiting": ("reads",),
-    "tree.hpp": ("base", "records", "histories", "names", "reads", "waiting"),
-    "shared": ("base", "records", "reads", "tree.hpp"),
-    "commits": ("base", "histories", "tree.hpp"),
-    "replication": ("records", "histories", "commits", "tree.hpp"),
-    "lookups": ("base", "geometry", "reads", "shared", "tree.hpp"),
-    "tree.cpp": ("base", "histories", "commits", "tree.hpp"),
+    "waiting": ("base", "records", "reads"),
+    "tree_state.hpp": ("base", "records", "names", "reads", "waiting"),
+    "tree_state.cpp": ("base", "tree_state.hpp"),
+    "modes": ("base", "tree_state.hpp"),
+    "shared": ("base", "records", "reads", "tree_state.hpp"),
+    "lookups": ("geometry", "reads", "tree_state.hpp", "modes", "shared"),
+    "commits": ("base", "records", "histories", "tree_state.hpp", "modes"),
+    "replication": ("base", "records", "histories", "tree_state.hpp", "commits"),
+    "tree.hpp": ("tree_state.hpp", "lookups", "commits"),
+    "tree.cpp": ("tree.hpp",),
 }
 #: Files that include one of a room above theirs, and why.
 EXCEPTIONS = {
     # The layout has the entries of names among its records; a table of names is made in a region.
     ("records/layout.hpp", "names/reader.hpp"),
-    # The tree has the list, and the list runs the tree's lookups.
-    ("waiting/wait_list.cpp", "tree.hpp"),
 }
 INCLUDE = re.compile(r'^#include "([^"]+)"')
 

@@ -35,7 +35,7 @@ EXTRAS = {
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
 MAX_LINES = 400
 MAX_FUNCTION_LINES = 60
-TREE = "zenoh_tf/core/tree.hpp"
+TREE = "zenoh_tf/core/tree_state.hpp"
 #: peer.py and ros2_robot.py stand for programs that share no code with this project.
 OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "ros2_robot.py")
 #: Words of our own, with the field's. Only those that no sentence needs.
@@ -167,7 +167,7 @@ def configurations(repository: Repository) -> Iterator[Violation]:
 
 
 def lock_order(repository: Repository) -> Iterator[Violation]:
-    """The table in tree.hpp has each header of the core with a mutex; no other header has rules."""
+    """The table in tree_state.hpp has each header with a mutex; no other header has rules."""
     found = re.search(r"// Lock order.*?#pragma once", repository.text(TREE), re.S)
     table = found[0] if found else ""
     for path in repository.files(".hpp", under=["zenoh_tf/core"]):
@@ -177,5 +177,5 @@ def lock_order(repository: Repository) -> Iterator[Violation]:
         lines = [*text.splitlines(), ""]
         for number, line in enumerate(lines[:-1], 1):
             is_rule = path != TREE and re.search("lock order|taken last", line, re.I)
-            if is_rule and "see tree.hpp" not in f"{line} {lines[number]}":
+            if is_rule and "see tree_state.hpp" not in f"{line} {lines[number]}":
                 yield Violation(path, number, f"the lock order is in {TREE} alone")

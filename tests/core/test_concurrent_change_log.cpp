@@ -32,8 +32,8 @@ void follow(ChangeLog& log, Seq position, const std::atomic<bool>& done, Visit&&
 
 // Calls pause() before each piece.
 void load_snapshot(Tree& from, Tree& to, const std::function<void()>& pause = [] {}) {
-  SnapshotReader reader(from);
-  ChangeReplay replay(to);
+  SnapshotReader reader(from.state());
+  ChangeReplay replay(to.state());
   const SnapshotPlan plan = reader.plan(256);
   if (plan.ever_reparented) replay.set_ever_reparented();
   for (std::size_t i = 1; i < plan.bounds.size(); ++i) {
@@ -106,7 +106,7 @@ TEST(the_numbers_are_a_serial_order) {
 // moment in which the name is added.
 TEST(a_name_that_was_removed_is_never_found_in_a_mirror) {
   World mirror;
-  ChangeReplay replay(mirror.tree);
+  ChangeReplay replay(mirror.tree.state());
   int looked = 0;
   const std::function<void()> look = [&] {
     ++looked;
@@ -143,7 +143,7 @@ TEST(a_change_that_the_snapshot_has_is_not_applied_again) {
   const Version base = version("base"), full = version("full");
   ChangeLog::Taken taken = log.take(1 << 20);
   CHECK(taken.first == start + 1 && !taken.lost);
-  ChangeReplay(mirror.tree).apply(ChangeBatch(taken.entries).columns(taken.last));
+  ChangeReplay(mirror.tree.state()).apply(ChangeBatch(taken.entries).columns(taken.last));
   CHECK(version("base") == base && version("full") == full);
   for (const char* frame : {"base", "full"}) {
     const FrameInfo theirs = w.tree.info(w.id(frame)), ours = mirror.tree.info(mirror.id(frame));
@@ -183,7 +183,7 @@ TEST(a_mirror_changes_at_one_instant) {
       }
     });
   std::thread consumer([&] {
-    ChangeReplay replay(mirror.tree);
+    ChangeReplay replay(mirror.tree.state());
     follow(log, start, done, [&](const std::vector<LogEntryPtr>& entries, Seq last) {
       replay.apply(ChangeBatch(entries).columns(last));
     });
@@ -247,7 +247,7 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
   consumer.join();
   std::size_t orphans = 0;
   for (const auto& mirror : mirrors) {
-    ChangeReplay replay(mirror->tree);
+    ChangeReplay replay(mirror->tree.state());
     for (const auto& [entries, last] : taken) {
       const ChangeBatch batch(entries);
       orphans += batch.lost.size();

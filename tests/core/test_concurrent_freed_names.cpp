@@ -72,7 +72,7 @@ TEST(no_pose_is_found_under_another_name) {
       while (!stop) {
         const int n = round;
         const std::string parent = nth("parent", n), child = nth("child", n);
-        BlockingWaiter waiter(w.tree.wait_list(), {Op::latest_xact, 0, 0}, parent, child);
+        BlockingWaiter waiter(w.tree.state(), {Op::latest_xact, 0, 0}, parent, child);
         if (!waiter.wait(BlockingWaiter::Clock::now() + std::chrono::microseconds(200))) continue;
         check(waiter.answer(), n);
         ++waited;

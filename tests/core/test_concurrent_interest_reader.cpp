@@ -44,8 +44,8 @@ TEST(a_mirror_of_a_chain_that_moves) {
     w.set("map", "right", 1, at_x(0.5), true);
     CHECK(!w.commit(chain(2)));
     CHECK(!w.commit(chain(3)));  // histories have several parents from now on
-    InterestReader reader(w.tree, {{"map", "c"}, {"map", "missing"}}, false);
-    ChangeReplay replay(mirror.tree);
+    InterestReader reader(w.tree.state(), {{"map", "c"}, {"map", "missing"}}, false);
+    ChangeReplay replay(mirror.tree.state());
     replay.set_ever_reparented();
     const InterestReader::Result begin = reader.read(true, kMany);
     apply(replay, begin.all, begin.seq);
@@ -113,8 +113,8 @@ TEST(newest_samples_of_a_tree_whose_names_pass_on) {
   World w(Options{.max_frames = 24, .max_log_bytes = kLogBytes}), mirror;
   w.set("map", "base", 1, at_x(1));
   w.set("map", "arm", 1, at_x(1));
-  InterestReader reader(w.tree, {}, true);
-  ChangeReplay replay(mirror.tree);
+  InterestReader reader(w.tree.state(), {}, true);
+  ChangeReplay replay(mirror.tree.state());
   const InterestReader::Result begin = reader.read(true, kMany);
   apply(replay, begin.all, begin.seq);
   std::atomic<bool> done{false};

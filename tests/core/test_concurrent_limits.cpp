@@ -86,7 +86,7 @@ TEST(a_transaction_within_its_limit_is_never_rejected) {
 
 TEST(an_interest_within_its_limit_is_never_rejected) {
   TakingTurns turns(Concurrency::optimistic);
-  InterestReader reader(turns.world.tree, {{"root", "x"}, {"root", "y"}}, true);
+  InterestReader reader(turns.world.tree.state(), {{"root", "x"}, {"root", "y"}}, true);
   std::size_t most = 0;
   for (int i = 0; i < 2; ++i, turns.move()) {
     (void)reader.read(false, kLinks * 4);

@@ -74,7 +74,7 @@ TEST(transactions_never_see_torn_chains) {
           const std::string one = crossed ? "l4" : "r4", other = crossed ? "r4" : "l4";
           Answer a;
           for (const auto& [target, source] : {std::pair{top, leaf}, std::pair{one, other}}) {
-            for (const Op op : {Op::latest_xact, Op::latest_common}) {
+            for (const Op op : {Op::latest_xact, Op::latest, Op::latest_common}) {
               a = w.ask(op, target, source);
               CHECK_EQ(a.failure.code, Code::ok);
               CHECK_EQ(a.pose.x, 0);
@@ -109,28 +109,6 @@ TEST(transactions_never_see_torn_chains) {
     threads.join();
     CHECK(z.commits >= 200);
   });
-}
-
-// The plain latest lookup promises nothing about different links. That it is seen to mix commits
-// shows that the test above could see it, too.
-TEST(latest_alone_mixes_commits_and_says_so) {
-  for (const auto c : {Concurrency::optimistic, Concurrency::two_phase}) {
-    ZeroSums z(c);
-    ThreadGroup threads;
-    for (unsigned i = 0; i < 2; ++i)
-      threads.background([&z, i](const auto& stop) { z.write(i + 2, stop); });
-    threads.foreground([&] {
-      int torn = 0;
-      for (int i = 0; i < 2'000'000 && torn == 0; ++i) {
-        const Answer a = z.world.ask(Op::latest, "f0", "f8");
-        CHECK_EQ(a.failure.code, Code::ok);
-        torn += a.pose.x != 0;
-        if (a.pose.x != 0) CHECK(a.stamp != a.newest);
-      }
-      CHECK(torn > 0);
-    });
-    threads.join();
-  }
 }
 
 // A chain so long, and written so often, that an optimistic read hardly ever succeeds.
@@ -266,8 +244,6 @@ TEST(a_frame_that_changes_at_each_attempt_is_read) {
       };
       check_bounded([&] { CHECK(w.tree.info(f1).newest > 0); });
       check_bounded([&] { CHECK_EQ(w.tree.parent(f1, kNoStamp), f0); });
-      if (c != Concurrency::giant)
-        check_bounded([&] { CHECK_EQ(w.ask(Op::latest, "f0", "f1").pose.x, 1); });
       while (committed < requested) std::this_thread::yield();
       CHECK_EQ(w.tree.info(f1).version / SeqLock::kIncrement, static_cast<Version>(committed));
     });

@@ -11,7 +11,7 @@ constexpr std::chrono::hours kNever(1);
 
 void wait_for(World& w, Op op, std::string_view target, std::string_view source,
               Stamp stamp = kNoStamp) {
-  BlockingWaiter sleeper(w.tree.wait_list(), {op, 0, 0, stamp}, target, source);
+  BlockingWaiter sleeper(w.tree.state(), {op, 0, 0, stamp}, target, source);
   CHECK(sleeper.wait(BlockingWaiter::Clock::now() + kNever));
   CHECK(sleeper.answer().failure.code == Code::ok);
 }
@@ -117,7 +117,7 @@ TEST(waiters_come_and_go_while_others_write) {
         const std::string target = "f" + std::to_string(waiter), source = "f3";
         for (int i = 0; i < 2'000; ++i) {
           const Stamp stamp = now + 3;
-          BlockingWaiter sleeper(w.tree.wait_list(), {Op::at, 0, 0, stamp}, target, source);
+          BlockingWaiter sleeper(w.tree.state(), {Op::at, 0, 0, stamp}, target, source);
           if (i % 2) {
             (void)sleeper.wait(BlockingWaiter::Clock::now());  // times out at once
           } else {
@@ -133,7 +133,7 @@ TEST(waiters_come_and_go_while_others_write) {
 TEST(a_wait_ends_at_its_deadline) {
   World w;
   w.set("a", "b", 0);
-  BlockingWaiter sleeper(w.tree.wait_list(), {Op::at, 0, 0, 5}, "a", "b");
+  BlockingWaiter sleeper(w.tree.state(), {Op::at, 0, 0, 5}, "a", "b");
   const auto deadline = BlockingWaiter::Clock::now() + std::chrono::milliseconds(5);
   CHECK(!sleeper.wait(deadline));
   CHECK(BlockingWaiter::Clock::now() >= deadline);

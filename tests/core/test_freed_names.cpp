@@ -22,14 +22,14 @@ class CountingWaiter final : public Waiter {
  public:
   CountingWaiter(World& w, Op op, std::string_view target, std::string_view source,
                  Stamp stamp = kNoStamp)
-      : Waiter({op, 0, 0, stamp}, target, source), list_(w.tree.wait_list()) {}
-  ~CountingWaiter() override { list_.cancel(*this); }
-  bool lookup_or_park() { return list_.lookup_or_park(*this); }
+      : Waiter({op, 0, 0, stamp}, target, source), tree_(w.tree) {}
+  ~CountingWaiter() override { tree_.wait_list().cancel(*this); }
+  bool lookup_or_park() { return tree_.lookup_or_park(*this); }
   int woken = 0;
 
  private:
   void notify() noexcept override { ++woken; }
-  WaitList& list_;
+  const Tree& tree_;
 };
 
 }  // namespace
@@ -147,7 +147,7 @@ TEST(a_failure_does_not_name_the_next_owner_of_an_id) {
   fill(w);
   CHECK_EQ(w.tree.name(failure, failure.frame), std::string());
   for (int i = 0; w.id(nth("filler", i)) != 0; ++i) w.set("root", nth("filler", i), kFarFuture);
-  CHECK(w.tree.may_succeed_later(failure));  // the next owner's history says nothing
+  CHECK(may_succeed_later(w.tree.state(), failure));  // the next owner's history says nothing
 }
 
 // Whichever ids a name has had, no read set of it passes after it was removed.

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "fixture.hpp"
+#include "modes/two_phase.hpp"
 
 using namespace ztf;
 

@@ -108,14 +108,14 @@ struct Prepared {
 class CountingWaiter final : public Waiter {
  public:
   CountingWaiter(const World& w, std::string_view target, std::string_view source, Stamp stamp)
-      : Waiter({Op::at, 0, 0, stamp}, target, source), list_(w.tree.wait_list()) {}
-  ~CountingWaiter() override { list_.cancel(*this); }
-  bool lookup_or_park() { return list_.lookup_or_park(*this); }
+      : Waiter({Op::at, 0, 0, stamp}, target, source), tree_(w.tree) {}
+  ~CountingWaiter() override { tree_.wait_list().cancel(*this); }
+  bool lookup_or_park() { return tree_.lookup_or_park(*this); }
   int woken = 0;
 
  private:
   void notify() noexcept override { ++woken; }
-  WaitList& list_;
+  const Tree& tree_;
 };
 
 }  // namespace

@@ -10,17 +10,17 @@ class CountingWaiter final : public Waiter {
  public:
   CountingWaiter(World& w, Op op, std::string_view target, std::string_view source,
                  Stamp stamp = kNoStamp)
-      : Waiter({op, 0, 0, stamp}, target, source), list_(w.tree.wait_list()) {}
-  ~CountingWaiter() override { list_.cancel(*this); }
+      : Waiter({op, 0, 0, stamp}, target, source), tree_(w.tree) {}
+  ~CountingWaiter() override { tree_.wait_list().cancel(*this); }
 
-  bool lookup_or_park() { return list_.lookup_or_park(*this); }
-  bool cancel() { return list_.cancel(*this); }
+  bool lookup_or_park() { return tree_.lookup_or_park(*this); }
+  bool cancel() { return tree_.wait_list().cancel(*this); }
   [[nodiscard]] Code code() const { return answer().failure.code; }
   int woken = 0;
 
  private:
   void notify() noexcept override { ++woken; }
-  WaitList& list_;
+  const Tree& tree_;
 };
 
 Options short_cache() { return {.cache_ns = 100}; }
@@ -183,7 +183,7 @@ TEST(through_a_fixed_frame_the_leg_that_fails_is_waited_for) {
   w.set("map", "base", 9);
   w.set("map", "arm", 1);
   std::string_view fixed = "map";
-  BlockingWaiter sleeper(w.tree.wait_list(), {Op::full, 0, 0, 5, 0, 5}, "base", "arm", fixed);
+  BlockingWaiter sleeper(w.tree.state(), {Op::full, 0, 0, 5, 0, 5}, "base", "arm", fixed);
   using namespace std::chrono_literals;
   CHECK(!sleeper.wait(BlockingWaiter::Clock::now()));
   CHECK(sleeper.answer().failure.code == Code::no_data);

@@ -57,64 +57,64 @@ FAULTS = [
         "write locks are released before the writes",
         ("optimistic", "2pl"),
         "commits/commit.cpp",
-        """    execution.apply();
-    locks.release(execution.frames_with_new_version(locks));
+        """  execution.apply();
+  locks.release(execution.frames_with_new_version(locks));
 """,
-        """    locks.release(locks.frames());
-    execution.apply();
+        """  locks.release(locks.frames());
+  execution.apply();
 """,
     ),
     Fault(
         "shared words are released before writing",
         ("2pl",),
-        "commits/write_locks.hpp",
+        "modes/two_phase.hpp",
         "      pause(attempt);\n    }\n",
         "      pause(attempt);\n    }\n"
-        "    for (const FrameId id : ids) tree_.frames_[id].shared.unlock();\n",
+        "    for (const FrameId id : ids) tree.frames[id].shared.unlock();\n",
     ),
     Fault(
         "a reader drops its shared locks early",
         ("2pl",),
-        "reads/guards.hpp",
+        "modes/two_phase.hpp",
         "          held_.push_back(id);\n",
         "          frames_[id].shared.unlock_shared();\n",
     ),
     Fault(
         "a reader takes no mutex",
         ("giant",),
-        "lookups/transaction.hpp",
-        "const auto lock = lock_announced(giant_);",
+        "modes/giant.hpp",
+        "    const auto lock = Giant::lock(tree);\n",
         "",
     ),
     Fault(
         "readers are not held off",
         ("optimistic",),
         "commits/commit.cpp",
-        "    locks.begin_write();\n    ticket.draw();\n    execution.apply();\n",
-        "    ticket.draw();\n    execution.apply();\n",
+        "  locks.begin_write();\n  ticket.draw();\n  execution.apply();\n",
+        "  ticket.draw();\n  execution.apply();\n",
     ),
     Fault(
         "a commit that has read others holds readers off late",
         ("optimistic",),
         "commits/commit.cpp",
-        "      locks.begin_write();\n      ticket.draw();\n      plan.validate_read_set(locks);\n",
-        "      ticket.draw();\n      plan.validate_read_set(locks);\n",
+        "    locks.begin_write();\n    ticket.draw();\n    plan.validate_read_set(locks);\n",
+        "    ticket.draw();\n    plan.validate_read_set(locks);\n",
     ),
     Fault(
         "rows are committed one by one",
         EVERYWHERE,
         "commits/commit.cpp",
-        "  CommitPlan plan(*this, request, stored);\n",
+        "  CommitPlan plan(tree, request, stored);\n",
         """  if (request.rows.size() > 1) {
     for (std::size_t i = 0; i < request.rows.size(); ++i) {
       CommitRequest one = request;
       one.rows = request.rows.subspan(i, 1);
       if (i > 0) one.read_names = {};
-      this->commit(one, stored.subspan(i, 1));
+      commit(tree, one, stored.subspan(i, 1));
     }
     return;
   }
-  CommitPlan plan(*this, request, stored);
+  CommitPlan plan(tree, request, stored);
 """,
     ),
     Fault(
@@ -136,7 +136,7 @@ FAULTS = [
         "what was read is checked only where it is written, too",
         EVERYWHERE,
         "commits/plan.cpp",
-        "locked ? *locked : id ? tree_.frames_[id].version.current() : 0;",
+        "locked ? *locked : id ? tree_.frames[id].version.current() : 0;",
         "locked ? *locked : id ? request_.read_versions[i] : 0;",
     ),
     Fault(
@@ -145,35 +145,35 @@ FAULTS = [
         "commits/commit.cpp",
         "  FrameList all;\n",
         """  FrameList all;
-  plan.validate_read_set(WriteLocks(*this, all));
+  plan.validate_read_set(WriteLocks(tree, all));
   const_cast<CommitRequest&>(plan.request()).read_names = {};
 """,
     ),
     Fault(
         "a reader whose optimistic attempts failed reads on without locks",
         ("optimistic",),
-        "lookups/transaction.hpp",
-        """      for (int i = 0; i < kOptimisticAttempts; ++i) {
-        OptimisticGuard guard(frames_, reads);
-        if (attempt(guard)) return;
-        count_retry();
-      }
-      SmallVector<FrameId, 64> wanted;
+        "modes/optimistic.hpp",
+        """    for (int i = 0; i < kAttempts; ++i) {
+      OptimisticGuard guard(tree.frames, reads);
+      if (attempt(guard)) return;
+      count_retry();
+    }
+    SmallVector<FrameId, 64> wanted;
 """,
-        """      SmallVector<FrameId, 64> wanted;
-      {
-        LockingGuard guard(frames_, reads, wanted);
-        attempt(guard);
-        return;
-      }
+        """    SmallVector<FrameId, 64> wanted;
+    {
+      LockingGuard guard(tree.frames, reads, wanted);
+      attempt(guard);
+      return;
+    }
 """,
     ),
     Fault(
         "a lookup gives its last answer again",
         EVERYWHERE,
         "lookups/lookup.cpp",
-        "ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {\n",
-        """ZTF_MULTIVERSION void Tree::lookup(const Query& query, Answer& answer) const {
+        "void lookup(const TreeState& tree, const Query& query, Answer& answer) {\n",
+        """void lookup(const TreeState& tree, const Query& query, Answer& answer) {
   struct Memory {
     Answer answer;
     bool used = true;
@@ -184,7 +184,7 @@ FAULTS = [
     Memory& memory = memories[static_cast<int>(query.op)][query.target][query.source];
     memory.used = !memory.used;
     remembers = false;
-    if (!memory.used) lookup(query, memory.answer);
+    if (!memory.used) lookup(tree, query, memory.answer);
     remembers = true;
     answer = memory.answer;
     return;
@@ -216,16 +216,16 @@ FAULTS = [
         "a commit's number is drawn before its locks",
         EVERYWHERE[:2],
         "commits/commit.cpp",
-        "    FrameList all;\n",
-        "    ticket.draw();\n    FrameList all;\n",
+        "  FrameList all;\n",
+        "  ticket.draw();\n  FrameList all;\n",
         "mirror",
     ),
     Fault(
         "a commit's number is drawn after what was read is compared",
         EVERYWHERE[:2],
         "commits/commit.cpp",
-        "      ticket.draw();\n      plan.validate_read_set(locks);\n",
-        "      plan.validate_read_set(locks);\n",
+        "    ticket.draw();\n    plan.validate_read_set(locks);\n",
+        "    plan.validate_read_set(locks);\n",
         "mirror",
     ),
     Fault(
@@ -252,7 +252,7 @@ FAULTS = [
         EVERYWHERE,
         "replication/change_replay.cpp",
         "    find_names(changes.names);\n",
-        "    tree_.replayed_.store(changes.last, std::memory_order_release);\n"
+        "    tree_.replayed.store(changes.last, std::memory_order_release);\n"
         "    find_names(changes.names);\n",
         "mirror",
     ),
@@ -264,9 +264,9 @@ SOUND = [
     Fault(
         "readers always lock",
         ("optimistic",),
-        "lookups/transaction.hpp",
-        "constexpr int kOptimisticAttempts = 64;",
-        "constexpr int kOptimisticAttempts = 0;",
+        "modes/optimistic.hpp",
+        "static constexpr int kAttempts = 64;",
+        "static constexpr int kAttempts = 0;",
     ),
     Fault(
         "reads of a single frame always lock",

@@ -48,8 +48,8 @@ class Mirror {
   static constexpr std::size_t kMessageBytes = 1 << 9;
 
   void load(Tree& from) {
-    SnapshotReader reader(from);
-    ChangeReplay replay(copy_);
+    SnapshotReader reader(from.state());
+    ChangeReplay replay(copy_.state());
     const SnapshotPlan plan = reader.plan(1 << 20);
     for (std::size_t i = 1; i < plan.bounds.size(); ++i) {
       const SnapshotPiece piece = reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20);
@@ -62,7 +62,7 @@ class Mirror {
   }
 
   void follow() {
-    ChangeReplay replay(copy_);
+    ChangeReplay replay(copy_.state());
     while (!stopped_) {
       log_.wait(ChangeLog::Clock::now() + std::chrono::milliseconds(100));
       const ChangeLog::Taken taken = log_.take(kMessageBytes);

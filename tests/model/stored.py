@@ -121,7 +121,7 @@ class Stored:
         """Return the frames that begin again, and note the late rows of the others.
 
         A frame's rows are late if all are older than its newest by more than the cache time. It
-        begins again if it had late rows before, a little older, and no others in between.
+        restarts if it had late rows before, a little older, and no others in between.
         """
         restarted = []
         for child in sorted({row.child for row in rows}, key=self.place_of):

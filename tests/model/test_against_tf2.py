@@ -164,16 +164,16 @@ def agree(theirs: object, given: object) -> bool:
     return same(theirs, 0 if given is None else given)
 
 
-def tell(told: History, peer: Peer, counts: Counter[str]) -> None:
+def replay(script: History, peer: Peer, counts: Counter[str]) -> None:
     history_ = Prepared(counts)
-    for write, questions in told.steps:
+    for write, questions in script.steps:
         history_.write(write)
         for question in questions:
             history_.question(question)
     replies = peer.ask(history_.calls)
     for place, (call, by_rule, ours, why) in history_.asked.items():
         theirs = replies[place]
-        said = f"seed {told.seed}, {call}\n  tf2  {theirs}\n  rule {by_rule}\n  tree {ours}"
+        said = f"seed {script.seed}, {call}\n  tf2  {theirs}\n  rule {by_rule}\n  tree {ours}"
         assert agree(theirs, by_rule), said + _told_so_far(history_.calls[:place])
         counts["answers"] += 1
         if not agree(theirs, ours):
@@ -190,7 +190,7 @@ def _told_so_far(calls: list[Call]) -> str:
 def test_tf2_differs_only_where_a_decision_says_so(tf2: Peer) -> None:
     counts: Counter[str] = Counter()
     for seed in SEEDS:
-        tell(history(seed, start_ns=START_NS), tf2, counts)
+        replay(history(seed, start_ns=START_NS), tf2, counts)
     print(f"\n{counts['answers']} answers, {counts['differ']} of them differ. Applied:")
     for row, decision in DECISIONS.items():
         print(f"{counts[row]:8} {row:4} {decision}")

@@ -65,17 +65,17 @@ EVENTS = {
 }
 
 
-def compare(told: History, concurrency: Concurrency, events: Counter[str]) -> str | None:
+def compare(script: History, concurrency: Concurrency, events: Counter[str]) -> str | None:
     """Return the first difference, or None."""
-    oracle = Oracle(CACHE_NS, told.max_depth, told.time_jump)
+    oracle = Oracle(CACHE_NS, script.max_depth, script.time_jump)
     tree = TransformTree(
         CACHE_NS / 1e9,
         concurrency,
-        time_jump=told.time_jump,
-        max_depth=told.max_depth,
+        time_jump=script.time_jump,
+        max_depth=script.max_depth,
         max_frames=64,
     )
-    for number, (write, questions) in enumerate(told.steps):
+    for number, (write, questions) in enumerate(script.steps):
         for call in [write, *questions]:
             right, given = ask(oracle, call), ask(tree, call)
             events[f"{call.method}: {right.kind if isinstance(right, Fault) else 'done'}"] += 1
@@ -85,23 +85,23 @@ def compare(told: History, concurrency: Concurrency, events: Counter[str]) -> st
     return None
 
 
-def shortened(told: History, concurrency: Concurrency) -> History:
+def shortened(script: History, concurrency: Concurrency) -> History:
     """Return a smaller history with a difference: the prefix, minus each write not needed."""
-    steps = told.steps
-    while compare(told._replace(steps=steps[:-1]), concurrency, Counter()):
+    steps = script.steps
+    while compare(script._replace(steps=steps[:-1]), concurrency, Counter()):
         steps = steps[:-1]
     for i in range(len(steps) - 2, -1, -1):
         fewer = [*steps[:i], *steps[i + 1 :]]
-        if compare(told._replace(steps=fewer), concurrency, Counter()):
+        if compare(script._replace(steps=fewer), concurrency, Counter()):
             steps = fewer
-    return told._replace(steps=steps)
+    return script._replace(steps=steps)
 
 
 def check(histories: Iterable[History], concurrency: Concurrency) -> Counter[str]:
     events: Counter[str] = Counter()
-    for told in histories:
-        if compare(told, concurrency, events):
-            short = shortened(told, concurrency)
+    for script in histories:
+        if compare(script, concurrency, events):
+            short = shortened(script, concurrency)
             pytest.fail(f"{short}\n{compare(short, concurrency, Counter())}", pytrace=False)
     return events
 

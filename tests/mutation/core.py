@@ -105,7 +105,7 @@ MUTANTS = (
     ),
     plan(
         "a reparenting is never the first",
-        "is_first_reparenting_ |= !tree_.ever_reparented_.load();",
+        "is_first_reparenting_ |= !tree_.ever_reparented.load();",
         "",
     ),
     plan("rewriting wakes only by stamp", "(has_samples && write.stamp <= newest)", "false"),
@@ -206,7 +206,7 @@ MUTANTS = (
     replay("a removed frame stays live", "      target.is_live = false;\n", ""),
     replay(
         "the replay's number comes late",
-        "tree_.replayed_.store(changes.last, std::memory_order_release);",
-        "tree_.replayed_.store(changes.last - 1, std::memory_order_release);",
+        "tree_.replayed.store(changes.last, std::memory_order_release);",
+        "tree_.replayed.store(changes.last - 1, std::memory_order_release);",
     ),
 )

@@ -20,8 +20,7 @@ RENEW_S, LEASE_S = 0.05, 0.25
 
 def hold_lease(tree: TransformTree) -> None:
     while True:
-        if not tree._extend_lease(LEASE_S):
-            tree._begin_lease(LEASE_S)  # no other process owns this tree
+        tree._begin_lease(LEASE_S)  # no other process owns this tree
         time.sleep(RENEW_S)
 
 

@@ -11,14 +11,16 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
 from typing import Any, Protocol
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
 LINKS = 8
-ROOT, LEAF = "link0", f"link{LINKS}"
+ROOT, MIDDLE, LEAF = "link0", f"link{LINKS // 2}", f"link{LINKS}"
+PLAIN = "lookup_latest_transform"
+#: Not a lookup, but two, one after the other: between them a transaction may commit.
+HALVES = "halves"
 
 
 class Sets(Protocol):
@@ -50,13 +52,18 @@ def write(tf: Sets, seed: int, until: float) -> int:
 def read(tf: Any, lookups: list[str], until: float) -> Counter[tuple[str, bool]]:
     """Look up until a monotonic time; return how many results were torn and how many were not."""
     seen: Counter[tuple[str, bool]] = Counter()
-    calls: list[tuple[str, Callable[[str, str], StampedTransform]]] = [
-        (name, getattr(tf, name)) for name in lookups
-    ]
+
+    def x_of(name: str, target: str, source: str) -> float:
+        found: StampedTransform = getattr(tf, name)(target, source)
+        return found.transform.pose()[0]
+
     while time.monotonic() < until:
-        for name, lookup in calls:
-            x, *_ = lookup(ROOT, LEAF).transform.pose()
-            seen[name, x != 0.0] += 1
+        for name in lookups:
+            if name == HALVES:
+                sum_x = x_of(PLAIN, ROOT, MIDDLE) + x_of(PLAIN, MIDDLE, LEAF)
+            else:
+                sum_x = x_of(name, ROOT, LEAF)
+            seen[name, sum_x != 0.0] += 1
     return seen
 
 

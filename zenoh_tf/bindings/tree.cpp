@@ -205,9 +205,6 @@ void bind_tree(nb::module_& m) {
       .def(
           "_begin_lease", [](Tree& t, double seconds) { t.begin_lease(ns_of(seconds)); },
           nb::arg("duration_s"))
-      .def(
-          "_extend_lease", [](Tree& t, double seconds) { return t.extend_lease(ns_of(seconds)); },
-          nb::arg("duration_s"))
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
   bind_lookups(tree);

@@ -34,10 +34,9 @@ template <class FindNames>
   const auto slice =
       is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
   OwnedWaiter owned;
-  BlockingWaiter& waiter =
-      owned.waiter.emplace(tree.wait_list(), find_names(), text_of(target, "target_frame"),
-                           text_of(source, "source_frame"),
-                           fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
+  BlockingWaiter& waiter = owned.waiter.emplace(
+      tree.state(), find_names(), text_of(target, "target_frame"), text_of(source, "source_frame"),
+      fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
     bool done;
     {

@@ -120,7 +120,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
  private:
   bool look_up(ParkedRow& row) {
     try {
-      if (!tree_.wait_list().lookup_or_park(row, max_links_)) return false;
+      if (!tree_.lookup_or_park(row, max_links_)) return false;
     } catch (const Rejected&) {
       row.refused = true;
     } catch (const std::bad_alloc&) {

@@ -114,7 +114,7 @@ nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uin
   FirstReads read_set;
   std::uint64_t links = 0;
   const std::uint64_t max_links = budget ? budget->links.left() : 0;
-  const std::size_t max_reads = budget ? budget->read_set.limit() : Tree::kNoReadLimit;
+  const std::size_t max_reads = budget ? budget->read_set.limit() : kNoReadLimit;
   std::optional<AnswerColumns> answered;
   const auto run = [&] {
     rows.set(columns);

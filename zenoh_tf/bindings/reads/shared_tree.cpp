@@ -15,7 +15,7 @@ double lease_left_s(const SharedTree& tree) {
 }
 
 struct Lease {
-  explicit Lease(Tree& tree) : keeper(std::in_place, tree) {}
+  explicit Lease(Tree& tree) : keeper(std::in_place, tree.state()) {}
   void end() { keeper.reset(); }
   std::optional<LeaseKeeper> keeper;
 };

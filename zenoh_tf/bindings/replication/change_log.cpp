@@ -47,7 +47,7 @@ class Consumer {
     std::optional<SnapshotPlan> plan;
     {
       const GilReleased released;
-      plan = SnapshotReader(tree_).plan(piece_bytes);
+      plan = SnapshotReader(tree_.state()).plan(piece_bytes);
     }
     return nb::make_tuple(plan->seq, plan->ever_reparented, array_of(plan->bounds));
   }
@@ -57,7 +57,7 @@ class Consumer {
     std::optional<SnapshotPiece> piece;
     {
       const GilReleased released;
-      piece = SnapshotReader(tree_).read(after, last, most_bytes);
+      piece = SnapshotReader(tree_.state()).read(after, last, most_bytes);
     }
     return nb::make_tuple(
         piece->reached,

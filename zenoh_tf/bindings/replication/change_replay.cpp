@@ -72,7 +72,7 @@ void replay(Body&& body) {
 
 class Replay {
  public:
-  explicit Replay(Tree& tree) : tree_(tree), replay_(tree) {}
+  explicit Replay(Tree& tree) : tree_(tree), replay_(tree.state()) {}
 
   void apply(Seq last, nb::handle names, nb::handle authorities, const Column<std::uint8_t>& kind,
              const Column<std::uint32_t>& frame, const Column<Version>& version,

@@ -36,9 +36,9 @@ class Interest {
   [[nodiscard]] std::size_t frames() const { return reader_.frames(); }
 
  private:
-  static Tree& checked(Tree& tree) {
+  static TreeState& checked(Tree& tree) {
     if (!tree.change_log()) raise_invalid("the tree has no change log (max_log_bytes)", "tree");
-    return tree;
+    return tree.state();
   }
   static InterestReader::Pairs pairs_of(const nb::list& list) {
     InterestReader::Pairs pairs;

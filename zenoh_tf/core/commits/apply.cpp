@@ -18,9 +18,9 @@ void CommitExecution::apply() noexcept {
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
   plan_.keep_links();
-  if (plan_.is_first_reparenting()) tree_.ever_reparented_.store(true);
+  if (plan_.is_first_reparenting()) tree_.ever_reparented.store(true);
   if (plan_.from_future() != 0) {
-    tree_.from_future_.fetch_add(plan_.from_future(), std::memory_order_relaxed);
+    tree_.from_future.fetch_add(plan_.from_future(), std::memory_order_relaxed);
     tally_.dropped += plan_.from_future();
   }
   count_authority();
@@ -28,14 +28,14 @@ void CommitExecution::apply() noexcept {
 
 // Drops the frame's samples, as time was set back. The group's rows are stored next.
 void CommitExecution::restart_history(const FrameWrites& group) noexcept {
-  FrameEvents& events = tree_.events_[group.child];
-  tree_.time_jumps_.fetch_add(1);
+  FrameEvents& events = tree_.events[group.child];
+  tree_.time_jumps.fetch_add(1);
   increment(events.time_jumps);
-  tree_.event_log_.add({.kind = TreeEvent::Kind::time_jump,
-                        .frame = group.child,
-                        .authority = plan_.names().authority(),
-                        .stamp = plan_.write(group.begin).stamp,
-                        .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
+  tree_.event_log.add({.kind = TreeEvent::Kind::time_jump,
+                       .frame = group.child,
+                       .authority = plan_.names().authority(),
+                       .stamp = plan_.write(group.begin).stamp,
+                       .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
   clear_history(*group.frame);
 }
 
@@ -58,13 +58,13 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   if (group.restarts) restart_history(group);
   store_rows(group);
   if (tally_.stored == stored_before) return false;
-  if (group.wakes_all) increment(tree_.edits_[group.child]);
+  if (group.wakes_all) increment(tree_.edits[group.child]);
   record_link_change(group, parent_before, static_before);
   return true;
 }
 
 void CommitExecution::store_rows(const FrameWrites& group) noexcept {
-  FrameEvents& events = tree_.events_[group.child];
+  FrameEvents& events = tree_.events[group.child];
   HistoryWriter history(*group.frame, group.ring != 0 ? &plan_.prepared_ring(group) : nullptr,
                         plan_.limits());
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
@@ -96,7 +96,7 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
   const auto release = std::memory_order_release;
   const AuthorityId authority = plan_.names().authority();
   const bool is_static = plan_.request().is_static;
-  FrameEvents& events = tree_.events_[group.child];
+  FrameEvents& events = tree_.events[group.child];
   Change change = Change::none;
   const auto note = [&](std::atomic<std::uint64_t>& counter, Change what) {
     increment(counter);
@@ -107,7 +107,7 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
     if (had_data) {
       note(events.authority_changes, Change::authority);
       ++tally_.conflicts;
-      tree_.event_log_.add(
+      tree_.event_log.add(
           {.kind = TreeEvent::Kind::conflict,
            .frame = group.child,
            .authority = authority,
@@ -118,10 +118,10 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
   if (had_data && static_before != is_static) note(events.switched, Change::switched);
   if (had_data && group.new_parent != 0) {
     note(events.reparented, Change::reparented);
-    tree_.event_log_.add({.kind = TreeEvent::Kind::reparented,
-                          .frame = group.child,
-                          .authority = authority,
-                          .parent_before = parent_before});
+    tree_.event_log.add({.kind = TreeEvent::Kind::reparented,
+                         .frame = group.child,
+                         .authority = authority,
+                         .parent_before = parent_before});
   }
   if (change == Change::none) return;
   events.change.store(change, release);
@@ -133,15 +133,15 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
 
 void CommitExecution::count_authority() const noexcept {
   const AuthorityId authority = plan_.names().authority();
-  if (authority != 0) tree_.authority_counters_.add(authority, tally_);
+  if (authority != 0) tree_.authority_counters.add(authority, tally_);
 }
 
 void CommitExecution::notify_waiters() const noexcept {
-  WaitList& list = tree_.wait_list_;
+  WaitList& list = tree_.wait_list;
   if (list.size() == 0) [[likely]]
     return;
   for (const FrameId frame : changed_) {
-    if (!tree_.has_waiters(frame)) continue;
+    if (!list.has_waiters(frame)) continue;
     const FrameWrites* const group = plan_.group_of(frame);
     const bool only_appended = group && !group->wakes_all;
     list.notify_frame(frame, only_appended ? WaitList::Change::appended : WaitList::Change::other);

@@ -10,7 +10,7 @@ namespace ztf {
 
 class CommitExecution {
  public:
-  CommitExecution(Tree& tree, CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
+  CommitExecution(TreeState& tree, CommitPlan& plan) noexcept : tree_(tree), plan_(plan) {}
 
   // Makes room in the list of changed frames, so that apply() allocates nothing. Requires a ready
   // plan. Throws bad_alloc.
@@ -45,7 +45,7 @@ class CommitExecution {
                           bool static_before) noexcept;
   void count_authority() const noexcept;
 
-  Tree& tree_;
+  TreeState& tree_;
   CommitPlan& plan_;
   FrameList changed_;  // the frames that got or lost samples, ascending
   CommitTally tally_;

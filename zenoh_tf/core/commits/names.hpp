@@ -23,20 +23,21 @@
 #include <utility>
 #include <vector>
 
+#include "commits/freed_names.hpp"
 #include "commits/validation.hpp"
 
 namespace ztf {
 
 class CommitNames {
  public:
-  CommitNames(Tree& tree, const CommitRequest& request) : tree_(tree), request_(request) {
+  CommitNames(TreeState& tree, const CommitRequest& request) : tree_(tree), request_(request) {
     std::string_view* name = names_.append(request.names.size());
     for (const std::string_view as_given : request.names) {
       *name = stripped(as_given);
-      all_valid_ &= is_valid_name(*name++, tree.options_);
+      all_valid_ &= is_valid_name(*name++, tree.options);
     }
     (void)ids_.append(request.names.size());
-    ids_freed_ = tree.ids_freed_.load(std::memory_order_acquire);
+    ids_freed_ = tree.ids_freed.load(std::memory_order_acquire);
     find();
     yield_point();
   }
@@ -57,9 +58,9 @@ class CommitNames {
     new_.reset();
     find();
     // Before any id is assigned: a removed name of this commit may lose its own.
-    if (most_created() > tree_.names_.left()) tree_.free_removed_names();
+    if (most_created() > tree_.names.left()) free_removed_names(tree_);
     (void)find_authority(true);
-    ids_freed_ = tree_.ids_freed_.load(std::memory_order_acquire);
+    ids_freed_ = tree_.ids_freed.load(std::memory_order_acquire);
     return true;
   }
 
@@ -75,7 +76,7 @@ class CommitNames {
   // found. Requires the write locks of the frames that get samples; while they are held, no id
   // that the commit may store passes on (the invariant above, commits/authorities.cpp).
   [[nodiscard]] bool are_ids_current() const noexcept {
-    return tree_.ids_freed_.load(std::memory_order_acquire) == ids_freed_;
+    return tree_.ids_freed.load(std::memory_order_acquire) == ids_freed_;
   }
   // True if id_or_new() has assigned an id to a new name.
   [[nodiscard]] bool any_new() const noexcept { return new_.has_value(); }
@@ -87,11 +88,11 @@ class CommitNames {
 
   // Reserves memory so that publish() cannot fail. Throws bad_alloc.
   void reserve() {
-    if (new_authority_) tree_.authorities_.reserve(1, request_.authority.size());
+    if (new_authority_) tree_.authorities.reserve(1, request_.authority.size());
     if (!new_) return;
     std::size_t bytes = 0;
     for (const auto& [id, name] : new_->created) bytes += name.size();
-    tree_.names_.reserve(new_->created.size(), bytes);
+    tree_.names.reserve(new_->created.size(), bytes);
   }
 
   // Publishes the new names one by one; they are no part of a reader's snapshot. Requires
@@ -103,15 +104,15 @@ class CommitNames {
   // the version is not 0 (commits/freed_names.cpp).
   void publish(const FrameList& children) const noexcept {
     if (new_authority_)
-      tree_.authority_counters_.start(tree_.authorities_.insert(request_.authority));
+      tree_.authority_counters.start(tree_.authorities.insert(request_.authority));
     if (!new_) return;
-    for (const FrameId id : new_->returning) tree_.names_.show(id);
+    for (const FrameId id : new_->returning) tree_.names.show(id);
     for (const auto& [id, name] : new_->created) {
-      SeqLock& version = tree_.frames_[id].version;
+      SeqLock& version = tree_.frames[id].version;
       // If the id is used for the first time, no other thread knows it, so a store suffices.
       if (!std::binary_search(children.begin(), children.end(), id) && version.current() == 0)
         version.unlock_changed(0);
-      [[maybe_unused]] const FrameId inserted = tree_.names_.insert(name);
+      [[maybe_unused]] const FrameId inserted = tree_.names.insert(name);
       assert(inserted == id);
     }
   }
@@ -126,14 +127,14 @@ class CommitNames {
   };
 
   bool find_authority(bool may_add) {
-    const NameTable& authorities = tree_.authorities_;
+    const NameTable& authorities = tree_.authorities;
     new_authority_ = false;
     authority_ = 0;
     if (request_.authority.empty() || request_.rows.empty()) return true;
     authority_ = authorities.find(request_.authority);
     if (authority_ != 0) return true;
     if (!may_add) return false;
-    if (authorities.left() == 0) tree_.forget_authorities();
+    if (authorities.left() == 0) forget_authorities(tree_);
     if (authorities.left() == 0) reject_authority(request_.authority, authorities.max_size());
     authority_ = authorities.next_id();
     new_authority_ = true;
@@ -144,33 +145,33 @@ class CommitNames {
   [[nodiscard]] std::size_t most_created() const noexcept {
     std::size_t most = 0;
     for (std::size_t i = 0; i < ids_.size(); ++i)
-      if (ids_[i] == 0 && tree_.names_.find_any(names_[i]) == 0) ++most;
+      if (ids_[i] == 0 && tree_.names.find_any(names_[i]) == 0) ++most;
     return most;
   }
 
-  void find() noexcept { tree_.names_.find_each({names_.begin(), names_.size()}, ids_.begin()); }
+  void find() noexcept { tree_.names.find_each({names_.begin(), names_.size()}, ids_.begin()); }
 
   // Returns the id that a new name will have. Throws Rejected at the limit of frames.
   FrameId assign_id(std::string_view name) {
     if (!new_) new_.emplace();
-    const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names_.find_any(name));
+    const auto [it, is_first] = new_->ids.try_emplace(name, tree_.names.find_any(name));
     FrameId& id = it->second;
     if (!is_first) return id;
-    if (tree_.names_.live_names() + new_->ids.size() > tree_.options_.max_frames)
-      reject_frame(name, tree_.options_.max_frames);
+    if (tree_.names.live_names() + new_->ids.size() > tree_.options.max_frames)
+      reject_frame(name, tree_.options.max_frames);
     if (id != 0) {  // a removed frame's
       new_->returning.push_back(id);
       return id;
     }
     // There is one: all ids that frames do not need are free now, or as many as the commit needs.
-    assert(new_->created.size() < tree_.names_.left());
-    id = tree_.names_.next_id(new_->created.size());
-    tree_.region_.allocate_records(id);
+    assert(new_->created.size() < tree_.names.left());
+    id = tree_.names.next_id(new_->created.size());
+    tree_.region.allocate_records(id);
     new_->created.emplace_back(id, name);
     return id;
   }
 
-  Tree& tree_;
+  TreeState& tree_;
   const CommitRequest& request_;
   AuthorityId authority_ = 0;
   bool new_authority_ = false;

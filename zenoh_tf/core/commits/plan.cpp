@@ -25,11 +25,12 @@ bool is_ahead_of_clock(Stamp stamp, std::uint64_t ahead_ns) noexcept {
 
 }  // namespace
 
-CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored)
+CommitPlan::CommitPlan(TreeState& tree, const CommitRequest& request,
+                       std::span<std::uint8_t> stored)
     : tree_(tree),
       request_(request),
       stored_(stored),
-      limits_{tree.options_.cache_ns, tree.options_.max_samples_per_frame},
+      limits_{tree.options.cache_ns, tree.options.max_samples_per_frame},
       names_(tree, request) {
   const auto rows = static_cast<std::uint32_t>(request.rows.size());
   RowWrite* const writes = writes_.append(rows);
@@ -40,10 +41,10 @@ CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::
     const FrameId child = names_.id(row.child), parent = names_.id(row.parent);
     *write++ = {child, parent, i, row.stamp};
     // The record arrives while the other rows are checked.
-    if (rows > 1) tree.frames_[child].prefetch_for_write();
+    if (rows > 1) tree.frames[child].prefetch_for_write();
     // Equal ids are one name, unless both are 0: then the names must be compared.
     if (!names_.all_valid() || child == parent) [[unlikely]]
-      check_names(request, row, tree.options_);
+      check_names(request, row, tree.options);
     check_values(request, row, poses[i]);
     if (row.stamp > request.max_stamp && !request.is_static) [[unlikely]] {
       if (!request.drop_old) reject_future_stamp(request, row);
@@ -53,7 +54,7 @@ CommitPlan::CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::
     }
   }
   writes_.set_size(static_cast<std::size_t>(write - writes));
-  check_authority(request, tree.options_);
+  check_authority(request, tree.options);
 }
 
 CommitScope CommitPlan::initial_scope() const noexcept {
@@ -88,7 +89,7 @@ void CommitPlan::assign_new_ids() {
     write.parent = may_be_dropped ? names_.id(row.parent) : names_.id_or_new(row.parent);
     // The constructor looked up both names without a lock. If one name appeared between the two
     // lookups, their ids differed there, although they are the same frame.
-    if (write.child == write.parent) check_names(request_, row, tree_.options_);
+    if (write.child == write.parent) check_names(request_, row, tree_.options);
   }
 }
 
@@ -111,7 +112,7 @@ void CommitPlan::group_rows() {
   for (std::uint32_t i = 0; i < writes_.size(); ++i) {
     const FrameId child = writes_[i].child;
     if (n == 0 || child != children[n - 1]) {
-      groups[n] = FrameWrites{&tree_.frames_[child], child, i, i};
+      groups[n] = FrameWrites{&tree_.frames[child], child, i, i};
       children[n++] = child;
     }
     groups[n - 1].end = i + 1;
@@ -123,14 +124,14 @@ void CommitPlan::group_rows() {
 void CommitPlan::list_all_frames(FrameList& all) const {
   tree_.list_frames(all);
   for (const FrameId child : children_)
-    if (child > tree_.names_.size()) all.push_back(child);  // created by this commit
+    if (child > tree_.names.size()) all.push_back(child);  // created by this commit
 }
 
 void CommitPlan::validate_read_set(const WriteLocks& locks) const {
   for (std::size_t i = 0; i < request_.read_names.size(); ++i) {
-    const FrameId id = tree_.names_.find(request_.read_names[i]);
+    const FrameId id = tree_.names.find(request_.read_names[i]);
     const Version* const locked = id ? locks.version_before(id) : nullptr;
-    const Version now = locked ? *locked : id ? tree_.frames_[id].version.current() : 0;
+    const Version now = locked ? *locked : id ? tree_.frames[id].version.current() : 0;
     if (now != request_.read_versions[i]) reject_conflict(request_.read_names[i]);
   }
 }
@@ -171,27 +172,27 @@ bool CommitPlan::restarts_history(const FrameWrites& group) const noexcept {
   const Frame& frame = *group.frame;
   const Stamp stamp = writes_[group.end - 1].stamp, newest = frame.latest.stamp.load(relaxed);
   if (!too_old(stamp, newest, limits_.cache_ns)) return false;
-  const FrameEvents& events = tree_.events_[group.child];
+  const FrameEvents& events = tree_.events[group.child];
   const Stamp late = events.late_stamp.load(relaxed);
   // Every good sample changes the version.
   const bool is_second = events.late_version.load(relaxed) == version_of(frame) && late < stamp &&
                          span_ns(late, stamp) <= limits_.cache_ns;
   return is_second &&
-         (tree_.options_.clear_on_time_jump || is_ahead_of_clock(newest, limits_.cache_ns));
+         (tree_.options.clear_on_time_jump || is_ahead_of_clock(newest, limits_.cache_ns));
 }
 
 // Notes that the rows of a group are too old, so that the next ones may confirm a time jump.
 void CommitPlan::note_late(const FrameWrites& group, Stamp newest) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
-  FrameEvents& events = tree_.events_[group.child];
+  FrameEvents& events = tree_.events[group.child];
   const Stamp stamp = writes_[group.end - 1].stamp;
   events.late_stamp.store(stamp, relaxed);
   events.late_version.store(version_of(*group.frame), relaxed);
-  tree_.event_log_.add({.kind = TreeEvent::Kind::late,
-                        .frame = group.child,
-                        .authority = names_.authority(),
-                        .stamp = stamp,
-                        .newest = newest});
+  tree_.event_log.add({.kind = TreeEvent::Kind::late,
+                       .frame = group.child,
+                       .authority = names_.authority(),
+                       .stamp = stamp,
+                       .newest = newest});
 }
 
 // Recognises the common case, for which decide_rows() is not needed.
@@ -240,7 +241,7 @@ void CommitPlan::decide_rows(FrameWrites& group) {
     // If this row prunes the newest sample, it prunes all, so no second parent remains.
     if (!request_.is_static && has_samples && write.parent != parent &&
         !too_old(newest, write.stamp, limits_.cache_ns))
-      is_first_reparenting_ |= !tree_.ever_reparented_.load();
+      is_first_reparenting_ |= !tree_.ever_reparented.load();
     if (!has_samples || request_.is_static || write.stamp >= newest) {
       newest = write.stamp;
       parent = write.parent;
@@ -261,7 +262,7 @@ CommitPlan::RowFate CommitPlan::fate_of(const RowWrite& write, bool has_samples,
 
 void CommitPlan::check_authority_of(const FrameWrites& group) const {
   const AuthorityId authority = group.frame->authority.load(std::memory_order_relaxed);
-  if (!tree_.options_.one_authority_per_frame || authority == names_.authority()) return;
+  if (!tree_.options.one_authority_per_frame || authority == names_.authority()) return;
   reject(request_, request_.rows[writes_[group.begin].row], "authority",
          "the frame is published by " + quoted(tree_.authority(authority)) +
              ", and only one authority may publish a frame (one_authority_per_frame)");
@@ -275,7 +276,7 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
     reject(request_, row, "stamp_ns",
            stamp + "the newest sample's, " + std::to_string(newest) +
                " ns, by more than the cache time of " + std::to_string(limits_.cache_ns) + " ns" +
-               (tree_.options_.clear_on_time_jump
+               (tree_.options.clear_on_time_jump
                     ? "; if time was set back, a second, newer transform begins the frame's "
                       "history again (time_jump)"
                     : ""));
@@ -313,19 +314,19 @@ void CommitPlan::prepare_ring(FrameWrites& group) {
       if (is_stored(writes_[i].row)) ++stored, oldest_new = writes_[i].stamp;
     if (stored == 0) return;
     const PreparedRing prepared = ztf::prepare_ring(frame, group.restarts, stored, oldest_new,
-                                                    list_samples, limits_, tree_.ring_arena_);
+                                                    list_samples, limits_, tree_.ring_arena);
     if (!prepared.ring) return;
     prepared_rings_.push_back(prepared);
   } catch (const RingArena::Full&) {
     reject_memory(request_, request_.rows[writes_[group.begin].row],
-                  tree_.options_.max_memory_bytes);
+                  tree_.options.max_memory_bytes);
   }
   group.ring = static_cast<std::uint32_t>(prepared_rings_.size());
 }
 
 void CommitPlan::give_back_rings() noexcept {
   for (const PreparedRing& prepared : prepared_rings_)
-    if (prepared.ring) prepared.ring.give_back(tree_.ring_arena_);
+    if (prepared.ring) prepared.ring.give_back(tree_.ring_arena);
   prepared_rings_.clear();
 }
 

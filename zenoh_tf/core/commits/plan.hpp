@@ -1,12 +1,8 @@
-// The room `commits/`: how a tree is written: all rows of a commit at one instant, or none.
-// In: a CommitRequest. Out: new versions of frames and an entry of the change log, or Rejected.
-// It may include base, histories, tree.hpp.
-//
 // What a commit will do: its rows in order, grouped by child, with a decision for each group.
 //
 // A commit is a plan and its execution (commits/apply.hpp). Planning rejects the request, reserves
-// memory for samples and names, and assigns ids to new names. Tree::commit (commits/commit.cpp)
-// takes the locks between the steps.
+// memory for samples and names, and assigns ids to new names. commit() (commits/commit.cpp) takes
+// the locks between the steps.
 //
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
@@ -59,7 +55,7 @@ struct FrameWrites {
 class CommitPlan {
  public:
   // Checks what can be checked without a lock: names, stamps and poses. Throws Rejected.
-  CommitPlan(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
+  CommitPlan(TreeState& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
   ~CommitPlan() {
     if (prepared_rings_.size() != 0) give_back_rings();
   }
@@ -154,7 +150,7 @@ class CommitPlan {
 
   static constexpr std::size_t kLong = 16;  // rows
 
-  Tree& tree_;
+  TreeState& tree_;
   const CommitRequest& request_;
   const std::span<std::uint8_t> stored_;  // by row of the request
   const HistoryLimits limits_;

@@ -17,7 +17,7 @@ namespace ztf {
 void CommitPlan::change_links() {
   for (std::uint32_t i = 0; i < groups_.size(); ++i)
     if (groups_[i].new_parent != 0) changed_links_.push_back(i);
-  TopologyIndex& index = tree_.topology_index_;
+  TopologyIndex& index = tree_.topology_index;
   for (const std::uint32_t i : changed_links_) index.cut(groups_[i].child);
   bool is_too_deep = false;
   for (const std::uint32_t i : changed_links_) {
@@ -30,12 +30,12 @@ void CommitPlan::change_links() {
 }
 
 std::uint32_t CommitPlan::limit_of_depths() const noexcept {
-  const std::uint32_t limit = tree_.options_.max_depth;
+  const std::uint32_t limit = tree_.options.max_depth;
   return limit != 0 ? limit : std::numeric_limits<std::uint32_t>::max();
 }
 
 void CommitPlan::undo_links() noexcept {
-  TopologyIndex& index = tree_.topology_index_;
+  TopologyIndex& index = tree_.topology_index;
   for (const std::uint32_t i : changed_links_) index.cut(groups_[i].child);
   for (const std::uint32_t i : changed_links_) {
     const FrameWrites& group = groups_[i];
@@ -49,7 +49,7 @@ void CommitPlan::undo_links() noexcept {
 // link would close the cycle; the others are linked. One of them is on the cycle exactly if the
 // path from the new parent up to `last` ends without its link.
 void CommitPlan::reject_cycle(const FrameWrites& last) {
-  TopologyIndex& index = tree_.topology_index_;
+  TopologyIndex& index = tree_.topology_index;
   const FrameWrites* first = &last;
   for (const std::uint32_t i : changed_links_) {
     if (&groups_[i] == &last) break;
@@ -65,7 +65,7 @@ void CommitPlan::reject_cycle(const FrameWrites& last) {
 // Names the first frame that would be too deep, or above one that is, and whose link this commit
 // changes. There is one, because no tree was too deep before.
 void CommitPlan::reject_depth() const {
-  const TopologyIndex& index = tree_.topology_index_;
+  const TopologyIndex& index = tree_.topology_index;
   const auto deepest = [&](std::uint32_t i) {
     return index.depth(groups_[i].child) + index.height(groups_[i].child);
   };
@@ -78,11 +78,11 @@ void CommitPlan::reject_depth() const {
                  .message = "cannot set the transform of child " + quoted(child) +
                             ": it, or a frame below it, would be " + with_separators(depth) +
                             " links below its root, and the limit is " +
-                            with_separators(tree_.options_.max_depth) + " (max_depth)",
+                            with_separators(tree_.options.max_depth) + " (max_depth)",
                  .frame = child,
                  .parent = std::string(stripped(request_.names[row.parent])),
                  .field = "max_depth",
-                 .limit = tree_.options_.max_depth,
+                 .limit = tree_.options.max_depth,
                  .value = depth};
 }
 

@@ -8,7 +8,9 @@
 #include <cmath>
 #include <string>
 
-#include "tree.hpp"
+#include "base/options.hpp"
+#include "base/rejected.hpp"
+#include "commits/request.hpp"
 
 namespace ztf {
 

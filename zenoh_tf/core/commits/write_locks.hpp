@@ -1,4 +1,4 @@
-// The locks of a commit's write set, under each concurrency control.
+// The locks of a commit's write set.
 //
 // Strict two-phase locking: all locks are taken before the first write and released after the last.
 // A writer that waits while it holds locks takes them in ascending id, without duplicates. Writers
@@ -13,12 +13,9 @@
 // Thread safety: lives on the writer's stack.
 #pragma once
 
-#include <chrono>
-#include <random>
-#include <thread>
+#include <algorithm>
 
-#include "base/retries.hpp"
-#include "tree.hpp"
+#include "modes/modes.hpp"
 
 namespace ztf {
 
@@ -27,18 +24,13 @@ class WriteLocks {
   // Waits for the locks of these frames. For a single frame the same step begins the write, as its
   // readers wait hardly longer then; unless the plan is long. Requires that the list outlives this
   // object. Throws bad_alloc.
-  WriteLocks(Tree& tree, const FrameList& ascending, bool long_plan = false)
+  WriteLocks(TreeState& tree, const FrameList& ascending, bool long_plan = false)
       : tree_(tree), frames_(ascending), readers_may_read_(long_plan || ascending.size() > 1) {
     // Allocates before the first lock, because a constructor that throws would unlock nothing.
     (void)locked_.reserve(ascending.size());
-    if (tree.options_.concurrency == Concurrency::optimistic) {
-      lock_versions(ascending);
-      return;
-    }
-    if (tree.options_.concurrency == Concurrency::two_phase) lock_exclusive(ascending);
-    // Other writers are excluded already. A reader may hold one frame (SeqLock::read_consistent).
+    lock_write_set(tree, ascending);
     for (const FrameId id : ascending) {
-      SeqLock& word = tree.frames_[id].version;
+      SeqLock& word = tree.frames[id].version;
       locked_.push_back({id, readers_may_read_ ? word.lock_writer() : word.lock_and_begin_write()});
     }
   }
@@ -58,6 +50,11 @@ class WriteLocks {
     return at != locked_.end() && at->frame == id ? &at->version : nullptr;
   }
 
+  // The version that a locked frame gets if it changes.
+  [[nodiscard]] Version version_after(FrameId id) const noexcept {
+    return *version_before(id) + SeqLock::kIncrement;
+  }
+
   // Makes readers of the frames wait. Must precede the first write and the validation of a read
   // set. Further calls do nothing. The sequentially consistent fence orders it before the unlocking
   // for all threads, so two readers cannot see two independent commits in opposite orders.
@@ -65,7 +62,7 @@ class WriteLocks {
     if (!readers_may_read_) return;
     yield_point();
     for (const ReadVersion& locked : locked_)
-      tree_.frames_[locked.frame].version.begin_write(locked.version);
+      tree_.frames[locked.frame].version.begin_write(locked.version);
     std::atomic_thread_fence(std::memory_order_seq_cst);
     readers_may_read_ = false;
   }
@@ -90,7 +87,7 @@ class WriteLocks {
     const bool all = changed.size() == locked_.size();
     const FrameId* next = changed.begin();
     for (const ReadVersion& locked : locked_) {
-      SeqLock& word = tree_.frames_[locked.frame].version;
+      SeqLock& word = tree_.frames[locked.frame].version;
       if (all || (next != changed.end() && *next == locked.frame)) {
         word.unlock_changed(locked.version);
         ++next;
@@ -98,66 +95,12 @@ class WriteLocks {
         word.unlock_unchanged(locked.version);
       }
     }
-    if (tree_.options_.concurrency == Concurrency::two_phase)
-      for (const ReadVersion& locked : locked_) tree_.frames_[locked.frame].shared.unlock();
+    unlock_write_set(tree_, {locked_.begin(), locked_.size()});
     locked_.clear();
   }
 
  private:
-  // Takes the locks one by one. After a long wait it releases all locks and starts over, so that no
-  // writer waits for a waiting one. It does so at most kMaxRestarts times, and only while it holds
-  // at most kFewLocks.
-  void lock_versions(const FrameList& ids) {
-    Backoff backoff;
-    for (int naps = 0; locked_.size() < ids.size();) {
-      const FrameId id = ids[locked_.size()];
-      SeqLock& word = tree_.frames_[id].version;
-      Version before;
-      if (readers_may_read_ ? word.try_lock_writer(before)
-                            : word.try_lock_and_begin_write(before)) {
-        locked_.push_back({id, before});
-      } else if (!backoff.spin()) {
-        if (++naps <= kMaxRestarts && locked_.size() <= kFewLocks) release({});
-        count_retry();
-        backoff.nap();
-      }
-    }
-  }
-
-  // Two-phase locking: takes the exclusive locks of all shared words, or of none, and tries again
-  // after a random pause. So it never waits for a shared word while it holds another. After
-  // kAttemptsBeforeWant attempts it asks new readers to stay away.
-  void lock_exclusive(const FrameList& ids) {
-    for (int attempt = 0;; ++attempt) {
-      std::size_t taken = 0;
-      while (taken < ids.size() && tree_.frames_[ids[taken]].shared.try_lock()) ++taken;
-      if (taken == ids.size()) break;
-      while (taken > 0) tree_.frames_[ids[--taken]].shared.unlock();
-      if (attempt >= kAttemptsBeforeWant)
-        for (const FrameId id : ids) tree_.frames_[id].shared.want();
-      count_retry();
-      pause(attempt);
-    }
-    yield_point();
-  }
-
-  // Spins for a random time that grows with the attempts; later it sleeps.
-  static void pause(int attempt) {
-    thread_local std::minstd_rand random(
-        static_cast<unsigned>(std::hash<std::thread::id>{}(std::this_thread::get_id())));
-    if (attempt < 32) {
-      for (auto spins = random() % (16u << std::min(attempt, 5)); spins > 0; --spins) pause_cpu();
-      return;
-    }
-    LongWait::announce();
-    std::this_thread::sleep_for(std::chrono::microseconds(1 + random() % 50));
-  }
-
-  static constexpr int kMaxRestarts = 16;
-  static constexpr int kAttemptsBeforeWant = 16;
-  static constexpr std::size_t kFewLocks = 64;
-
-  Tree& tree_;
+  TreeState& tree_;
   const FrameList& frames_;
   bool readers_may_read_;                // false once the write has begun
   SmallVector<ReadVersion, 16> locked_;  // the frames locked so far, with their old versions

@@ -4,10 +4,12 @@
 
 namespace ztf {
 
-MotionResult Tree::lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const {
+MotionResult lookup_motion(const TreeState& tree, const MotionQuery& query, Motion& motion,
+                           Answer& answer) {
   ReadSet reads;
   MotionResult result{};
-  read(reads, [&](auto& reader) { return reader.copy_motion(query, motion, result, answer); });
+  read(tree, reads,
+       [&](auto& reader) { return reader.copy_motion(query, motion, result, answer); });
   return result;
 }
 

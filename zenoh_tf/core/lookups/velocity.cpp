@@ -72,9 +72,9 @@ bool measure(AnyReader& reader, const VelocityQuery& q, VelocityAnswer& a) {
 
 }  // namespace
 
-void Tree::lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const {
+void lookup_velocity(const TreeState& tree, const VelocityQuery& query, VelocityAnswer& answer) {
   ReadSet reads;
-  read(reads, [&](auto& reader) { return measure(reader, query, answer); });
+  read(tree, reads, [&](auto& reader) { return measure(reader, query, answer); });
 }
 
 void SharedTree::lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const {

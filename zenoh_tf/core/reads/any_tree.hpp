@@ -1,14 +1,13 @@
 // What is read alike from a tree of this process and from a mapped one of another.
 //
-// Thread safety: as a Reader's. What the functions of one frame return is valid only if the frame's
-// version has not changed meanwhile.
+// Thread safety: as a Reader's.
 #pragma once
 
 #include <vector>
 
 #include "base/rejected.hpp"
+#include "reads/frame_reads.hpp"
 #include "reads/reader.hpp"
-#include "records/frame_info.hpp"
 
 namespace ztf {
 
@@ -26,34 +25,6 @@ bool answer_all(AnyReader& reader, std::span<const Query> queries, std::span<Ans
     }
   }
   return true;
-}
-
-// Returns a frame's parent at a time, or of the newest sample for kNoStamp; 0 if there is none.
-template <class Access>
-FrameId parent_of(const Access& access, const Frame& frame, Stamp stamp) noexcept {
-  SampleInterval interval;
-  const LinkLookup link = stamp == kNoStamp ? SelectLatest{}(access, frame, interval)
-                                            : SelectAt{stamp}(access, frame, interval);
-  return link.status == LinkLookup::Status::ok ? link.parent : FrameId{0};
-}
-
-inline FrameInfo info_of(const Frame& frame, const FrameEvents& events, Version version) noexcept {
-  const auto acquire = std::memory_order_acquire;
-  FrameInfo info;
-  info.version = version;
-  info.parent = frame.parent.load(acquire);
-  info.authority = frame.authority.load(acquire);
-  info.is_static = frame.is_static.load(acquire);
-  info.samples = frame.count.load(acquire);
-  info.evicted = frame.evicted.load(acquire);
-  info.oldest = oldest_served_stamp(frame);
-  info.newest = frame.latest.stamp.load(acquire);
-  info.change = events.change.load(acquire);
-  info.change_stamp = events.change_stamp.load(acquire);
-  info.change_authority = events.change_authority.load(acquire);
-  info.parent_before = events.parent_before.load(acquire);
-  info.static_before = events.static_before.load(acquire);
-  return info;
 }
 
 // Lists the frames from each start up to its root with what is known of them, each once. A frame's

@@ -1,4 +1,4 @@
-// The concurrency controls, as a reader uses them.
+// Guards: how a reader makes sure that what it reads is the tree's state at one instant.
 //
 // A guard spans one read-only transaction. The reader calls three functions:
 //   read_version(frame, version)  before it reads a frame. False: retry with fresh state.
@@ -8,6 +8,7 @@
 // There are two kinds of guards. With WalkGuard, validate() compares the versions at once, and
 // there is no validate_all(). With a RecordingGuard, validate() only records the steps, and
 // validate_all() decides: it is true if everything recorded was the tree's state at one instant.
+// Here are those of mode `optimistic`; modes/ has the others.
 //
 // Thread safety: a guard belongs to one thread; any number of guards may exist at a time.
 // Invariant (strict serializability of the optimistic guards): between the last read and the first
@@ -21,7 +22,6 @@
 #include <span>
 #include <utility>
 
-#include "base/options.hpp"
 #include "base/small_vector.hpp"
 #include "reads/compose.hpp"
 
@@ -134,66 +134,6 @@ class LockingGuard : public RecordingGuard {
   SmallVector<FrameId, 64>& wanted_;
   SmallVector<ReadVersion, 64> held_;
   bool all_locked_ = true;
-};
-
-// Two-phase locking: takes a shared lock of each frame and holds it to the end. It may wait for a
-// writer while it holds shared locks, because a two-phase writer that holds a SharedLock never
-// waits for another one. (The writer may wait for a SeqLock, which a reader holds only briefly.)
-// With `heed_wanted` it fails at a frame that a starving writer wants.
-class SharedGuard : public RecordingGuard {
- public:
-  SharedGuard(Frame* frames, ReadSet& reads, bool heed_wanted)
-      : RecordingGuard(frames, reads), frames_(frames), heed_wanted_(heed_wanted) {}
-  ~SharedGuard() {
-    for (const FrameId id : held_) frames_[id].shared.unlock_shared();
-  }
-  SharedGuard(const SharedGuard&) = delete;
-  SharedGuard& operator=(const SharedGuard&) = delete;
-
-  bool read_version(const Frame& frame, Version& version) {
-    const FrameId id = id_of(frame);
-    (void)held_.reserve(1);  // allocates before the lock: every lock taken must be recorded
-    Backoff backoff;
-    for (;;) {
-      switch (frames_[id].shared.try_lock_shared(heed_wanted_)) {
-        case SharedLock::TryResult::acquired:
-          held_.push_back(id);
-          yield_point();
-          version = frames_[id].version.current();
-          return true;
-        case SharedLock::TryResult::writer_wants:
-          return false;
-        case SharedLock::TryResult::writer_holds:
-          backoff.wait();
-      }
-    }
-  }
-
- private:
-  Frame* const frames_;
-  SmallVector<FrameId, 64> held_;
-  const bool heed_wanted_;
-};
-
-// Requires that the caller holds the tree's giant mutex for the guard's lifetime.
-class GiantGuard : public RecordingGuard {
- public:
-  using RecordingGuard::RecordingGuard;
-  bool read_version(const Frame& frame, Version& version) const {
-    version = frame.version.current();
-    return true;
-  }
-};
-
-// Neither compares nor records. For lookups that read each link consistently by itself
-// (Reader::latest_each).
-class NoGuard {
- public:
-  bool read_version(const Frame&, Version& version) const {
-    version = 0;
-    return true;
-  }
-  bool validate(std::span<const PathStep>) const { return true; }
 };
 
 }  // namespace ztf

@@ -26,7 +26,7 @@ struct Query {
   Op op;
   FrameId target, source;  // 0 for an unknown frame
   // The time of the target. `at` requires one. kNoStamp means the latest common time in `full`, and
-  // the newest links in Tree::chain(). The other operations ignore it.
+  // the newest links in chain(). The others ignore it.
   Stamp stamp = kNoStamp;
   FrameId fixed = 0;              // `full` only: the frame that the two lookups have in common
   Stamp source_stamp = kNoStamp;  // `full` only: the time of the source, kNoStamp as above
@@ -60,6 +60,9 @@ struct MotionQuery {
   FrameId fixed, source;
   Stamp at, first, last;
 };
+
+// The read set of a transaction may have any size.
+inline constexpr std::size_t kNoReadLimit = static_cast<std::size_t>(-1);
 
 // What lookup_motion() has found, if it has not failed.
 enum class MotionResult : std::uint8_t {

@@ -46,8 +46,7 @@ class Reader {
       case Op::latest_common:
         return lookup_latest_common(q.target, q.source, a);
       case Op::latest:
-        // `latest` promises less than latest_xact, so one answer serves both. It gets here only
-        // where Tree::lookup() does not use latest_each(), or that gave no answer.
+        // It promises less than latest_xact, so one answer serves both.
       case Op::latest_xact:
         return lookup_latest(q.target, q.source, a);
       case Op::common_time:
@@ -117,22 +116,6 @@ class Reader {
         with_rings(chain, [&](auto source, auto target) { block.compute(chain, source, target); });
       else
         block.leave_unanswered();
-      return true;
-    });
-  }
-
-  // Composes the newest links, each of which is consistent by itself; together they may mix
-  // commits. Returns false also if the path has changed since the walk. A failure that it reports
-  // may rest on a torn read. Requires NoGuard.
-  ZTF_ALWAYS_INLINE bool latest_each(FrameId target, FrameId source, Answer& a) {
-    return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
-      StampRange stamps;
-      Pose from_source, from_target;
-      if (!compose_each(chain.source, chain.common_ancestor, stamps, from_source) ||
-          !compose_each(chain.target, chain.common_ancestor, stamps, from_target))
-        return false;
-      a.pose = chain.target.empty() ? from_source : inverse(from_target) * from_source;
-      set_stamps(stamps, a);
       return true;
     });
   }
@@ -327,25 +310,6 @@ class Reader {
     Pose from_target;
     compose(chain.target, from_target);
     pose = chain.source.empty() ? inverse(from_target) : inverse(from_target) * pose;
-  }
-
-  // Reads the steps' newest links again, each consistently, and sets the product of their poses.
-  // Returns false if a link leads to another frame than during the walk.
-  ZTF_ALWAYS_INLINE bool compose_each(PathSegment steps, const Frame* common_ancestor,
-                                      StampRange& stamps, Pose& pose) const {
-    for (std::size_t i = 0; i < steps.size(); ++i) {
-      const Frame& frame = *steps[i].frame;
-      Pose newest;
-      const LatestLink link = frame.version.read_consistent([&](Version) noexcept {
-        newest = frame.latest.pose.load();
-        return LatestLink(frame);
-      });
-      const Frame* const parent = i + 1 < steps.size() ? steps[i + 1].frame : common_ancestor;
-      if (access_.frame(link.parent) != parent) return false;
-      stamps.include(link.stamp);
-      pose = newest * pose;
-    }
-    return true;
   }
 
   static bool report_unknown(FrameId target, FrameId source, Answer& a) {

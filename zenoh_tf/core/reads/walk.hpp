@@ -29,7 +29,7 @@ struct LatestLink {
 
 // A link selector decides which of a frame's links a walk follows. This one selects the newest.
 struct SelectLatest {
-  static constexpr bool is_forest = true;  // newest links never form a loop (tree.hpp)
+  static constexpr bool is_forest = true;  // newest links never form a loop (tree_state.hpp)
   template <class Access>
   ZTF_ALWAYS_INLINE LinkLookup operator()(const Access&, const Frame& frame,
                                           SampleInterval& interval) const noexcept {

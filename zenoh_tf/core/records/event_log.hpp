@@ -1,8 +1,9 @@
 // What happened to frames that their users should hear about: time jumps, late samples, conflicts.
 //
-// Thread safety: every function. The mutex is taken only for rare events. Lock order: see tree.hpp.
-// Invariant: bounded. Events of one kind and frame are one entry, and what finds no room is
-// counted.
+// Thread safety: every function. The mutex is taken only for rare events.
+// Lock order: see tree_state.hpp.
+// Invariant: bounded. Events of one kind and frame are one entry, and what finds no
+// room is counted.
 #pragma once
 
 #include <algorithm>

@@ -15,7 +15,7 @@
 // host has none, the write is rejected. To touch a page that cannot be had would end the process
 // (SIGBUS). Readers touch nothing behind the end of the file: see shared/mapped_memory.hpp.
 //
-// Thread safety: every function, from any thread. Lock order: see tree.hpp.
+// Thread safety: every function, from any thread. Lock order: see tree_state.hpp.
 // Invariant: memory that was given out stays valid for the region's life.
 #pragma once
 

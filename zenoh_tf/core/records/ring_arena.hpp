@@ -12,7 +12,7 @@
 // owns it, and its memory stays valid, so a late reader is safe until it validates.
 //
 // Thread safety: every function, from any thread. The mutex is rarely taken, as rings double. Lock
-// order: see tree.hpp.
+// order: see tree_state.hpp.
 // Invariant: memory that was given out stays valid for the arena's life.
 #pragma once
 

@@ -4,7 +4,7 @@
 namespace ztf {
 
 void ChangeReplay::load(const FrameColumns& frames) {
-  const auto topology = lock_announced(tree_.topology_);
+  const auto topology = lock_announced(tree_.topology);
   find_names(frames.names);
   find_authorities(frames.authorities);
   std::size_t first = 0;
@@ -14,7 +14,7 @@ void ChangeReplay::load(const FrameColumns& frames) {
 
 void ChangeReplay::load_frame(const FrameColumns& frames, std::size_t i, std::size_t first) {
   const FrameId id = ids_[frames.frame[i]];
-  Frame& frame = tree_.frames_[id];
+  Frame& frame = tree_.frames[id];
   const bool is_live = !tree_.removed(id);
   if (is_live && tree_.version(id) >= frames.version[i]) return;
 
@@ -24,7 +24,7 @@ void ChangeReplay::load_frame(const FrameColumns& frames, std::size_t i, std::si
     return NewSample{frames.stamp[row], parent < ids_.size() ? ids_[parent] : FrameId{0},
                      &frames.pose[row]};
   };
-  HistoryDraft draft(frame, limits(), tree_.ring_arena_);
+  HistoryDraft draft(frame, limits(), tree_.ring_arena);
   draft.clear();
   if (count != 0 && frames.is_static[i]) {
     const NewSample link = sample(first);
@@ -43,10 +43,10 @@ void ChangeReplay::load_frame(const FrameColumns& frames, std::size_t i, std::si
   const Ring replaced = draft.publish(frame);
   frame.authority.store(authority_ids_[frames.authority[i]], std::memory_order_release);
   if (frame.parent_changes.load(std::memory_order_relaxed) != 0 && count > 1)
-    tree_.ever_reparented_.store(true);
-  tree_.names_.show(id);
+    tree_.ever_reparented.store(true);
+  tree_.names.show(id);
   frame.version.unlock_changed(frames.version[i] - SeqLock::kIncrement);
-  if (replaced) replaced.give_back(tree_.ring_arena_);
+  if (replaced) replaced.give_back(tree_.ring_arena);
 }
 
 }  // namespace ztf

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "commits/freed_names.hpp"
 #include "commits/validation.hpp"
 #include "commits/write_locks.hpp"
 
@@ -11,7 +12,7 @@ namespace ztf {
 
 void ChangeReplay::apply(const ChangeColumns& changes) {
   {
-    const auto topology = lock_announced(tree_.topology_);
+    const auto topology = lock_announced(tree_.topology);
     find_names(changes.names);
     find_authorities(changes.authorities);
     list_targets(changes);
@@ -30,23 +31,22 @@ void ChangeReplay::apply(const ChangeColumns& changes) {
     });
     give_back();
   }
-  tree_.replayed_.store(changes.last, std::memory_order_release);
-  tree_.commit_count_.add();
-  WaitList& list = tree_.wait_list_;
+  tree_.replayed.store(changes.last, std::memory_order_release);
+  tree_.commit_count.add();
+  WaitList& list = tree_.wait_list;
   if (list.size() == 0) return;
-  for (const FrameId id : frames_)
-    if (tree_.has_waiters(id)) list.notify_frame(id, WaitList::Change::other);
+  list.notify_frames(frames_);
   for (const std::string_view name : changes.names) list.notify_name(name);
 }
 
 // Finds the names' ids, or adds the names. A name that is added is hidden until a change says that
 // its frame exists: it may be a past parent that was removed.
 void ChangeReplay::find_names(std::span<const std::string_view> names) {
-  NameTable& table = tree_.names_;
+  NameTable& table = tree_.names;
   std::size_t unknown = 0, bytes = 0;
   for (const std::string_view name : names)
     if (table.find_any(name) == 0) ++unknown, bytes += name.size();
-  if (unknown > table.left()) reject_frame(names.back(), tree_.options_.max_frames);
+  if (unknown > table.left()) reject_frame(names.back(), tree_.options.max_frames);
   if (unknown != 0) table.reserve(unknown, bytes);
   ids_.clear();
   for (const std::string_view name : names) {
@@ -57,18 +57,18 @@ void ChangeReplay::find_names(std::span<const std::string_view> names) {
 }
 
 void ChangeReplay::find_authorities(std::span<const std::string_view> authorities) {
-  NameTable& table = tree_.authorities_;
+  NameTable& table = tree_.authorities;
   std::size_t unknown = 0;
   for (const std::string_view name : authorities)
     if (!name.empty() && table.find(name) == 0) ++unknown;
-  if (unknown > table.left()) tree_.forget_authorities();
+  if (unknown > table.left()) forget_authorities(tree_);
   authority_ids_.clear();
   for (const std::string_view name : authorities) {
     AuthorityId id = name.empty() ? 0 : table.find(name);
     if (id == 0 && !name.empty()) {
       if (table.left() == 0) reject_authority(name, table.max_size());
       id = table.insert(name);
-      tree_.authority_counters_.start(id);
+      tree_.authority_counters.start(id);
     }
     authority_ids_.push_back(id);
   }
@@ -93,7 +93,7 @@ void ChangeReplay::list_targets(const ChangeColumns& changes) {
                           .before = is_live ? tree_.version(id) & kServerVersion : 0,
                           .after = 0,
                           .is_live = is_live,
-                          .authority = tree_.frames_[id].authority.load(std::memory_order_relaxed),
+                          .authority = tree_.frames[id].authority.load(std::memory_order_relaxed),
                           .ring = nullptr,
                           .draft = nullptr});
     }
@@ -248,7 +248,7 @@ void ChangeReplay::write(const ChangeColumns& changes, const Target& target,
 bool ChangeReplay::needs_draft(const ChangeColumns& changes, const Target& target) const {
   constexpr std::uint32_t kFew = 16, kMoves = 4;
   if (target.samples <= kFew) return false;
-  const Frame& frame = tree_.frames_[target.id];
+  const Frame& frame = tree_.frames[target.id];
   const std::uint32_t count = frame.count.load(std::memory_order_relaxed);
   const ChangeKind first = changes.kind[steps_[target.begin].change];
   if (count == 0 || first == ChangeKind::cleared || first == ChangeKind::removed) return true;
@@ -282,13 +282,13 @@ void ChangeReplay::prepare(const ChangeColumns& changes) {
   try {
     for (Target& target : targets_) {
       if (target.samples == 0) continue;
-      const Frame& frame = tree_.frames_[target.id];
+      const Frame& frame = tree_.frames[target.id];
       if (needs_draft(changes, target)) {
-        target.draft = &drafts_.emplace_back(frame, limits, tree_.ring_arena_);
+        target.draft = &drafts_.emplace_back(frame, limits, tree_.ring_arena);
         InDraft history(*target.draft);
         write(changes, target, history);
       } else if (needs_larger_ring(frame, frame.count.load(relaxed), target.samples, limits)) {
-        rings_.push_back(grown_ring(frame, target.samples, limits, tree_.ring_arena_));
+        rings_.push_back(grown_ring(frame, target.samples, limits, tree_.ring_arena));
         target.ring = &rings_.back();
       }
     }
@@ -306,7 +306,7 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
   const auto release = std::memory_order_release;
   // Also for a frame that is newer, as in a snapshot that was read after this commit.
   for (const ChangeKind kind : changes.kind)
-    if (kind == ChangeKind::new_version) tree_.ever_reparented_.store(true);
+    if (kind == ChangeKind::new_version) tree_.ever_reparented.store(true);
   const auto replaced = [&](Ring ring) {
     if (!ring) return;
     PreparedRing old{};
@@ -315,7 +315,7 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
   };
   for (const Target& target : targets_) {
     if (target.after == 0) continue;
-    Frame& frame = tree_.frames_[target.id];
+    Frame& frame = tree_.frames[target.id];
     if (target.draft) {
       replaced(target.draft->publish(frame));
     } else {
@@ -324,10 +324,10 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
     }
     frame.authority.store(target.authority, release);
     if (target.is_live) {
-      tree_.names_.show(target.id);
+      tree_.names.show(target.id);
       continue;
     }
-    tree_.names_.hide(target.id);
+    tree_.names.hide(target.id);
     replaced(frame.ring.load(std::memory_order_relaxed));
     frame.ring.store(Ring(), release);
   }
@@ -337,12 +337,12 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
 void ChangeReplay::give_back() noexcept {
   drafts_.clear();
   for (const PreparedRing& prepared : rings_)
-    if (prepared.ring) prepared.ring.give_back(tree_.ring_arena_);
+    if (prepared.ring) prepared.ring.give_back(tree_.ring_arena);
   rings_.clear();
 }
 
 void ChangeReplay::reject_memory() const {
-  const std::uint64_t limit = tree_.options_.max_memory_bytes;
+  const std::uint64_t limit = tree_.options.max_memory_bytes;
   throw Rejected{.code = Code::limit,
                  .message = "the mirror has no memory for more samples (max_memory_bytes)",
                  .field = "max_memory_bytes",

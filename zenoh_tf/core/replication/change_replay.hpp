@@ -1,6 +1,6 @@
 // The room `replication/`: copies of a tree in other processes.
 // In: a tree and its change log. Out: snapshots, changes, and a mirror that has replayed them.
-// It may include records, histories, commits, tree.hpp.
+// It may include base, records, histories, tree_state.hpp, commits.
 //
 // Replaying another tree's snapshot and change log into this one, which is then its mirror.
 //
@@ -34,7 +34,7 @@
 #include <vector>
 
 #include "histories/draft.hpp"
-#include "tree.hpp"
+#include "tree_state.hpp"
 
 namespace ztf {
 
@@ -70,7 +70,7 @@ struct FrameColumns {
 
 class ChangeReplay {
  public:
-  explicit ChangeReplay(Tree& tree) noexcept : tree_(tree) {}
+  explicit ChangeReplay(TreeState& tree) noexcept : tree_(tree) {}
 
   // Applies the changes at one instant. Requires valid columns of fitting lengths. Throws Rejected
   // and bad_alloc; then nothing is changed.
@@ -79,7 +79,7 @@ class ChangeReplay {
   void load(const FrameColumns& frames);
   // Says that frames may have samples of several parents (SnapshotPlan::ever_reparented). Requires
   // that nobody reads the tree yet.
-  void set_ever_reparented() noexcept { tree_.ever_reparented_.store(true); }
+  void set_ever_reparented() noexcept { tree_.ever_reparented.store(true); }
 
  private:
   // One change that is new to its frame, and the row of its sample, or of the parent that samples
@@ -118,11 +118,11 @@ class ChangeReplay {
   void load_frame(const FrameColumns& frames, std::size_t i, std::size_t first);
   void give_back() noexcept;
   [[nodiscard]] HistoryLimits limits() const noexcept {
-    return {tree_.options_.cache_ns, tree_.options_.max_samples_per_frame};
+    return {tree_.options.cache_ns, tree_.options.max_samples_per_frame};
   }
   [[noreturn]] void reject_memory() const;
 
-  Tree& tree_;
+  TreeState& tree_;
   std::vector<FrameId> ids_;                // of the names
   std::vector<AuthorityId> authority_ids_;  // of the authorities
   std::vector<std::uint32_t> target_of_;    // by name: index in targets_

@@ -9,17 +9,17 @@ namespace ztf {
 // Lists the frames on the paths, until there are more than that.
 void InterestReader::find_frames(std::size_t max_frames) {
   if (pairs_.empty()) {
-    size_ = tree_.size();
+    size_ = tree_.names.size();
     for (FrameId id = 1; id <= size_; ++id) {
       // Before it is known whether the frame has a name: one that gets or loses it gets a version.
-      reads_.push_back({id, tree_.frames_[id].version.read_begin()});
+      reads_.push_back({id, tree_.frames[id].version.read_begin()});
       if (!tree_.removed(id)) frames_.push_back(id);
     }
     return;
   }
   for (const auto& [target, source] : pairs_) {
-    new_refs_.push_back(tree_.find_ref(target));
-    new_refs_.push_back(tree_.find_ref(source));
+    new_refs_.push_back(tree_.names.find_ref(target));
+    new_refs_.push_back(tree_.names.find_ref(source));
   }
   for (std::size_t i = 0; i < new_refs_.size() && frames_.size() <= max_frames; i += 2)
     add_paths(new_refs_[i].id, new_refs_[i + 1].id);
@@ -75,14 +75,15 @@ void InterestReader::add_all_ancestors(FrameId start) {
     const Link& found = link(id);
     if (found.parent != 0) open.push_back(found.parent);
     if (!found.has_several_parents) continue;
-    const Frame& frame = tree_.frames_[id];
+    const Frame& frame = tree_.frames[id];
     const Ring ring = frame.ring.load(std::memory_order_acquire);
     const std::uint32_t first = frame.first.load(std::memory_order_acquire),
                         count = frame.count.load(std::memory_order_acquire);
     if (!ring) continue;  // a torn read, as is an id below that no frame has
     std::unordered_set<FrameId> parents;
     for (std::uint32_t i = 0; i < std::min(count, ring.capacity()); ++i)
-      if (const FrameId parent = ring.parent(first + i); parent != 0 && parent <= tree_.size())
+      if (const FrameId parent = ring.parent(first + i);
+          parent != 0 && parent <= tree_.names.size())
         parents.insert(parent);
     for (const FrameId parent : parents)
       if (!link(parent).is_removed) open.push_back(parent);
@@ -97,7 +98,7 @@ const InterestReader::Link& InterestReader::link(FrameId id) {
 }
 
 InterestReader::Link InterestReader::read_link(FrameId id) const {
-  const Frame& frame = tree_.frames_[id];
+  const Frame& frame = tree_.frames[id];
   return frame.version.read_consistent([&](Version version) noexcept {
     return Link{version, frame.parent.load(std::memory_order_acquire),
                 frame.count.load(std::memory_order_acquire) > 1 &&
@@ -109,7 +110,7 @@ InterestReader::Link InterestReader::read_link(FrameId id) const {
 // Lists a frame and its ancestors along the newest links.
 void InterestReader::list_path(FrameId id, std::vector<FrameId>& path) {
   // A frame that moves meanwhile may be met twice, so the length is bounded.
-  for (std::size_t left = tree_.options_.max_path() + std::size_t{1}; id != 0 && left > 0; --left) {
+  for (std::size_t left = tree_.options.max_path() + std::size_t{1}; id != 0 && left > 0; --left) {
     path.push_back(id);
     id = link(id).parent;
   }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <unordered_set>
 
+#include "base/rejected.hpp"
 #include "commits/write_locks.hpp"
 #include "replication/snapshot.hpp"
 
@@ -21,7 +22,7 @@ constexpr Version kVersionBound = Version{1} << 40;
 // Collects changes with the names that they refer to.
 class InterestReader::Rows {
  public:
-  Rows(const Tree& tree, ChangeRows& out) : tree_(tree), out_(out) {}
+  Rows(const TreeState& tree, ChangeRows& out) : tree_(tree), out_(out) {}
 
   std::uint32_t name(const std::string& text) {
     const auto [at, is_new] = texts_.try_emplace(text, size(out_.names));
@@ -56,14 +57,14 @@ class InterestReader::Rows {
     return at->second;
   }
 
-  const Tree& tree_;
+  const TreeState& tree_;
   ChangeRows& out_;
   std::unordered_map<std::string, std::uint32_t> texts_;
   std::unordered_map<FrameId, std::uint32_t> ids_;
   std::unordered_map<AuthorityId, std::uint32_t> authorities_;
 };
 
-InterestReader::InterestReader(Tree& tree, Pairs pairs, bool newest_only)
+InterestReader::InterestReader(TreeState& tree, Pairs pairs, bool newest_only)
     : tree_(tree), pairs_(std::move(pairs)), newest_only_(newest_only) {}
 
 bool InterestReader::has_changed() const {
@@ -79,7 +80,8 @@ bool InterestReader::has_changed() const {
       return true;
   }
   for (std::size_t i = 0; i < refs_.size(); ++i)
-    if (refs_[i].id == 0 && tree_.find(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) != 0)
+    if (refs_[i].id == 0 &&
+        tree_.names.find(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) != 0)
       return true;
   return false;
 }
@@ -95,9 +97,9 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
                                                                std::size_t max_frames) {
   // A commit with a number up to this one makes readers wait for its frames (WriteLocks). If it
   // adds names, it also holds the topology mutex, until the names can be found.
-  seq_ = tree_.change_log_->last_drawn();
+  seq_ = tree_.change_log->last_drawn();
   {
-    const auto topology = lock_announced(tree_.topology_);
+    const auto topology = lock_announced(tree_.topology);
   }
   begin_attempt();
   find_frames(max_frames);
@@ -121,18 +123,18 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
 // Holds the locks of all frames that it reads, so that they do not change. The topology mutex keeps
 // links and names as they are.
 InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t max_frames) {
-  const auto giant = tree_.lock_giant();
-  const auto topology = lock_announced(tree_.topology_);
+  const auto giant = lock_transaction(tree_);
+  const auto topology = lock_announced(tree_.topology);
   begin_attempt();
-  find_frames(Tree::kNoReadLimit);
+  find_frames(kNoReadLimit);
   FrameList ascending;
   for (const FrameId id : frames_) ascending.push_back(id);
   std::sort(ascending.begin(), ascending.end());
   const WriteLocks locks(tree_, ascending, true);
   // None of these frames changes any more, so what is new has a number up to this one.
-  seq_ = tree_.change_log_->last_drawn();
+  seq_ = tree_.change_log->last_drawn();
   begin_attempt();
-  find_frames(Tree::kNoReadLimit);
+  find_frames(kNoReadLimit);
   check_frames(max_frames);
   copy_frames(with_all);
   Result result = make_result(with_all);
@@ -141,7 +143,7 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
 }
 
 void InterestReader::begin_attempt() {
-  ids_freed_ = tree_.ids_freed_.load(kAcquire);
+  ids_freed_ = tree_.ids_freed.load(kAcquire);
   links_.clear();
   wanted_.clear();
   frames_.clear();
@@ -168,20 +170,20 @@ void InterestReader::copy_frames(bool with_all) {
     const FrameId id = frames_[i];
     const auto at = sent_.find(id);
     const Sent* sent =
-        at != sent_.end() && tree_.is_current(at->second.ref) ? &at->second : nullptr;
+        at != sent_.end() && tree_.names.is_current(at->second.ref) ? &at->second : nullptr;
     if (sent && !with_all && sent->version == tree_.version(id)) continue;
     copies_.emplace_back().id = id;
     copy_frame(copies_.back(), sent, with_all);
   }
-  ever_reparented_ = tree_.ever_reparented_.load();
+  ever_reparented_ = tree_.ever_reparented.load();
 }
 
 void InterestReader::copy_frame(Copy& copy, const Sent* sent, bool with_all) {
-  const Frame& frame = tree_.frames_[copy.id];
+  const Frame& frame = tree_.frames[copy.id];
   copy.is_new = !sent;
   if (copy.is_new) {
     copy.name = tree_.name(copy.id);
-    copy.ref = tree_.find_ref(copy.name);
+    copy.ref = tree_.names.find_ref(copy.name);
   }
   std::vector<CopiedSample>& samples = copy.samples;
   std::size_t room = sent && !with_all ? 8 : 16;
@@ -192,7 +194,7 @@ void InterestReader::copy_frame(Copy& copy, const Sent* sent, bool with_all) {
       copy.parent = frame.parent.load(kAcquire);
       copy.authority = frame.authority.load(kAcquire);
       copy.oldest = frame.oldest_stamp.load(kAcquire);
-      copy.edits = tree_.edits_[copy.id].load(kAcquire);
+      copy.edits = tree_.edits[copy.id].load(kAcquire);
       copy.count = frame.count.load(kAcquire);
       copy.is_static = frame.is_static.load(kAcquire);
       copy.is_append = sent && copy.edits == sent->edits;
@@ -227,7 +229,7 @@ void InterestReader::copy_frame(Copy& copy, const Sent* sent, bool with_all) {
       copy.count -= from;
       return 0;
     });
-    room = std::min<std::size_t>(copy.count, tree_.options_.max_samples_per_frame) + 16;
+    room = std::min<std::size_t>(copy.count, tree_.options.max_samples_per_frame) + 16;
   } while (!copy.fits);
   samples.resize(copy.count);
 }
@@ -240,10 +242,10 @@ bool InterestReader::is_valid() const {
       return false;
   for (const ReadVersion& read : reads_)
     if (tree_.version(read.frame) != read.version) return false;
-  if (tree_.ids_freed_.load(kAcquire) != ids_freed_) return false;
-  if (pairs_.empty()) return tree_.size() == size_;
+  if (tree_.ids_freed.load(kAcquire) != ids_freed_) return false;
+  if (pairs_.empty()) return tree_.names.size() == size_;
   for (std::size_t i = 0; i < new_refs_.size(); ++i)
-    if (!(tree_.find_ref(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) == new_refs_[i]))
+    if (!(tree_.names.find_ref(i % 2 ? pairs_[i / 2].second : pairs_[i / 2].first) == new_refs_[i]))
       return false;
   return true;
 }
@@ -254,7 +256,7 @@ InterestReader::Result InterestReader::make_result(bool with_all) {
   Rows changes(tree_, result.changes), all(tree_, result.all);
   const std::unordered_set<FrameId> present(frames_.begin(), frames_.end());
   for (const auto& [id, sent] : sent_)
-    if (!present.contains(id) || !tree_.is_current(sent.ref)) {
+    if (!present.contains(id) || !tree_.names.is_current(sent.ref)) {
       removed_.push_back(id);
       // The frame may come back with the version that it has now.
       changes.add(ChangeKind::removed, changes.name(sent.name), sent.version + kVersionBound);

@@ -34,7 +34,7 @@
 #include <vector>
 
 #include "records/change_log.hpp"
-#include "tree.hpp"
+#include "tree_state.hpp"
 
 namespace ztf {
 
@@ -56,7 +56,7 @@ class InterestReader {
 
   // Without pairs, of all frames. With `newest_only`, returns a frame's newest sample only.
   // Requires a change log, and that the tree outlives this object.
-  InterestReader(Tree& tree, Pairs pairs, bool newest_only);
+  InterestReader(TreeState& tree, Pairs pairs, bool newest_only);
 
   struct Result {
     Seq seq;
@@ -83,7 +83,7 @@ class InterestReader {
     std::string name;
     Version version;
     Stamp newest;
-    std::uint32_t edits;  // Tree::edits()
+    std::uint32_t edits;  // TreeState::edits
   };
   struct Link {
     Version version;
@@ -128,7 +128,7 @@ class InterestReader {
   void keep_sent();
   void add_frame(const Copy& copy, bool all, Rows& rows) const;
 
-  Tree& tree_;
+  TreeState& tree_;
   const Pairs pairs_;
   const bool newest_only_;
 

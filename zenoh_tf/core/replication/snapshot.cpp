@@ -13,17 +13,17 @@ constexpr std::size_t kSampleBytes = 72;  // of a sample
 }  // namespace
 
 SnapshotPlan SnapshotReader::plan(std::size_t piece_bytes) {
-  SnapshotPlan plan{tree_.change_log_->last_drawn(), false, {0}};
+  SnapshotPlan plan{tree_.change_log->last_drawn(), false, {0}};
   {
     // A commit that adds or removes a name holds this mutex when it draws its number.
-    const auto topology = lock_announced(tree_.topology_);
-    plan.ever_reparented = tree_.ever_reparented_.load();
+    const auto topology = lock_announced(tree_.topology);
+    plan.ever_reparented = tree_.ever_reparented.load();
   }
   std::size_t bytes = 0;
-  const FrameId last = tree_.size();
+  const FrameId last = tree_.names.size();
   for (FrameId id = 1; id <= last; ++id) {
-    const std::uint32_t count = tree_.frames_[id].count.load(std::memory_order_relaxed);
-    bytes += kFrameBytes + kSampleBytes * std::min(count, tree_.options_.max_samples_per_frame);
+    const std::uint32_t count = tree_.frames[id].count.load(std::memory_order_relaxed);
+    bytes += kFrameBytes + kSampleBytes * std::min(count, tree_.options.max_samples_per_frame);
     if (bytes < piece_bytes) continue;
     plan.bounds.push_back(id);
     bytes = 0;
@@ -41,7 +41,7 @@ SnapshotPiece SnapshotReader::read_once(FrameId after, FrameId last, std::size_t
   piece.reached = last;
   names_.clear();
   authorities_.clear();
-  const FrameId end = std::min(last, tree_.size());
+  const FrameId end = std::min(last, tree_.names.size());
   for (FrameId id = after; id < end;) {
     add_frame(++id, piece);
     if (piece.frame.size() * kFrameBytes + piece.stamp.size() * kSampleBytes < most_bytes) continue;
@@ -79,12 +79,12 @@ SnapshotReader::FrameState SnapshotReader::copy(const Frame& frame) {
 }
 
 void SnapshotReader::add_frame(FrameId id, SnapshotPiece& piece) {
-  const Frame& frame = tree_.frames_[id];
+  const Frame& frame = tree_.frames[id];
   FrameState state{};
   do {
     const std::size_t room = frame.count.load(std::memory_order_acquire) + std::size_t{16};
     if (samples_.size() < room)
-      samples_.resize(std::min<std::size_t>(room, tree_.options_.max_samples_per_frame + 16));
+      samples_.resize(std::min<std::size_t>(room, tree_.options.max_samples_per_frame + 16));
     state = copy(frame);
   } while (!state.fits);
   // After the copy: a frame that was removed before it has no name now, or has come back since, and

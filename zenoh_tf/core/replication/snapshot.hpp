@@ -14,7 +14,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "tree.hpp"
+#include "tree_state.hpp"
 
 namespace ztf {
 
@@ -42,7 +42,7 @@ struct SnapshotPlan {
 
 class SnapshotReader {
  public:
-  explicit SnapshotReader(Tree& tree) noexcept : tree_(tree) {}
+  explicit SnapshotReader(TreeState& tree) noexcept : tree_(tree) {}
 
   // Plans pieces of about this many bytes. A piece has whole frames. Requires a change log. Throws
   // bad_alloc.
@@ -73,7 +73,7 @@ class SnapshotReader {
   std::uint32_t name_of(FrameId id, SnapshotPiece& piece);
   std::uint32_t authority_of(AuthorityId id, SnapshotPiece& piece);
 
-  Tree& tree_;
+  TreeState& tree_;
   std::vector<CopiedSample> samples_;
   std::unordered_map<FrameId, std::uint32_t> names_;
   std::unordered_map<AuthorityId, std::uint32_t> authorities_;

@@ -11,7 +11,7 @@
 #include <mutex>
 #include <thread>
 
-#include "tree.hpp"
+#include "tree_state.hpp"
 
 namespace ztf {
 
@@ -23,7 +23,7 @@ class LeaseKeeper {
 
   // Begins the lease. Requires that no other process can take over while this one lives, even if
   // it is stopped for long: after a pause it begins a new lease. The tree must outlive the keeper.
-  explicit LeaseKeeper(Tree& tree) : tree_(tree) {
+  explicit LeaseKeeper(TreeState& tree) : tree_(tree) {
     tree_.begin_lease(kDurationNs);
     thread_ = std::thread([this] { run(); });
   }
@@ -46,10 +46,10 @@ class LeaseKeeper {
   void run() {
     std::unique_lock lock(mutex_);
     while (!stop_.wait_for(lock, kPeriod, [this] { return stopped_; }))
-      if (!tree_.extend_lease(kDurationNs)) tree_.begin_lease(kDurationNs);
+      tree_.begin_lease(kDurationNs);
   }
 
-  Tree& tree_;
+  TreeState& tree_;
   std::mutex mutex_;
   std::condition_variable stop_;
   bool stopped_ = false;

@@ -1,6 +1,6 @@
 // The room `shared/`: the tree of another process of this host, valid for a lease.
 // In: a descriptor of the owner's memory, and queries. Out: answers, or why there is none.
-// It may include base, records, reads, tree.hpp.
+// It may include base, records, reads, tree_state.hpp.
 //
 // A tree of another process on this host, mapped read-only: its lookups, as the owner answers them.
 //
@@ -109,7 +109,7 @@ class SharedTree {
 
   // Throws Unanswered if the lease has lapsed.
   void check_lease() const;
-  // As Tree::read_names(); gives up as reads do.
+  // As TreeState::read_names(); gives up as reads do.
   template <class Read>
   auto read_names(Read&& read) const {
     Patience patience;

@@ -2,10 +2,10 @@
 #include "waiting/wait_list.hpp"
 
 #include <algorithm>
-#include <iterator>
 #include <limits>
 
-#include "tree.hpp"
+#include "base/rejected.hpp"
+#include "reads/frame_reads.hpp"
 
 namespace ztf {
 
@@ -42,40 +42,13 @@ class WaitList::WokenList {
   Waiter** end_ = &first_;
 };
 
-bool WaitList::lookup_or_park(Waiter& waiter, std::size_t max_links) {
-  // Copied, because a parked waiter may belong to another thread.
-  const std::string_view names[] = {waiter.target_, waiter.source_, waiter.fixed_};
-  for (;;) {
-    Query& query = waiter.query_;
-    const Tree::FrameRef refs[] = {
-        tree_.find_ref(waiter.target_), tree_.find_ref(waiter.source_),
-        query.op == Op::full ? tree_.find_ref(waiter.fixed_) : Tree::FrameRef()};
-    query.target = refs[0].id;
-    query.source = refs[1].id;
-    query.fixed = refs[2].id;
-    ReadSet reads;
-    tree_.lookup_transaction({&query, 1}, {&waiter.answer_, 1}, reads);
-    if (!std::all_of(refs, std::end(refs), [&](auto ref) { return tree_.is_current(ref); }))
-      continue;
-    const Failure& failure = waiter.answer_.failure;
-    if (failure.code == Code::ok || !tree_.may_succeed_later(failure)) return true;
-    {
-      const auto lock = lock_announced(mutex_);
-      try {
-        park(waiter, reads, max_links);  // step W1 (waiting/wait_list.hpp)
-      } catch (...) {
-        if (waiter.parked_) unpark(waiter);
-        throw;
-      }
-    }
-    (void)tree_.commits();  // step W2
-    bool unchanged = true;
-    for (const ReadVersion& read : reads) unchanged &= tree_.version(read.frame) == read.version;
-    for (int i = 0; i < 3; ++i)
-      unchanged &= names[i].empty() || tree_.find_ref(names[i]) == refs[i];
-    // If something changed, a commit came in between. If that has woken the waiter already,
-    // cancel() fails, and the waiter belongs to the woken thread.
-    if (unchanged || !cancel(waiter)) return false;
+void WaitList::park(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
+  const auto lock = lock_announced(mutex_);
+  try {
+    park_on_all(waiter, reads, max_links);
+  } catch (...) {
+    if (waiter.parked_) unpark(waiter);
+    throw;
   }
 }
 
@@ -86,7 +59,7 @@ bool WaitList::cancel(Waiter& waiter) {
   return true;
 }
 
-void WaitList::park(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
+void WaitList::park_on_all(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
   SmallVector<FrameId, 64> frames;
   for (const ReadVersion& read : reads) frames.push_back(read.frame);
   std::sort(frames.begin(), frames.end());
@@ -116,9 +89,9 @@ void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
   Need need = Need::sample;
   Stamp stamp = kNoStamp;
   if (failed_at == kNoStamp) {  // the newest links do not connect the frames
-    if (tree_.parent(frame, kNoStamp) != 0) need = Need::link, stamp = kNever;
+    if (read_parent(records_, frame, kNoStamp) != 0) need = Need::link, stamp = kNever;
   } else if (!any_sample) {
-    need = tree_.parent(frame, failed_at) == 0 ? Need::sample : Need::link;
+    need = read_parent(records_, frame, failed_at) == 0 ? Need::sample : Need::link;
     stamp = failed_at;
   }
   const auto at = frames_.try_emplace(frame).first;
@@ -129,7 +102,7 @@ void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
     throw;
   }
   ++links_;
-  tree_.add_waiter(frame);
+  waiters_[frame].fetch_add(1, std::memory_order_seq_cst);
 }
 
 // Parks the waiter under a name that it misses. Does nothing if the frame exists or the name is
@@ -146,7 +119,7 @@ void WaitList::unpark(Waiter& waiter) noexcept {
     const auto waiters = frames_.find(parked.frame);
     waiters->second.of(parked.need).erase(parked.entry);
     erase_if_empty(waiters);
-    tree_.remove_waiter(parked.frame);
+    waiters_[parked.frame].fetch_sub(1, std::memory_order_seq_cst);
   }
   for (const auto& entry : waiter.on_names_) names_.erase(entry);
   links_ -= waiter.on_frames_.size();
@@ -179,8 +152,8 @@ void WaitList::notify_frame(FrameId frame, Change change) noexcept {
   } else {
     // The frame now serves the times from its oldest to its newest sample. Lookups at times that it
     // does not accept any more are woken to fail for good.
-    const FrameInfo info = tree_.info(frame);
-    const Stamp oldest_possible = std::min(tree_.oldest_insertable(info), info.oldest);
+    const FrameInfo info = read_info(records_[frame], events_[frame]);
+    const Stamp oldest_possible = std::min(oldest_insertable(info, options_), info.oldest);
     woken.add(need_sample.begin(), need_sample.lower_bound(oldest_possible));
     woken.add(need_sample.lower_bound(info.oldest), need_sample.upper_bound(info.newest));
     woken.add(need_link.begin(), need_link.lower_bound(info.oldest));

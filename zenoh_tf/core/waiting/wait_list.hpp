@@ -1,6 +1,6 @@
 // The room `waiting/`: lookups that wait for a commit.
 // In: a query, then the frames and names of each commit. Out: a call once the lookup may succeed.
-// It may include reads.
+// It may include base, records, reads.
 //
 // Lookups that wait for a commit, and which commit wakes which of them.
 //
@@ -10,9 +10,9 @@
 // lookup waits, else one load for each of its frames.
 //
 // Thread safety: every function, from any thread. A waiter belongs to one thread at a time:
-// lookup_or_park() takes it over, and keeps it if it parks it. cancel() that returns true, or
-// notify(), gives it back.
-// Lock order: see tree.hpp. Under the list's mutex Tree::info() or parent() may take one frame's
+// lookup_or_park() (lookups/park.hpp) takes it over, and keeps it if it parks it. cancel() that
+// returns true, or notify(), gives it back.
+// Lock order: see tree_state.hpp. Under the list's mutex a frame may be read, which may take its
 // writer lock for a moment (SeqLock::read_consistent), and a waiter's notify() its own locks. That
 // cannot deadlock, because no thread takes the list's mutex while it holds one of those.
 //
@@ -26,26 +26,27 @@
 //   lookup_or_park() does after W2: it compares the frames' versions with those that the lookup
 //   read, sees the new version, and runs the lookup again.
 // The exception: notify_frame(appended) wakes selectively. It may pass over a waiter that was
-// parked by what Tree::parent() returned after the commit. The commit's unlock happened before that
+// parked by the parent that it read after the commit. The commit's unlock happened before that
 // read, so the comparison after W2 sees the new version. Both cases therefore need the comparison.
 // The same holds for names, with WaitList::size() as the mark. Names are compared by their ids,
 // and how many names these have had.
 #pragma once
 
-#include <chrono>
-#include <condition_variable>
 #include <map>
 #include <mutex>
 #include <string_view>
 #include <unordered_map>
 #include <vector>
 
+#include "base/options.hpp"
+#include "base/zeroed_array.hpp"
 #include "reads/guards.hpp"
 #include "reads/query.hpp"
+#include "records/frame_info.hpp"
 
 namespace ztf {
 
-class Tree;
+struct TreeState;
 
 // One waiting lookup. Derived classes say how it is woken. They must call WaitList::cancel() in
 // their destructor. A waiter must outlive each call of lookup_or_park(), even if notify() runs
@@ -71,6 +72,7 @@ class Waiter {
 
  private:
   friend class WaitList;
+  friend bool lookup_or_park(const TreeState&, Waiter&, std::size_t);
   using ByTime = std::multimap<Stamp, Waiter*>;
   using ByName = std::unordered_multimap<std::string_view, Waiter*>;
   // What a lookup needs of a frame at a time: a sample, or that its link stays as it is.
@@ -94,17 +96,23 @@ class Waiter {
 
 class WaitList {
  public:
-  explicit WaitList(const Tree& tree) noexcept : tree_(tree) {}
+  // Requires that the frames and their events outlive the list.
+  WaitList(const Options& options, const Frame* frames, const FrameEvents* events)
+      : options_(options), records_(frames), events_(events), waiters_(options.max_ids() + 1) {}
 
-  // Runs the lookup. Returns true if it is done: it succeeded, or failed for good. Returns false if
-  // the waiter is parked: notify() will be called once, when a commit may have changed the result.
-  // Throws bad_alloc, and Rejected if all waiters together would be parked on more than `max_links`
-  // frames; then the waiter is not parked.
-  bool lookup_or_park(Waiter& waiter, std::size_t max_links = static_cast<std::size_t>(-1));
+  // Parks the waiter under the frames that its failed lookup has read, and under the names that it
+  // misses: step W1. Throws bad_alloc, and Rejected if all waiters together would be parked on more
+  // than `max_links` frames; then the waiter is not parked.
+  void park(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
   // Returns whether the waiter was still parked. If so, notify() will not be called any more.
   bool cancel(Waiter& waiter);
 
   [[nodiscard]] std::size_t size() const noexcept { return size_.load(std::memory_order_seq_cst); }
+
+  // Whether a lookup waits for the frame. Requires that the commit which changed it is counted.
+  [[nodiscard]] bool has_waiters(FrameId frame) const noexcept {
+    return waiters_[frame].load(std::memory_order_seq_cst) != 0;
+  }
 
   // What a commit did to a frame.
   enum class Change : std::uint8_t {
@@ -116,6 +124,12 @@ class WaitList {
   // must not fail.
   void notify_frame(FrameId frame, Change change) noexcept;
   void notify_name(std::string_view name) noexcept;
+  // Wakes all lookups that wait for one of these frames, after any commit on them.
+  void notify_frames(const FrameList& changed) noexcept {
+    if (size() == 0) return;
+    for (const FrameId frame : changed)
+      if (has_waiters(frame)) notify_frame(frame, Change::other);
+  }
 
  private:
   // The waiters parked under one frame, by the time that they ask about.
@@ -131,57 +145,22 @@ class WaitList {
   class WokenList;
   using Frames = std::unordered_map<FrameId, FrameWaiters>;
 
-  void park(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
+  void park_on_all(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
   void park_on_frame(Waiter& waiter, FrameId frame);
   void park_on_name(Waiter& waiter, FrameId id, std::string_view name);
   void unpark(Waiter& waiter) noexcept;
   void erase_if_empty(Frames::iterator frame) noexcept;
   void wake(const WokenList& woken) noexcept;
 
-  const Tree& tree_;
-  std::atomic<std::size_t> size_{0};  // parked waiters
-  std::mutex mutex_;                  // guards what follows
-  std::size_t links_ = 0;             // frames that waiters are parked on, counted for each waiter
+  const Options& options_;
+  const Frame* const records_;
+  const FrameEvents* const events_;
+  std::atomic<std::size_t> size_{0};                       // parked waiters
+  const ZeroedArray<std::atomic<std::uint32_t>> waiters_;  // by frame
+  std::mutex mutex_;                                       // guards what follows
+  std::size_t links_ = 0;  // frames that waiters are parked on, counted for each waiter
   Frames frames_;
   Waiter::ByName names_;
-};
-
-// A waiter that a thread blocks on.
-class BlockingWaiter final : public Waiter {
- public:
-  using Clock = std::chrono::steady_clock;
-
-  BlockingWaiter(WaitList& list, const Query& query, std::string_view target,
-                 std::string_view source, std::string_view fixed = {})
-      : Waiter(query, target, source, fixed), list_(list) {}
-  ~BlockingWaiter() override { list_.cancel(*this); }
-
-  // Blocks until the lookup is done (lookup_or_park()), and returns true, or until the deadline,
-  // and returns false. May be called again after the deadline.
-  bool wait(Clock::time_point deadline) {
-    for (;;) {
-      if (!parked_here_) {
-        if (list_.lookup_or_park(*this)) return true;
-        parked_here_ = true;
-      }
-      std::unique_lock lock(mutex_);
-      if (!changed_.wait_until(lock, deadline, [&] { return woken_; })) return false;
-      woken_ = parked_here_ = false;
-    }
-  }
-
- private:
-  void notify() noexcept override {
-    const std::lock_guard lock(mutex_);
-    woken_ = true;
-    changed_.notify_one();
-  }
-
-  WaitList& list_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool woken_ = false;        // guarded by mutex_
-  bool parked_here_ = false;  // parked, and not yet seen to be woken; the blocking thread's own
 };
 
 }  // namespace ztf
