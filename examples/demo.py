@@ -72,12 +72,12 @@ def _run(children: Children) -> None:
         seen = reader.report()
         mover.terminate()  # not before: the reader may have taken long to start
         _together(mover.report(), seen)
-        ways = ask("ways", 3.0).report()
+        methods = ask("methods", 3.0).report()
         del sensors["camera"]
         for sensor in sensors.values():
             sensor.terminate()
         sent = {name: sensor.report() for name, sensor in sensors.items()}
-        _ways(ways)
+        _methods(methods)
         _rates(sent, {name: tf.frame(SENSORS[name].child_frame) for name in sensors})
 
 
@@ -185,8 +185,8 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
     )
 
 
-def _ways(seen: dict[str, Any]) -> None:
-    page.heading("Three ways to read")
+def _methods(seen: dict[str, Any]) -> None:
+    page.heading("Three methods to read")
     page.prose(
         """The same lookup of the wrist in map, over five links, again and again: by a query of the
         server; in the server's memory, which clients on its host read by themselves; and in a
@@ -196,13 +196,13 @@ def _ways(seen: dict[str, Any]) -> None:
     rows = [("how it reads", "median", "lookups/s", "processor each", "state at most")]
     rows += [
         (
-            names[way],
+            names[method],
             f"{found['p50_us']:,.1f} us",
             f"{found['per_s']:,.0f}",
             f"{found['cpu_us']:,.1f} us",
-            f"{seen['mirror_age_ms']:.1f} ms old" if way == "mirror" else "the server's own",
+            f"{seen['mirror_age_ms']:.1f} ms old" if method == "mirror" else "the server's own",
         )
-        for way, found in seen["ways"].items()
+        for method, found in seen["methods"].items()
     ]
     page.table(rows)
     page.prose(

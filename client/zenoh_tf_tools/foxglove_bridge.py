@@ -98,7 +98,7 @@ class FoxgloveBridge(ServerListener):
         for first in range(0, len(changed), _MOST_LINKS):
             self._send(changed[first : first + _MOST_LINKS])
         self._sent = {link.name: link for link in links}
-        self._tell(links)
+        self._report(links)
 
     def close(self) -> None:
         """End all connections."""
@@ -127,7 +127,7 @@ class FoxgloveBridge(ServerListener):
             log_ns = min(max(self._time_ns, 0), _STAMPS_NS[-1])
             self._channel.log(FrameTransforms(transforms=transforms), log_time=log_ns)
 
-    def _tell(self, links: Sequence[Link]) -> None:
+    def _report(self, links: Sequence[Link]) -> None:
         """Show trouble in the app's list of problems."""
         trouble = self._source.trouble()
         if trouble is None:

@@ -50,7 +50,7 @@ def watch_staleness(tf: TransformClient, seconds: float) -> dict[str, object]:
         errors["common"].append(_wrist_error_mm(common, asked))
 
         asked = time.time_ns()
-        # One atomic snapshot of the path and of each link tells which samples the path used.
+        # One atomic snapshot of the path and of each link shows which samples the path used.
         latest, *links = tf.lookup_latest_transforms_xact([("map", "wrist"), *LINKS])
         ages["latest"].append([_ms(asked - link.stamp_ns) for link in links])
         errors["latest"].append(_wrist_error_mm(latest, asked))
@@ -114,14 +114,14 @@ def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
     return {"reads": reads, "torn": torn, "lifts_seen": sorted(lifts)}
 
 
-def compare_ways(tf: TransformClient, seconds: float) -> dict[str, object]:
+def compare_methods(tf: TransformClient, seconds: float) -> dict[str, object]:
     """Make the same lookup by query, in the server's memory and in a mirror, then a thousand in a
     batch by query."""
     with TransformClient.connect(tf.endpoint, reads="query") as by_query, tf.mirror() as mirror:
-        ways = {"query": _measure_lookups(by_query.lookup_latest_transform_xact, seconds / 4)}
+        methods = {"query": _measure_lookups(by_query.lookup_latest_transform_xact, seconds / 4)}
         if tf.reads == "shared":
-            ways["shared"] = _measure_lookups(tf.lookup_latest_transform_xact, seconds / 4)
-        ways["mirror"] = _measure_lookups(mirror.lookup_latest_transform_xact, seconds / 4)
+            methods["shared"] = _measure_lookups(tf.lookup_latest_transform_xact, seconds / 4)
+        methods["mirror"] = _measure_lookups(mirror.lookup_latest_transform_xact, seconds / 4)
         age_ms = 1e3 * mirror.age_s
 
         size, batches = 1000, 0
@@ -135,7 +135,7 @@ def compare_ways(tf: TransformClient, seconds: float) -> dict[str, object]:
             batches += 1
         spent_s = time.monotonic() - start_s
     return {
-        "ways": ways,
+        "methods": methods,
         "mirror_age_ms": age_ms,
         "batch": size,
         "batched_per_s": size * batches / spent_s,
@@ -187,7 +187,7 @@ ROLES: dict[str, Callable[[TransformClient, float], dict[str, object]]] = {
     "staleness": watch_staleness,
     "mover": move_together,
     "reader": watch_pairs,
-    "ways": compare_ways,
+    "methods": compare_methods,
 }
 
 

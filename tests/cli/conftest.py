@@ -6,7 +6,6 @@ import functools
 import json
 import os
 import pty
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,30 +15,19 @@ import pytest
 
 from tests.processes import forks
 from tests.processes.servers import Pool, ServerProcess
+from tests.support import command_line
+from tests.support.command_line import MODULE, Done, Run
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session import environment
-from zenoh_tf_tools.cli.main import main
-
-Done = subprocess.CompletedProcess[str]
-Run = Callable[..., Done]
 
 HALF_TURN = (0, 0, 1, 0)
-
-MODULE = ("-m", "zenoh_tf_tools")
 
 
 @pytest.fixture
 def zenoh_tf() -> Run:
-    """``zenoh_tf(*args)``: one command, to its end. ``start``: another way to start it."""
-
-    def run(*args: str, start: tuple[str, ...] = MODULE) -> Done:
-        return forks.run(
-            [sys.executable, *start, *args],
-            timeout=40,
-        )
-
-    return run
+    """``zenoh_tf(*args)``: one command as a process, to its end."""
+    return command_line.run
 
 
 @pytest.fixture
@@ -109,14 +97,7 @@ def chain(client: TransformClient) -> None:
 def command(capsys: pytest.CaptureFixture[str]) -> Run:
     """``command(*args)``: one command in this process, which is much quicker."""
 
-    def run(*args: str) -> Done:
-        try:
-            code = main(args)
-        except SystemExit as ended:
-            code = ended.code if isinstance(ended.code, int) else 1
-        return subprocess.CompletedProcess(args, code, *capsys.readouterr())
-
-    return run
+    return functools.partial(command_line.call, capsys)
 
 
 @pytest.fixture

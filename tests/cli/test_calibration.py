@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from tests.processes.servers import ServerProcess
+from tests.support.command_line import Run
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.setup import calibration_diff, calibration_files
 
-from .conftest import Run, document, refusal, succeeds
+from .conftest import document, refusal, succeeds
 
 PAGE = (Path(__file__).parents[2] / "docs/how-to/calibration.md").read_text()
 

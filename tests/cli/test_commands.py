@@ -14,10 +14,12 @@ from typing import Any
 import pytest
 
 from tests.processes import forks
+from tests.support.command_line import Run
+from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.main import _parser
 
-from .conftest import Run, document, refusal, succeeds
+from .conftest import document, refusal, succeeds
 
 pytestmark = pytest.mark.own_server
 
@@ -237,7 +239,7 @@ def test_authorities(run: Run) -> None:
 def test_clients(run: Run, client: TransformClient) -> None:
     name = str(client._connection.session.zid())
     deadline_s = time.monotonic() + 20
-    while True:  # until it has told its clock
+    while True:  # until the server knows its clock
         found = {each["client"]: each for each in document(run("clients", "--json"))["clients"]}
         if name in found:
             break
@@ -294,6 +296,51 @@ def test_a_time_that_no_link_has(run: Run) -> None:
     line = refusal(run("lookup", "map", "base", "--at", "0.25s"))
     assert "BackwardExtrapolationException" in line
     assert line.endswith("(750 ms too early)")
+
+
+def test_authorities_shows_refusals(run: Run, client: TransformClient) -> None:
+    """Also those of an authority that never had a transform accepted."""
+    with client.broadcaster("broken driver") as broken:
+        broken.send([StampedTransform("a", "a", stamp, Transform()) for stamp in range(3)])
+        deadline = time.monotonic() + 10
+        while not client.authorities():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    (record,) = document(run("authorities", "--json"))["authorities"]
+    assert (record["name"], record["refused"], record["stored"]) == ("broken driver", 3, 0)
+    _, line, reason = succeeds(run("authorities")).splitlines()
+    assert line.split() == ["broken", "driver", *"0000003", "0", "-", "-"]
+    assert reason.startswith("last refusal of broken driver: InvalidArgumentException: ")
+    assert "own parent" in reason
+
+
+def test_reset_forgets_names_and_needs_a_yes(run: Run, client: TransformClient) -> None:
+    client.set_transform(StampedTransform("map", "base", 1, Transform()))
+    client.set_transform(StampedTransform("base", "camera", 0, Transform()), static=True)
+    done = run("reset")
+    assert done.returncode == 2
+    assert "--yes" in done.stderr
+    assert len(client.frames()) == 3
+    assert "reset" in succeeds(run("reset", "--yes"))
+    assert client.frames() == []
+    assert succeeds(run("frames")) == "no frames\n"
+    assert document(run("reset", "--yes", "--json")) == {"reset": True}
+
+
+def test_the_environment_names_server_and_tree(
+    start_server: Any, zenoh_tf: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = start_server(tree="robot 1")
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
+    monkeypatch.setenv("ZENOH_TF_TREE", "robot 1")
+    succeeds(zenoh_tf("set", "map", "base", "0", "0", "0"))
+    assert document(zenoh_tf("frames", "--json"))["tree"] == "robot 1"
+    line = refusal(zenoh_tf("--connect", "tcp/127.0.0.1:9", "--timeout", "0.5s", "frames"))
+    assert "tcp/127.0.0.1:9" in line
+    line = refusal(zenoh_tf("frames", "--tree", "elsewhere"))
+    assert "trees served there: 'robot 1'" in line
+    monkeypatch.setenv("ZENOH_TF_CONNECT", "tcp/127.0.0.1:9")
+    assert "tcp/127.0.0.1:9" in refusal(zenoh_tf("--timeout", "0.5s", "frames"))
 
 
 def test_version(zenoh_tf: Run) -> None:

@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 
 from tests.processes import forks
+from tests.support.command_line import Run
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
-from .conftest import Run, document, refusal, succeeds
+from .conftest import document, refusal, succeeds
 
 
 @pytest.mark.parametrize("stamp", [["--stamp", "-1s"], ["--stamp=-1s"], ["--stamp", "now-1s"]])

@@ -13,10 +13,9 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
+from tests.support.command_line import MODULE, Run
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
-
-from .conftest import MODULE, Run
 
 
 def test_echo_prints_again_and_again(robot: TransformClient, command: Run) -> None:

@@ -5,22 +5,11 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 
+from tests.support.command_line import Run, parsers
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.main import _for_argparse, _parser
-
-from .conftest import Run
-
-
-def commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """The parsers of all commands, with those of their actions."""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for child in action.choices.values():
-                yield child
-                yield from commands(child)
 
 
 def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
@@ -30,7 +19,7 @@ def examples(parser: argparse.ArgumentParser) -> list[list[str]]:
 
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/reference/commands.md"
-ALL = {parser.prog: parser for parser in commands(_parser())}
+ALL = dict(parsers())
 #: These have tests of their own, which make the files and servers that they need.
 ELSEWHERE = (
     "calibration",
@@ -57,11 +46,12 @@ RUNNABLE = sorted(
 
 
 def test_every_command_has_an_example() -> None:
+    whole = _parser()
     for prog, parser in ALL.items():
         assert examples(parser), prog
         for line in examples(parser):
             # Wrong usage would end the process.
-            _parser().parse_args(_for_argparse(line))
+            whole.parse_args(_for_argparse(line))
 
 
 def test_no_command_is_left_out() -> None:
@@ -83,7 +73,10 @@ def test_the_page_about_commands(robot: TransformClient, command: Run) -> None:
 def run_all(lines: list[list[str]], command: Run) -> None:
     for line in lines:
         endless = line[0] in ("echo", "monitor", "top") and "--count" not in line
-        ended = command(*line, *(["--count", "1"] if endless else []))
+        # The last one counts.
+        period = ["--every", "0.1s"]
+        short = {"doctor": ["--for", "0.1s"], "monitor": period, "top": period}
+        ended = command(*line, *short.get(line[0], []), *(["--count", "1"] if endless else []))
         if line[0] == "doctor":  # the samples of this tree are ahead of the clock
             assert (ended.returncode, ended.stderr) == (3, ""), line
             assert "TF202" in ended.stdout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,24 +11,16 @@ import numpy as np
 import pytest
 
 from tests.recordings.files import Log, write
+from tests.support.command_line import Run
 from tests.support.recorded import RUN, needs_recording
-from zenoh_tf_tools.cli.main import main
 
-from .conftest import Run, document, refusal, succeeds
+from .conftest import document, refusal, succeeds
 
 
 @pytest.fixture
-def zenoh_tf(capsys: pytest.CaptureFixture[str]) -> Run:
-    """As the fixture of processes, but in this one: there are many commands, and no server."""
-
-    def run(*args: str) -> subprocess.CompletedProcess[str]:
-        try:
-            code = main(args)
-        except SystemExit as wrong_usage:
-            code = int(str(wrong_usage.code))
-        return subprocess.CompletedProcess(args, code, *capsys.readouterr())
-
-    return run
+def zenoh_tf(command: Run) -> Run:
+    """In this process: there are many commands, and no server."""
+    return command
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +81,8 @@ def test_every_step_as_csv(zenoh_tf: Run, recording: Path) -> None:
 def test_every_step_as_arrays(zenoh_tf: Run, recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.npz"
     asked = ("query", str(recording), "odom", "base", "--every", "0.1s", "--npz", str(out))
-    told = succeeds(zenoh_tf(*asked, "--start", "+0.3s", "--end", "-0.2s"))
-    assert told == f"6 poses written to {out}\n"
+    printed = succeeds(zenoh_tf(*asked, "--start", "+0.3s", "--end", "-0.2s"))
+    assert printed == f"6 poses written to {out}\n"
     with np.load(out) as arrays:
         assert set(arrays.files) == {"stamps_ns", "translations", "rotations"}
         assert arrays["stamps_ns"].tolist() == [7_300_000_000 + i * 10**8 for i in range(6)]
@@ -202,7 +193,7 @@ def test_progress_bar_on_a_terminal(recording: Path, in_terminal: Callable[..., 
     assert "█" in output
 
 
-def test_a_damaged_tail_is_told(zenoh_tf: Run, tmp_path: Path) -> None:
+def test_a_damaged_tail_is_reported(zenoh_tf: Run, tmp_path: Path) -> None:
     log: Log = [(float(i), "/tf", [("a", "b", float(i), 1.0)]) for i in range(100)]
     path = write(tmp_path / "log", log, kind="ros1")
     path.write_bytes(path.read_bytes()[:3000])

@@ -21,12 +21,13 @@ from tests.processes import forks
 from tests.processes.servers import ServerProcess
 from tests.recordings.readers import read_with_foxglove, read_with_rosbags, rows
 from tests.recordings.test_from_recording import ask
+from tests.support.command_line import Run
 from tests.support.recorded import RUN, needs_recording, questions
 from zenoh_tf import LatestTransform, LookupException, StampedTransform, Transform, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
 from zenoh_tf_client import TransformClient
 
-from .conftest import Run, document, refusal
+from .conftest import document, refusal
 
 TIMEOUT_S = 40.0
 
@@ -52,7 +53,7 @@ class RecorderProcess:
             time.sleep(0.02)
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> tuple[int, Any, str]:
-        """Send a signal; return the exit status, the summary and what was told."""
+        """Send a signal; return the exit status, the summary and its messages."""
         self.process.send_signal(number)
         out, err = self.process.communicate(timeout=TIMEOUT_S)
         return self.process.returncode, json.loads(out) if out else None, err
@@ -116,8 +117,8 @@ def test_stamps_that_are_further_apart_than_64_bits(
     recorder = RecorderProcess(server.endpoint, tmp_path / "run.mcap")
     recorders.append(recorder)
     wait_until_recorded(recorder, 1)
-    code, summary, told = recorder.stop()
-    assert (code, told) == (0, "")
+    code, summary, errors = recorder.stop()
+    assert (code, errors) == (0, "")
     assert summary["static"] == 1
 
 
@@ -141,8 +142,8 @@ def test_history_statics_and_every_commit(
         )
     client.set_transform(StampedTransform("b", "gripper", 0, pose(2.0)), static=True)
     wait_until_recorded(recorder, 202)
-    code, summary, told = recorder.stop()
-    assert (code, told) == (0, "")
+    code, summary, errors = recorder.stop()
+    assert (code, errors) == (0, "")
     assert (summary["transforms"], summary["static"]) == (202, 2)
     assert summary["dropped"] == summary["missed_commits"] == summary["unrepresentable"] == 0
     assert summary["bytes"] == recorder.path.stat().st_size
@@ -275,9 +276,9 @@ def test_another_server_takes_over(
         while TransformTree.from_recording(recorder.path).frame("b").newest_stamp_ns != 9:
             assert time.monotonic() < deadline_s
             time.sleep(0.05)
-    code, summary, told = recorder.stop()
+    code, summary, errors = recorder.stop()
     assert (code, summary["servers"]) == (0, 2)
-    assert "another server has the tree; recording continues" in told
+    assert "another server has the tree; recording continues" in errors
 
 
 def test_what_the_format_cannot_hold_is_counted(
@@ -332,7 +333,7 @@ def test_without_a_server_there_is_no_file(zenoh_tf: Run, tmp_path: Path) -> Non
     assert not path.exists()
 
 
-def test_a_full_disk_is_told_and_the_file_is_readable(
+def test_a_full_disk_is_reported_and_the_file_is_readable(
     client: TransformClient, server: ServerProcess, tmp_path: Path
 ) -> None:
     """A limit on the size of files stands for the disk."""
@@ -357,7 +358,7 @@ def test_a_full_disk_is_told_and_the_file_is_readable(
             stamp_ns += 1
             assert time.monotonic() < deadline_s
         assert process.stderr is not None
-        told = process.stderr.read()
+        errors = process.stderr.read()
     assert process.returncode == 1
-    assert f"{path}: cannot be written: File too large; what it has can be read" in told
+    assert f"{path}: cannot be written: File too large; what it has can be read" in errors
     assert recorded(path) >= 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import signal
 import subprocess
@@ -19,40 +18,26 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.processes import forks
 from tests.recordings.files import Log, write
+from tests.support.command_line import Run, run_without
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.recordings.ingest import Feed
 
-Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-@pytest.fixture
-def run(server: Any, zenoh_tf: Run) -> Run:
-    """``run(*args)``: one command on the server, to its end."""
-    return functools.partial(zenoh_tf, "--connect", server.endpoint)
-
-
-def refusal(done: subprocess.CompletedProcess[str]) -> str:
-    assert done.returncode == 1
-    assert done.stdout == ""
-    (line,) = done.stderr.splitlines()
-    return line
+from .conftest import document, refusal, succeeds
 
 
 @pytest.mark.parametrize("kind", ["mcap", "db3", "bag"])
 def test_everything_is_there_when_it_ends(run: Run, tmp_path: Path, kind: str) -> None:
     path = write(tmp_path / ("log.bag" if kind == "bag" else "log"), kind=kind)
-    done = run("replay", str(path), "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    summary = json.loads(done.stdout)
+    summary = document(run("replay", str(path), "--json"))
     assert summary["transforms"] == 53
     assert summary["messages"] == 53
     assert summary["topics"] == ["/robot2/tf", "/tf", "/tf_static"]
 
     ask = ("--json", "lookup", "odom", "camera")
-    answer = json.loads(run(*ask, "--at", "7.51s").stdout)
+    answer = document(run(*ask, "--at", "7.51s"))
     assert answer["translation"] == pytest.approx([26.5, 0.0, 0.0])
-    answer = json.loads(run(*ask).stdout)
+    answer = document(run(*ask))
     assert answer["stamp_ns"] == 8_000_000_000
 
 
@@ -61,21 +46,17 @@ def test_real_speed_and_multiples_of_it(run: Run, tmp_path: Path) -> None:
     path = write(tmp_path / "log")
     took = {}
     for rate in ("1", "1000"):
-        done = run("--json", "replay", str(path), "--rate", rate)
-        assert (done.returncode, done.stderr) == (0, "")
-        took[rate] = json.loads(done.stdout)["seconds"]
+        took[rate] = document(run("--json", "replay", str(path), "--rate", rate))["seconds"]
     assert took["1"] >= 1.1
 
 
 def test_a_part_of_it(run: Run, tmp_path: Path) -> None:
     """Static links from before the part are there."""
     path = str(write(tmp_path / "log"))
-    done = run("--json", "replay", path, "--start", "+0.5s", "--end", "-0.3s")
-    assert (done.returncode, done.stderr) == (0, "")
-    summary = json.loads(done.stdout)
+    summary = document(run("--json", "replay", path, "--start", "+0.5s", "--end", "-0.3s"))
     assert summary["transforms"] == 12
     assert summary["topics"] == ["/tf", "/tf_static"]
-    answer = json.loads(run("--json", "frame", "base").stdout)
+    answer = document(run("--json", "frame", "base"))
     assert (answer["oldest_stamp_ns"], answer["newest_stamp_ns"]) == (
         7_500_000_000,
         7_700_000_000,
@@ -94,9 +75,9 @@ def test_the_part_is_chosen_by_stamps(run: Run, tmp_path: Path) -> None:
     # At twice real speed it would take 50 s if it waited for the static link.
     done = run("--json", "replay", path, "--start", "+1s", "--end", "52s", "--rate", "2")
     assert json.loads(done.stdout)["transforms"] == 4
-    answer = json.loads(run("--json", "frame", "b").stdout)
+    answer = document(run("--json", "frame", "b"))
     assert (answer["oldest_stamp_ns"], answer["newest_stamp_ns"]) == (51 * 10**9, 52 * 10**9)
-    assert json.loads(run("--json", "frame", "c").stdout)["newest_stamp_ns"] == 51_500_000_000
+    assert document(run("--json", "frame", "c"))["newest_stamp_ns"] == 51_500_000_000
     assert run("lookup", "a", "camera").returncode == 0
 
 
@@ -113,14 +94,14 @@ def test_as_if_it_happened_now(run: Run, tmp_path: Path) -> None:
     path = str(write(tmp_path / "log"))
     before_ns = time.time_ns()
     assert run("replay", path, "--clock", "now", "--rate", "4").returncode == 0
-    frame = json.loads(run("--json", "frame", "base").stdout)
+    frame = document(run("--json", "frame", "base"))
     assert before_ns < frame["oldest_stamp_ns"]
     # A second at four times real speed.
     assert frame["newest_stamp_ns"] - frame["oldest_stamp_ns"] == 250_000_000
 
 
 def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -> None:
-    """The stamps go on after the last turn's: the tree would take no older ones."""
+    """The stamps continue after the last turn's: the tree would take no older ones."""
     path = str(write(tmp_path / "log"))
     options = ("--connect", server.endpoint, "replay", path, "--loop", "--rate", "10")
     with forks.Popen(
@@ -165,7 +146,7 @@ def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -
     ]
     path = write(tmp_path / "log", log)
     assert run("replay", str(path)).returncode == 0
-    answer = json.loads(run("--json", "latest", "a", "b").stdout)
+    answer = document(run("--json", "latest", "a", "b"))
     assert answer["translation"][0] == 19.0
 
 
@@ -177,10 +158,9 @@ def test_a_link_that_turns_around(run: Run, tmp_path: Path) -> None:
         (2.0, "/tf", [("b", "a", 2.0, 1.0)]),
     ]
     path = write(tmp_path / "log", log)
-    done = run("replay", str(path))
-    assert (done.returncode, done.stderr) == (0, "")
+    succeeds(run("replay", str(path)))
     ask = ("--json", "latest", "world", "a")
-    assert json.loads(run(*ask).stdout)["translation"][0] == 4.0
+    assert document(run(*ask))["translation"][0] == 4.0
 
 
 def test_rows_that_are_no_transforms_are_skipped(run: Run, tmp_path: Path) -> None:
@@ -196,12 +176,10 @@ def test_rows_that_are_no_transforms_are_skipped(run: Run, tmp_path: Path) -> No
     assert "1 transforms" in done.stdout
 
 
-def test_what_the_cache_does_not_keep_is_told(run: Run, tmp_path: Path) -> None:
+def test_what_the_cache_does_not_keep_is_reported(run: Run, tmp_path: Path) -> None:
     log: Log = [(1.0, "/tf", [("a", "b", 1000.0, 1.0)]), (2.0, "/tf", [("a", "b", 1.0, 1.0)])]
     path = write(tmp_path / "log", log)
-    done = run("replay", str(path), "--rate", "10")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "1 of them dropped on arrival" in done.stdout
+    assert "1 of them dropped on arrival" in succeeds(run("replay", str(path), "--rate", "10"))
 
 
 def test_other_publishers_do_not_end_it_early(client: TransformClient) -> None:
@@ -256,7 +234,7 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
 
 
 def test_an_authority_without_a_name(zenoh_tf: Run) -> None:
-    """The server does not count for it, so replay could not tell what became of its transforms."""
+    """The server does not count for it, so replay could not know what became of its transforms."""
     done = zenoh_tf("replay", "file", "--authority", "")
     assert done.returncode == 2
     assert "the name is empty" in done.stderr
@@ -302,13 +280,9 @@ def test_a_message_that_would_never_come(run: Run, tmp_path: Path, rate: str) ->
 
 
 @pytest.mark.parametrize(("library", "kind"), [("mcap", "mcap"), ("rosbags", "db3")])
-def test_without_the_extra(zenoh_tf: Run, tmp_path: Path, library: str, kind: str) -> None:
+def test_without_the_extra(tmp_path: Path, library: str, kind: str) -> None:
     path = write(tmp_path / "log", kind=kind)
-    code = (
-        f"import sys; sys.modules[{library!r}] = None; "
-        "from zenoh_tf_tools.cli.main import main; sys.exit(main())"
-    )
-    line = refusal(zenoh_tf("replay", str(path), start=("-c", code)))
+    line = refusal(run_without(library, "replay", str(path)))
     assert "pip install 'zenoh-tf[recordings]'" in line
 
 
@@ -351,7 +325,9 @@ def test_refusals_from_before_do_not_fail_it(client: TransformClient) -> None:
     feed.finish()
 
 
-def test_what_has_left_the_cache_is_told(start_server: Any, zenoh_tf: Run, tmp_path: Path) -> None:
+def test_what_has_left_the_cache_is_reported(
+    start_server: Any, zenoh_tf: Run, tmp_path: Path
+) -> None:
     """A minute of transforms at 1 Hz; the server keeps the last ten seconds."""
     server = start_server("--cache-time", "10s")
     log: Log = [

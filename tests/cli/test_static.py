@@ -9,10 +9,9 @@ import sys
 
 import pytest
 
+from tests.support.command_line import Run
 from zenoh_tf import Transform
 from zenoh_tf_client import TransformClient
-
-from .conftest import Run
 
 HALF = math.sqrt(0.5)
 

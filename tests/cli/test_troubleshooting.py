@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.processes.servers import ServerProcess
+from tests.support.command_line import Run
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
-
-from .conftest import Run
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/troubleshooting.md"
 BLOCKS: list[tuple[str, str]] = re.findall(r"```(\w+)\n(.*?)```", PAGE.read_text(), re.S)

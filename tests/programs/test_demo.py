@@ -65,9 +65,9 @@ def test_demo() -> None:
     row = re.search(r"one transactional lookup\s+([\d,]+)\s+0\n", page)
     assert row is not None and int(row[1].replace(",", "")) > 0
     assert len(re.findall(r"\d Hz\s+\d+\.\d Hz\s+\d+\.\d Hz", page)) == 3
-    ways = re.findall(r"(a query|the server's memory|a mirror) +([\d.,]+) us", page)
-    assert (ways[0][0], ways[-1][0]) == ("a query", "a mirror")
-    assert all(float(us.replace(",", "")) > 0 for _, us in ways)
+    methods = re.findall(r"(a query|the server's memory|a mirror) +([\d.,]+) us", page)
+    assert (methods[0][0], methods[-1][0]) == ("a query", "a mirror")
+    assert all(float(us.replace(",", "")) > 0 for _, us in methods)
     assert processes_of(endpoint_of(page)) == []
 
 

@@ -240,7 +240,7 @@ gc.collect()
 assert [ref() for ref in gone] == [None, None]
 end = time.monotonic() + 10
 while "announce statics" in {thread.name for thread in threading.enumerate()}:
-    assert time.monotonic() < end, "the thread of a collected broadcaster goes on"
+    assert time.monotonic() < end, "the thread of a collected broadcaster is running"
     time.sleep(0.01)
 """,
         endpoint,

@@ -31,7 +31,7 @@ if child == 0:
 _, status = os.waitpid(child, 0)
 assert os.waitstatus_to_exitcode(status) == 7, status
 if {connected}:
-    assert tf.can_transform("a", "b", timeout_s=5)  # the parent goes on
+    assert tf.can_transform("a", "b", timeout_s=5)  # the parent continues
 """
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import signal
@@ -16,8 +15,8 @@ import numpy as np
 import pytest
 
 from tests.processes import forks
+from tests.support.command_line import call, parsers, run
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf_tools.cli.main import _parser
 
 from .files import Log, write
 
@@ -42,19 +41,23 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_every_command_runs(server: Any, folder: Path) -> None:
+def test_every_command_runs(
+    server: Any, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
     with server.connect() as tf:
         tf.set_transform(StampedTransform("map", "base", 1, Transform((1, 0, 0))))
-        environment = {**os.environ, "ZENOH_TF_CONNECT": server.endpoint}
         for line in COMMANDS:
             command, _, out = line.partition(" > ")
-            program, *arguments = shlex.split(command)
+            program, name, *arguments = shlex.split(command)
             assert program == "zenoh-tf"
-            done = forks.run(
-                [sys.executable, "-m", "zenoh_tf_tools", *arguments],
-                timeout=50,
-                cwd=folder,
-                env=environment,
+            # The last one counts. `record` handles signals, so it has a process of its own.
+            short = {"record": ["--for", "0.2s"], "replay": ["--rate", "1000"]}.get(name, [])
+            done = (
+                run(name, *arguments, *short)
+                if name == "record"
+                else call(capsys, name, *arguments, *short)
             )
             assert done.returncode == 0, (line, done.stderr)
             if out:
@@ -79,14 +82,22 @@ def test_the_snippet_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     np.testing.assert_allclose(found["speeds"], 1.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("command", ["query", "record", "replay"])
+def test_every_example_of_query_runs(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    for line in examples_of("query"):
+        done = call(capsys, *line)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout
+
+
+@pytest.mark.parametrize("command", ["record", "replay"])
 def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str) -> None:
     """Those that would run for long are ended by Ctrl-C."""
     if command == "record":  # it makes the file
         (folder / "run.mcap").unlink()
-    examples = [line for line in examples_of(command) if line[0] == command]
-    assert len(examples) >= 2
-    for line in examples:
+    for line in examples_of(command):
         with forks.Popen(
             [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, *line],
             stdout=subprocess.PIPE,
@@ -114,7 +125,7 @@ def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str)
 
 
 def examples_of(command: str) -> list[list[str]]:
-    (action,) = _parser()._subparsers._group_actions  # type: ignore[union-attr]
-    assert isinstance(action.choices, dict)
-    epilog = action.choices[command].epilog
-    return [shlex.split(line) for line in re.findall(r"zenoh-tf ([^>\n]*)", epilog)]
+    epilog = dict(parsers())[f"zenoh-tf {command}"].epilog or ""
+    found = [shlex.split(line) for line in re.findall(r"zenoh-tf ([^>\n]*)", epilog)]
+    assert len(found) >= 2
+    return found

@@ -56,7 +56,7 @@ def test_fixed_joints_become_static_links(tf: TransformClient) -> None:
 
 
 def test_all_of_them_or_none(tf: TransformClient, tmp_path: Path) -> None:
-    """The second file has one of the arm's links the other way round, which closes a loop."""
+    """The second file has one of the arm's links reversed, which closes a loop."""
     turned = tmp_path / "turned.urdf"
     turned.write_text(
         '<robot name="r"><link name="camera_optical"/><link name="camera"/><link name="x"/>'

@@ -29,7 +29,7 @@ class Tree:
     def __init__(self) -> None:
         self.lookups = TransformTree()
         self.time_ns = S
-        self.told: str | None = None
+        self.reported: str | None = None
 
     def set(self, parent: str, child: str, x: float, stamp_ns: int = S, **options: Any) -> None:
         stamped = StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0), QUARTER))
@@ -51,7 +51,7 @@ class Tree:
         return self.time_ns
 
     def trouble(self) -> str | None:
-        return self.told
+        return self.reported
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +230,7 @@ def test_trails_and_trouble(viewer: Viewer, tree: Tree) -> None:
     for i in range(10):
         tree.set("map", "base", i, stamp_ns=S + i * S // 10)
     tree.time_ns = 2 * S
-    tree.told = "no heartbeat from the server for 5 s"
+    tree.reported = "no heartbeat from the server for 5 s"
     step(viewer)
     assert len(viewer.scene._trails.points) > 10
     assert "no heartbeat from the server for 5 s" in viewer.panel.status.content

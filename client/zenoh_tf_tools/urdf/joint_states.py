@@ -60,8 +60,8 @@ class JointStateFeed:
             joints: The joints of the robot, for this feed alone.
             authority: The name to publish as.
             topic: The topic, with its namespace.
-            domain: Take only messages of this ROS 2 domain; None for all. Bridges to DDS tell
-                none, so theirs are always taken.
+            domain: Accept only messages of this ROS 2 domain; None for all. Bridges to DDS send
+                no domain, so theirs are always accepted.
 
         Raises:
             AccessDenied: The server's access rules do not allow to publish as `authority`.

@@ -1,4 +1,4 @@
-"""A recording as a tree that can be looked at at any of its times."""
+"""A recording as a tree, shown at any of its times."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RecordedSource:
         """
         self._tree = TransformTree(**OPTIONS, max_memory_bytes=MAX_MEMORY_BYTES)
         try:
-            #: The stamps of each dynamic link, sorted; its history tells only the first and last.
+            #: The stamps of each dynamic link, sorted; its history has only the first and last.
             self._stamps_ns = _read(recording, self._tree)
         except (RecordingError, LimitExceeded) as error:
             raise CommandError(str(error)) from error

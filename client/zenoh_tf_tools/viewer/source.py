@@ -53,7 +53,7 @@ class Lookups(Protocol):
 
 
 class Source(Protocol):
-    """A tree to look at. Only the viewer's thread calls it."""
+    """A tree to show. Only the viewer's thread calls it."""
 
     @property
     def range_ns(self) -> tuple[int, int] | None:
@@ -72,4 +72,4 @@ class Source(Protocol):
         """The time to show next; `links`: those of the last time."""
 
     def trouble(self) -> str | None:
-        """Why what is shown may not be what is the case; None if all is well."""
+        """Why what is shown may be out of date or incomplete; None if all is well."""

@@ -33,7 +33,7 @@ def trail_segments(
     Returns:
         (n, 2, 3): the two ends of each segment, in metres.
     """
-    # Multiples of the step, so that a trail does not shimmer as time goes on.
+    # Multiples of the step, so that a trail does not shimmer as time passes.
     step_ns = max(_STEP_NS, int(length_s * 1e9 / _POINTS))
     last = until_ns // step_ns
     stamps_ns = np.arange(last - int(length_s * 1e9 / step_ns), last + 1) * step_ns

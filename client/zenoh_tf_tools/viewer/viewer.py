@@ -21,7 +21,7 @@ from zenoh_tf_tools.viewer.source import Link, Source
 from zenoh_tf_tools.viewer.trails import trail_segments
 
 _PERIOD_S: Final = 0.05
-#: Nobody looks: only often enough that a new browser finds the frames.
+#: Without a browser: only often enough that a new browser finds the frames.
 _IDLE_PERIOD_S: Final = 0.5
 #: What is costly and need not be smooth: the list of frames, figures, trails.
 _SLOW_PERIOD_S: Final = 0.25
@@ -138,7 +138,7 @@ class Viewer:
             if slow or (self._time_ns != before_ns and self._source.range_ns is not None):
                 self._draw_trails()
             if slow:
-                self._tell(placement)
+                self._report(placement)
         self._go(placement)
 
     def _list_frames(self) -> None:
@@ -201,7 +201,7 @@ class Viewer:
             trail_segments(self._source.lookups, self._fixed, moving, self._time_ns, length_s)
         )
 
-    def _tell(self, placement: Placement) -> None:
+    def _report(self, placement: Placement) -> None:
         link = self._links.get(self.panel.selected or "")
         self.panel.show(self.panel.figures, figures_html(link, placement, self._fixed))
         self.panel.show(

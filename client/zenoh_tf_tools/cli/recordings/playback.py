@@ -18,7 +18,7 @@ _BETWEEN_TURNS_NS: Final = 10_000_000
 #: The first and last stamp that there are.
 _FIRST_NS: Final = -(1 << 63)
 _LAST_NS: Final = (1 << 63) - 1
-#: The longest wait for a message, some 30 years: nobody means it, and `sleep` takes ten times that.
+#: The longest wait for a message, some 30 years; `sleep` accepts ten times that.
 _MAX_WAIT_S: Final = 1e9
 
 

@@ -42,7 +42,7 @@ def add(commands: Commands) -> None:
     replay.add_argument(
         "--loop",
         action="store_true",
-        help="begin again at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
+        help="start over at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
     )
     recorded.add_range(
         replay,

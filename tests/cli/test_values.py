@@ -1,4 +1,4 @@
-"""Times, durations and numbers as people write them: every form of docs/reference/commands.md."""
+"""Times, durations and numbers, as people write and read them; every form of the page."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 
 from zenoh_tf.text.flag_values import duration, live_time, number, recorded_time, size, whole
+from zenoh_tf.text.times import age, seconds
+from zenoh_tf_tools.cli.output import when
 
 S = 10**9
 PAGE = (Path(__file__).parents[2] / "docs/reference/commands.md").read_text()
@@ -159,3 +161,30 @@ def test_the_page_has_only_what_can_be_read() -> None:
                 for parse in parsers[kind]:
                     parse(form)
     assert seen == set(parsers)
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "text"),
+    [
+        (850_000, "850 us"),
+        (12_400_000, "12 ms"),
+        (3_440_000_000, "3.4 s"),
+        (300 * 10**9, "5 min"),
+        (7200 * 10**9, "2.0 h"),
+        (-5_000_000, "-5 ms"),
+    ],
+)
+def test_ages(age_ns: int, text: str) -> None:
+    assert age(age_ns) == text
+
+
+def test_when_says_on_which_side_of_now_a_stamp_is() -> None:
+    now_ns = time.time_ns()
+    assert re.search(r"  \(4.. ms ago\)$", when(now_ns - 4 * 10**8))
+    assert re.search(r"  \(in 9.. ms\)$", when(now_ns + 999_000_000))
+    assert when(10**9) == "1.000000000 s"  # not of this machine's clock
+
+
+def test_seconds_lose_no_digit() -> None:
+    assert seconds(1_700_000_000_123_456_789) == "1700000000.123456789"
+    assert seconds(-1) == "-0.000000001"
