@@ -168,7 +168,7 @@ OWN_TEXTS = {
     "broadcaster": {
         """\
     or removed since. Messages are sent in the order of the calls, by a thread: a sensor that
-    outruns the network waits, and the event loop goes on. An asynchronous context manager, which
+    outruns the network waits, not the event loop. An asynchronous context manager, which
     closes itself at the end.
 
     Concurrency: all methods, from any task of the client's event loop.

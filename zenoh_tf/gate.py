@@ -65,7 +65,7 @@ class Gate:
         """Use `TransformTree.gate` or `TransformClient.gate` instead.
 
         Raises:
-            InvalidArgumentException: An argument makes no sense.
+            InvalidArgumentException: An argument is invalid.
         """
         check_item(target, 0)
         self.target = target
@@ -113,7 +113,7 @@ class Gate:
                 except BaseException:
                     self._queue.not_begun(frame)
                     raise
-        self._tell()
+        self._report_drops()
 
     def get(self, timeout_s: float | None = None) -> Passed[Any]:
         """Return the next item whose transform exists, with the transform.
@@ -148,7 +148,7 @@ class Gate:
             self._queue.close()
             self._closed.set()
             self._wake()
-        self._tell()
+        self._report_drops()
 
     def _next(self, timeout_s: float | None) -> Passed[Any] | None:
         """The next item; None if there is none in time, or at the end."""
@@ -172,7 +172,7 @@ class Gate:
                     self._pause(PAUSE_S)
                 with self._lock:
                     wait = self._queue.begin_wait(frame, time.monotonic())
-                self._tell()
+                self._report_drops()
                 if wait is None:
                     return
                 self._wait(*wait)
@@ -216,13 +216,13 @@ class Gate:
                 self._queue.end_wait(held)
 
     def _wake(self) -> None:
-        """Let callers of `get` look again. Requires the lock."""
+        """Let callers of `get` try again. Requires the lock."""
         self._lock.notify_all()
 
     def _pause(self, seconds: float) -> None:
         self._closed.wait(seconds)
 
-    def _tell(self) -> None:
+    def _report_drops(self) -> None:
         """Report the drops, without the lock."""
         while True:
             with self._lock:

@@ -74,7 +74,7 @@ class Introspection:
             The explanation, of the tree as of one instant.
 
         Raises:
-            InvalidArgumentException: A name or the stamp makes no sense.
+            InvalidArgumentException: A name or the stamp is invalid.
             ServiceException: As for every call; see the class.
         """
         frames = self._ancestors(target, source, stamp_ns)
@@ -103,7 +103,7 @@ class Introspection:
         """List the clients that are connected to the server, and how far their clocks are off.
 
         Returns:
-            One record for each client that has told its clock, this one included.
+            One record for each client whose clock is known, this one included.
 
         Raises:
             ServiceException: As for every call; see the class.
@@ -123,7 +123,7 @@ class Introspection:
         Raises:
             LookupException: The frame is unknown.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            InvalidArgumentException: A name, stamp or time-out is invalid.
             ServiceException: As for every call; see the class.
         """
         found = self._reads.mapped.tree.parent(frame, stamp_ns)
@@ -147,7 +147,7 @@ class Introspection:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            InvalidArgumentException: A name, stamp or time-out is invalid.
             ServiceException: As for every call; see the class.
         """
         found = self._reads.mapped.tree.chain(target, source, stamp_ns)

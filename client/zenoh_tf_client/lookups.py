@@ -52,7 +52,7 @@ class Lookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            InvalidArgumentException: A name, stamp or time-out is invalid.
             ServiceException: As for every call; see the class.
 
         Example:
@@ -93,7 +93,7 @@ class Lookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out makes no sense.
+            InvalidArgumentException: A name, stamp or time-out is invalid.
             ServiceException: As for every call; see the class.
         """
         found = self._tree.lookup_transform_full(
@@ -109,7 +109,7 @@ class Lookups:
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> bool:
-        """Tell whether `lookup_transform` with the same arguments would succeed.
+        """Return whether `lookup_transform` with the same arguments would succeed.
 
         Args:
             target: The frame to express the pose in.
@@ -123,7 +123,7 @@ class Lookups:
             True if the lookup would succeed, False if it would raise an error of the tree.
 
         Raises:
-            InvalidArgumentException: `stamp_ns` or `timeout_s` makes no sense.
+            InvalidArgumentException: `stamp_ns` or `timeout_s` is invalid.
             ServiceException: As for every call; see the class.
         """
         found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
@@ -309,7 +309,7 @@ class Lookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: An argument makes no sense.
+            InvalidArgumentException: An argument is invalid.
             ServiceException: As for every call; see the class.
         """
         found = self._tree.lookup_velocity(

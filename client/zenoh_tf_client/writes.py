@@ -32,7 +32,7 @@ class Writes:
             True if stored; False if dropped because it is older than the server's cache time.
 
         Raises:
-            InvalidArgumentException: The transform makes no sense, or would close a cycle.
+            InvalidArgumentException: The transform is invalid, or would close a cycle.
             LimitExceeded: A limit is reached, such as the number of frames.
             ServiceException: As for every write; see the class.
 
@@ -52,7 +52,7 @@ class Writes:
             static: True for transforms that hold at all times.
 
         Raises:
-            InvalidArgumentException: A transform makes no sense, is older than the server's cache
+            InvalidArgumentException: A transform is invalid, is older than the server's cache
                 time, or would close a cycle.
             LimitExceeded: A limit is reached, such as the number of frames.
             ServiceException: As for every write; see the class.

@@ -78,7 +78,7 @@ def test_a_reconnect_to_the_same_server(frozen_soon: ServerProcess) -> None:
         wait_until(lambda: not announcer._present)
         server.send_signal(signal.SIGCONT)
         wait_until(lambda: announcer._present)
-        announcer.look()
+        announcer.check()
         wait_until(lambda: not announcer._may_be_new)
         urdf.send_static(link("base", "radar", 3))
         assert tf.can_transform("base", "radar", timeout_s=10)

@@ -20,7 +20,7 @@ class AsyncBroadcaster(Publishing):
     logs and counts what it rejects. The broadcaster keeps its static transforms and announces
     them to every new server, which leaves out those that a call or another authority has changed
     or removed since. Messages are sent in the order of the calls, by a thread: a sensor that
-    outruns the network waits, and the event loop goes on. An asynchronous context manager, which
+    outruns the network waits, not the event loop. An asynchronous context manager, which
     closes itself at the end.
 
     Concurrency: all methods, from any task of the client's event loop.
@@ -78,7 +78,7 @@ class AsyncBroadcaster(Publishing):
         """Publish transforms that hold at all times, now and to every new server later.
 
         Like every put they may be lost with the connection; `AsyncTransformClient.set_transform`
-        tells whether a transform has arrived.
+        says whether a transform has arrived.
 
         Args:
             stampeds: One transform or several, each ``X_parent_child`` as in `send`. Their

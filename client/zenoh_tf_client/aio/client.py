@@ -106,7 +106,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             ServerUnavailable: No server of the tree answered within `timeout_s`.
             AccessDenied: The server does not let this client in, or the client does not trust the
                 server's certificate; the message says why.
-            InvalidArgumentException: An argument makes no sense.
+            InvalidArgumentException: An argument is invalid.
             ProtocolError: The server's reply is malformed.
 
         Example:
@@ -199,7 +199,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             A `AsyncGate`, to be used in an ``async with`` block.
 
         Raises:
-            InvalidArgumentException: An argument makes no sense.
+            InvalidArgumentException: An argument is invalid.
 
         Example:
             ``async with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``

@@ -66,7 +66,7 @@ class AsyncGate:
         """Use `AsyncTransformClient.gate` instead.
 
         Raises:
-            InvalidArgumentException: An argument makes no sense.
+            InvalidArgumentException: An argument is invalid.
         """
         check_item(target, 0)
         self.target = target
@@ -119,7 +119,7 @@ class AsyncGate:
                 except BaseException:
                     self._queue.not_begun(frame)
                     raise
-        self._tell()
+        self._report_drops()
 
     async def get(self, timeout_s: float | None = None) -> Passed[Any]:
         """Return the next item whose transform exists, with the transform.
@@ -158,7 +158,7 @@ class AsyncGate:
             else:
                 self._closed.set()
             self._wake()
-        self._tell()
+        self._report_drops()
 
     async def _next(self, timeout_s: float | None) -> Passed[Any] | None:
         """The next item; None if there is none in time, or at the end."""
@@ -196,7 +196,7 @@ class AsyncGate:
                     await self._pause(PAUSE_S)
                 with self._lock:
                     wait = self._queue.begin_wait(frame, time.monotonic())
-                self._tell()
+                self._report_drops()
                 if wait is None:
                     return
                 await self._wait(*wait)
@@ -240,7 +240,7 @@ class AsyncGate:
                 self._queue.end_wait(held)
 
     def _wake(self) -> None:
-        """Let callers of `get` look again. Requires the lock."""
+        """Let callers of `get` try again. Requires the lock."""
         if True:  # asynchronous
             self._changed.set()
         else:
@@ -252,7 +252,7 @@ class AsyncGate:
         else:
             self._closed.wait(seconds)
 
-    def _tell(self) -> None:
+    def _report_drops(self) -> None:
         """Report the drops, without the lock."""
         while True:
             with self._lock:

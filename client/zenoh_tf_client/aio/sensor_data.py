@@ -56,7 +56,7 @@ class AsyncSensorData:
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for one of the times. The error has that time
                 and the link's range as fields.
-            InvalidArgumentException: An argument makes no sense, or the arrays do not fit.
+            InvalidArgumentException: An argument is invalid, or the arrays do not fit.
             LimitExceeded: There are more distinct stamps than a message may have rows.
             ServiceException: As for every call; see the class.
 

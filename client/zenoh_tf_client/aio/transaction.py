@@ -168,7 +168,7 @@ class AsyncTransaction:
         Raises:
             TransactionConflict: A frame changed since this transaction read it.
             ServerRestarted: The server that the transaction read from is gone.
-            InvalidArgumentException: A transform makes no sense, is older than the server's cache
+            InvalidArgumentException: A transform is invalid, is older than the server's cache
                 time, or would close a cycle.
             LimitExceeded: A limit is reached, such as the number of frames.
             ServiceException: As for every write of the client.

@@ -20,7 +20,7 @@ from .session.wake import Alarm
 
 
 class AsyncWatch:
-    """Tells how the pose of a pair of frames changes; made by `AsyncTransformClient.watch`.
+    """Reports how the pose of a pair of frames changes; made by `AsyncTransformClient.watch`.
 
     The server pushes the changes into a mirror of the pair, and does its part once for all who
     watch the same pair at the same rate. Nothing queues up: each event is made when it is taken,
@@ -101,26 +101,27 @@ class AsyncWatch:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s):
                     while not feed.closed:
-                        # Before the look: what comes from now on wakes this task again. Other
-                        # tasks that wait were woken with it.
+                        # First: what comes from now on wakes this task again. Other tasks that
+                        # wait were woken with it.
                         self._changed.clear()
-                        if told := watching.look():
-                            return told
+                        if event := watching.next_event():
+                            return event
                         with contextlib.suppress(TimeoutError):
                             async with asyncio.timeout(watching.heartbeat_in_s):
                                 await self._changed.wait()
             return None
         else:
             deadline_s = float("inf") if timeout_s is None else time.monotonic() + timeout_s
-            event: PoseEvent | None = None
+            found: PoseEvent | None = None
 
-            def look() -> bool:  # under the feed's lock: one thread at a time
-                nonlocal event
-                if event is None:
-                    event = watching.look()
-                return event is not None
+            def is_found() -> bool:  # under the feed's lock: one thread at a time
+                nonlocal found
+                found = found or watching.next_event()
+                return found is not None
 
-            while not feed.wait(look, min(watching.heartbeat_in_s, deadline_s - time.monotonic())):
+            while not feed.wait(
+                is_found, min(watching.heartbeat_in_s, deadline_s - time.monotonic())
+            ):
                 if feed.closed or time.monotonic() >= deadline_s:
                     return None
-            return event
+            return found

@@ -74,9 +74,9 @@ class MirrorCopy(MirrorReads):
     def age_s(self) -> float:
         """Returns how old what is read may be, in seconds.
 
-        All that the server had committed this long ago can be read. The value is never too small,
-        and too large by a round trip to the server at most. A server that has nothing to do tells
-        so every 0.1 s. Infinite if the mirror is closed.
+        An upper bound: all that the server had committed this long ago can be read. At most about
+        one round trip too high. An idle server sends a heartbeat every 0.1 s. Infinite if the
+        mirror is closed.
         """
         return self._feed.age_s()
 
@@ -92,7 +92,7 @@ class MirrorCopy(MirrorReads):
     def synced(self) -> bool:
         """Returns True if the mirror knows of nothing that it lacks.
 
-        A lost connection is noticed late: `age_s` tells more.
+        A lost connection is noticed late: `age_s` shows it sooner.
         """
         return self._feed.state.synced
 

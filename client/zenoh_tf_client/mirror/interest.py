@@ -35,7 +35,7 @@ _EXPLAINED: Final = (LookupException, ConnectivityException)
 
 
 class OutsideInterest(LookupException):
-    """A frame is not in a mirror, as it is on no way between the pairs that the mirror was made
+    """A frame is not in a mirror, as it is on no path between the pairs that the mirror was made
     for. It may exist at the server, which can be asked by query. ``frame`` names it."""
 
 
@@ -99,7 +99,7 @@ def _is_utf8(name: str) -> bool:
 def explained(
     method: Callable[P, T], tree: TransformTree, interest: wire.Interest
 ) -> Callable[P, T]:
-    """The same function, whose errors tell of frames that the mirror has not."""
+    """The same function, whose errors name frames that the mirror lacks."""
 
     @functools.wraps(method)
     def call(*arguments: P.args, **named: P.kwargs) -> T:
@@ -112,7 +112,7 @@ def explained(
 
 
 def interested(tree: TransformTree, interest: wire.Interest) -> TransformTree:
-    """The tree's lookups, whose errors tell of frames that the mirror has not."""
+    """The tree's lookups, whose errors name frames that the mirror lacks."""
     if not interest.pairs:  # it has all frames
         return tree
     return cast("TransformTree", _InterestedTree(tree, interest))
@@ -152,7 +152,7 @@ def _is_outside(name: str, present: set[str], interest: wire.Interest) -> bool:
 
 def _outside(name: str, facts: dict[str, object]) -> OutsideInterest:
     return OutsideInterest(
-        f"frame {quoted(name)} is not in this mirror: it is on no way between the pairs of frames "
+        f"frame {quoted(name)} is not in this mirror: it is on no path between the pairs of frames "
         "that the mirror was made for; add a pair with it, or ask by query (TransformClient)",
         **facts,
     )

@@ -18,7 +18,7 @@ from .watching import PoseEvent, Terms, Watching
 
 
 class Watch:
-    """Tells how the pose of a pair of frames changes; made by `TransformClient.watch`.
+    """Reports how the pose of a pair of frames changes; made by `TransformClient.watch`.
 
     The server pushes the changes into a mirror of the pair, and does its part once for all who
     watch the same pair at the same rate. Nothing queues up: each event is made when it is taken,
@@ -91,15 +91,14 @@ class Watch:
         raise_if_forked()
         feed, watching = self._mirror._feed, self._watching
         deadline_s = float("inf") if timeout_s is None else time.monotonic() + timeout_s
-        event: PoseEvent | None = None
+        found: PoseEvent | None = None
 
-        def look() -> bool:  # under the feed's lock: one thread at a time
-            nonlocal event
-            if event is None:
-                event = watching.look()
-            return event is not None
+        def is_found() -> bool:  # under the feed's lock: one thread at a time
+            nonlocal found
+            found = found or watching.next_event()
+            return found is not None
 
-        while not feed.wait(look, min(watching.heartbeat_in_s, deadline_s - time.monotonic())):
+        while not feed.wait(is_found, min(watching.heartbeat_in_s, deadline_s - time.monotonic())):
             if feed.closed or time.monotonic() >= deadline_s:
                 return None
-        return event
+        return found

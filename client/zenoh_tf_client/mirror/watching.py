@@ -1,4 +1,4 @@
-"""What a watch tells of the pose of a pair of frames, and when; it does not wait.
+"""What a watch reports of the pose of a pair of frames, and when; it does not wait.
 
 Thread safety: none; the owner locks.
 """
@@ -27,7 +27,7 @@ _LONGEST_S: Final = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class PoseEvent:
-    """The pose of a pair as it is now, and why it is told.
+    """The pose of a pair as it is now, and why it is reported.
 
     A pose that stands still comes as heartbeats with a small age. If the server is away, they come
     with a growing age: nobody knows whether the pose has changed.
@@ -51,7 +51,7 @@ class PoseEvent:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """When a watch tells something; raises InvalidArgumentException for what makes no sense."""
+    """When a watch reports; raises InvalidArgumentException if a value is out of range."""
 
     min_translation_m: float
     min_rotation_rad: float
@@ -70,11 +70,11 @@ class Terms:
                 field="heartbeat_s",
             )
 
-    def is_outside(self, told: Transform, now: Transform) -> bool:
-        """Whether a pose is outside the dead-band around the one that was told."""
-        if told == now:
+    def is_outside(self, last: Transform, now: Transform) -> bool:
+        """Whether a pose is outside the dead-band around the last one."""
+        if last == now:
             return False
-        old, new = told.pose(), now.pose()
+        old, new = last.pose(), now.pose()
         return (
             math.dist(old[:3], new[:3]) > self.min_translation_m
             or _angle(old[3:], new[3:]) > self.min_rotation_rad
@@ -90,23 +90,23 @@ def _angle(p: tuple[float, ...], q: tuple[float, ...]) -> float:
 
 
 class Watching:
-    """Compares what a mirror has now with what was told last."""
+    """Compares what a mirror has now with what was reported last."""
 
     def __init__(self, mirror: MirrorCopy, target: str, source: str, terms: Terms) -> None:
         self._mirror = mirror
         self._pair = (target, source)
         self._terms = terms
-        self._told: Transform | None = None  # with the last event but heartbeats; None: lost
+        self._last: Transform | None = None  # of the last event but heartbeats; None: lost
         self._begun = False
-        self._told_s = 0.0
+        self._reported_s = 0.0
 
     @property
     def heartbeat_in_s(self) -> float:
         """How long from now until a heartbeat is due, in seconds."""
-        return max(0.0, self._told_s + self._terms.heartbeat_s - time.monotonic())
+        return max(0.0, self._reported_s + self._terms.heartbeat_s - time.monotonic())
 
-    def look(self) -> PoseEvent | None:
-        """The event to tell now; None if there is none, or the mirror is closed."""
+    def next_event(self) -> PoseEvent | None:
+        """The event to report now; None if there is none, or the mirror is closed."""
         pose: LatestTransform | None = None
         failed: LookupException | ConnectivityException | None = None
         try:
@@ -115,20 +115,20 @@ class Watching:
             failed = error.with_traceback(None)  # its frames would keep all of this alive
         except ServerUnavailable:
             return None
-        told, now = self._told, pose.transform if pose else None
+        last, now = self._last, pose.transform if pose else None
         reason: Literal["found", "moved", "heartbeat", "lost"]
-        if now is None and (told is not None or not self._begun):
+        if now is None and (last is not None or not self._begun):
             reason = "lost"
-        elif now is not None and told is None:
+        elif now is not None and last is None:
             reason = "found"
-        elif now is not None and told is not None and self._terms.is_outside(told, now):
+        elif now is not None and last is not None and self._terms.is_outside(last, now):
             reason = "moved"
         elif not self.heartbeat_in_s:
             reason = "heartbeat"
         else:
             return None
         if reason != "heartbeat":  # or a slow drift would never leave the dead-band
-            self._told = now
+            self._last = now
         self._begun = True
-        self._told_s = time.monotonic()
+        self._reported_s = time.monotonic()
         return PoseEvent(reason, pose, failed, self._mirror.age_s)

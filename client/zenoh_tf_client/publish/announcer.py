@@ -96,7 +96,7 @@ class Announcer:
         self._closed.set()
         undeclare_unless_closed(self._servers.undeclare, self._connection.calls)
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Inform a server that is new. Raises ServerUnavailable if the connection is closed."""
         with self._lock:
             self._read_reports()
@@ -168,7 +168,7 @@ class Announcer:
             return False
         self._send_again(unsent, server, announce=False)
         self._send_again(others, server, announce=True)
-        # Its reply comes after it has received the puts, which took the same way.
+        # Its reply comes after it has received the puts, which were sent before.
         if self._connection.hello().instance != server.instance:
             return False
         with self._lock:
@@ -208,7 +208,7 @@ def _follow(announcer_ref: weakref.ref[Announcer], closed: threading.Event) -> N
         if announcer is None:
             return
         try:
-            announcer.look()
+            announcer.check()
         except ServerUnavailable:  # the connection is closed
             return
         except Exception:  # no error may end announcing

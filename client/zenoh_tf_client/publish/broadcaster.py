@@ -78,7 +78,7 @@ class Broadcaster(Publishing):
         """Publish transforms that hold at all times, now and to every new server later.
 
         Like every put they may be lost with the connection; `TransformClient.set_transform`
-        tells whether a transform has arrived.
+        says whether a transform has arrived.
 
         Args:
             stampeds: One transform or several, each ``X_parent_child`` as in `send`. Their

@@ -1,4 +1,4 @@
-"""What the server's access rules allow this client, as the server has told it.
+"""What the server's access rules allow this client, by the server's `hello`.
 
 Zenoh drops denied messages without a word. So the client checks its own requests first, and says
 what is not allowed, to whom, and what would be.

@@ -131,7 +131,7 @@ class SessionCalls:
         if _exiting:  # no thread can be started any more
             self._close()
             return
-        # Zenoh goes on trying for 10 s if the server does not take what is still to be sent.
+        # Zenoh retries for 10 s if the server does not accept what is still to be sent.
         # Another thread waits for that, because it cannot be interrupted.
         closing = threading.Thread(target=self._close, name="close session", daemon=True)
         closing.start()

@@ -55,7 +55,7 @@ class Connection:
         Raises:
             ServerUnavailable: No server answered within `timeout_s`.
             AccessDenied: The server does not let this client in, or cannot be trusted.
-            InvalidArgumentException: `endpoint` or `timeout_s` makes no sense.
+            InvalidArgumentException: `endpoint` or `timeout_s` is invalid.
         """
         if not 0 < timeout_s < 1e6:
             raise InvalidArgumentException(
@@ -73,7 +73,7 @@ class Connection:
         self.calls = SessionCalls(self.session.close)
         self.calls.add_owner(self)
         # Each query carries the client's id, so that the server can hold clients apart. The token
-        # under the same id tells the server when the client is gone.
+        # under the same id lets the server see when the client is gone.
         client_id = str(self.session.zid())
         self.exchange.client_id = client_id
         self.exchange.router = self._router
@@ -100,7 +100,7 @@ class Connection:
     @property
     def instance(self) -> str:
         """Instance id of the server that answered last; asks for it if none is known."""
-        return self.known_instance or self._take(self.exchange.greet()).instance
+        return self.known_instance or self._run(self.exchange.greet()).instance
 
     @property
     def known_instance(self) -> str | None:
@@ -116,7 +116,7 @@ class Connection:
 
     @property
     def reads_may_be_old(self) -> bool:
-        """True once a replica has answered: only the server can tell whether a read is current."""
+        """True once a replica has answered: only the server knows whether a read is current."""
         return self.exchange.reads_may_be_old
 
     @property
@@ -146,23 +146,23 @@ class Connection:
 
     def hello(self, timeout_s: float | None = None) -> ServerInfo:
         """Ask the server who it is; as `Exchange.hello`."""
-        return self._take(self.exchange.hello(timeout_s))
+        return self._run(self.exchange.hello(timeout_s))
 
     def greet(self, timeout_s: float | None = None) -> ServerInfo:
         """Ask what answers reads who it is; as `Exchange.greet`."""
-        return self._take(self.exchange.greet(timeout_s))
+        return self._run(self.exchange.greet(timeout_s))
 
     def call(self, request: Request[T]) -> T:
         """Send a request and return its result; as `Exchange.call`."""
-        return self._take(self.exchange.call(request))
+        return self._run(self.exchange.call(request))
 
     def _router(self) -> str | None:
         """The id of the router that the session has a link to; None if it has none now."""
         with self.calls:
             return next(map(str, self.session.info.routers_zid()), None)
 
-    def _take(self, steps: Steps[T]) -> T:
-        """Take the steps one after another, and return their result."""
+    def _run(self, steps: Steps[T]) -> T:
+        """Run the steps one after another, and return their result."""
         outcome: bytes | NoReply | None = None
         error: TransformException | None = None
         while True:

@@ -43,7 +43,7 @@ T = TypeVar("T")
 #: A client that makes calls says hello again this often: clocks drift apart, and the server
 #: measures them.
 _CLOCK_PERIOD_S: Final = 10.0
-#: The second time comes sooner, as it is the first that can tell a round trip.
+#: The second time comes sooner, as it is the first that can measure a round trip.
 _FIRST_CLOCK_PERIOD_S: Final = 1.0
 #: How much longer a call may take for it: Zenoh may never end one sent as the server ends.
 _HELLO_TIMEOUT_S: Final = 0.5
@@ -69,7 +69,7 @@ class Exchange:
         self._timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
         self._keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
-        #: What the server tells clients apart by; known once the session is open.
+        #: By what the server distinguishes clients; known once the session is open.
         self.client_id: str | None = None
         #: The server that answered last; None if it is not known, or may have been replaced.
         self.server: ServerInfo | None = None
@@ -88,7 +88,7 @@ class Exchange:
         self.access: Access | None = None
         self._round_trip_ns: int | None = None  # of the last hello
         self._next_hello_s = 0.0
-        self._id_prefix = os.urandom(8)  # of a request id, which goes on with a count
+        self._id_prefix = os.urandom(8)  # of a request id, followed by a count
         self._id_count = itertools.count()
 
     def hello(self, timeout_s: float | None = None) -> Steps[ServerInfo]:

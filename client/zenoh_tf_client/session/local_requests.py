@@ -64,7 +64,7 @@ class _Peer:
         self.instance = instance
 
     def send_client(self, client_id: str) -> None:
-        """Tell the server whose connection it is."""
+        """Send the server the id of the client whose connection it is."""
         data = client_id.encode()
         self._socket.sendall(REQUEST.pack(len(data), CLIENT) + data)
 
@@ -196,7 +196,7 @@ class LocalRequests:
         if sent and type(reply) is bytes:
             message = wire.unpack(reply, wire.MAX_REPLY_BYTES)
             if message.get("instance") != server.instance:
-                # Only the server that is gone could tell what became of the request.
+                # Only the server that is gone knew what became of the request.
                 return self._queries.went_away()
         return reply
 

@@ -36,7 +36,7 @@ MODES: Final = ("shared", "query")
 
 #: How long a server may take to hand its tree over. It has just answered, so it mostly is quick.
 _HANDOVER_S: Final = 2.0
-#: How often the thread looks whether the mapped tree's lease has lapsed.
+#: How often the thread checks whether the mapped tree's lease has lapsed.
 _PERIOD_S: Final = 1.0
 #: Between two attempts to map the tree of a server, the first and the longest pause.
 _RETRY_S: Final = 0.25
@@ -101,7 +101,7 @@ class MappedTree:
         self._mapped = 0
         #: The server whose tree is mapped, or for good cannot be.
         self._settled: str | None = None
-        self._told = ""  # the state that was logged last
+        self._logged = ""  # the state that was logged last
         self._lock = threading.Lock()
         self._wanted = threading.Event()
         self._closed = threading.Event()
@@ -171,18 +171,20 @@ class MappedTree:
             self._install(NO_TREE)
         self._wanted.set()
 
-    def look(self) -> bool:
+    def update(self) -> bool:
         """Map the tree of a server that is new, and unmap one that has ended. False: to be
         repeated."""
         wanted = self._wanted.is_set()
         self._wanted.clear()
         tree = self.tree
         if tree is not NO_TREE and tree.lease_left_s > 0:
-            self._tell(f"lookups read the memory of server {tree.instance}")
+            self._log_state(f"lookups read the memory of server {tree.instance}")
             if self._connection.known_instance in (None, self._settled):
                 return True
         elif tree is not NO_TREE:
-            self._tell("lookups are queries: the server has stopped or ended (its lease lapsed)")
+            self._log_state(
+                "lookups are queries: the server has stopped or ended (its lease lapsed)"
+            )
             if tree.lease_left_s < -_LAPSED_S:
                 self._set(NO_TREE)
                 self._settled = None
@@ -220,13 +222,13 @@ class MappedTree:
             self._set(tree)
             self._settled = server.instance
             self._mapped += 1
-            self._tell(f"lookups read the memory of server {server.instance}")
+            self._log_state(f"lookups read the memory of server {server.instance}")
 
     def _refuse(self, server: ServerInfo, why: str, text: str) -> None:
         self._set(NO_TREE)
         self._refused[why] += 1
         self._settled = None if why == "failed" else server.instance
-        self._tell(f"lookups are queries: {text}")
+        self._log_state(f"lookups are queries: {text}")
 
     def _set(self, tree: SharedTree) -> None:
         with self._lock:
@@ -252,9 +254,9 @@ class MappedTree:
         for client in self._clients:
             client._tree = tree
 
-    def _tell(self, state: str) -> None:
-        if state != self._told:
-            self._told = state
+    def _log_state(self, state: str) -> None:
+        if state != self._logged:
+            self._logged = state
             log.info("%s (tree %r)", state, self._connection.tree)
 
     def _follow(self) -> None:
@@ -310,7 +312,7 @@ def _follow(
         if reads is None or closed.is_set():
             return
         try:
-            done = reads.look()
+            done = reads.update()
         except Exception:  # no error may end it
             log.exception("internal error while mapping the server's tree")
             done = False

@@ -45,7 +45,7 @@ def open_session(
         ServerUnavailable: Nobody opened a session in time, the program is ending, or its process
             was forked.
         AccessDenied: The server does not let this client in, or cannot be trusted.
-        InvalidArgumentException: `endpoint` or `credentials` makes no sense.
+        InvalidArgumentException: `endpoint` or `credentials` is invalid.
     """
     note_zenoh_use()
     deadline_s = time.monotonic() + timeout_s

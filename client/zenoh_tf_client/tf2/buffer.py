@@ -23,7 +23,7 @@ from .waiting_lookups import WaitingLookups
 _NO_WAIT = Duration()
 
 #: The errors that make `can_transform` return False. It raises the others, such as
-#: ServerUnavailable, because they tell nothing about the transform.
+#: ServerUnavailable, because they say nothing about the transform.
 _NOT_POSSIBLE = (
     LookupException,
     ConnectivityException,
@@ -70,7 +70,7 @@ class Buffer(WaitingLookups):
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time makes no sense.
+            InvalidArgumentException: A name or time is invalid.
             ServerUnavailable: No server answers.
         """
         return message_of(
@@ -105,7 +105,7 @@ class Buffer(WaitingLookups):
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time makes no sense.
+            InvalidArgumentException: A name or time is invalid.
             ServerUnavailable: No server answers.
         """
         return message_of(
@@ -127,7 +127,7 @@ class Buffer(WaitingLookups):
         timeout: Any = _NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
-        """Tell whether `lookup_transform` would succeed.
+        """Return whether `lookup_transform` would succeed.
 
         Args:
             target_frame: The frame to express the pose in.
@@ -155,7 +155,7 @@ class Buffer(WaitingLookups):
         timeout: Any = _NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
-        """Tell whether `lookup_transform_full` would succeed.
+        """Return whether `lookup_transform_full` would succeed.
 
         Args:
             target_frame: The frame to express the pose in.
@@ -216,7 +216,7 @@ class Buffer(WaitingLookups):
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time makes no sense.
+            InvalidArgumentException: A name or time is invalid.
             ServerUnavailable: No server answers.
             TypeException: The message is of another kind.
         """
@@ -252,7 +252,7 @@ class Buffer(WaitingLookups):
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time makes no sense.
+            InvalidArgumentException: A name or time is invalid.
             ServerUnavailable: No server answers.
             TypeException: The message is of another kind.
         """
@@ -276,7 +276,7 @@ class Buffer(WaitingLookups):
             authority: The name to publish as.
 
         Raises:
-            InvalidArgumentException: The transform makes no sense; tf2 would ignore it.
+            InvalidArgumentException: The transform is invalid; tf2 would ignore it.
             ServerUnavailable: No server answers.
             OutcomeUnknown: No reply came; the transform may or may not have been stored.
         """
@@ -290,7 +290,7 @@ class Buffer(WaitingLookups):
             authority: The name to publish as.
 
         Raises:
-            InvalidArgumentException: The transform makes no sense; tf2 would ignore it.
+            InvalidArgumentException: The transform is invalid; tf2 would ignore it.
             ServerUnavailable: No server answers.
             OutcomeUnknown: No reply came; the transform may or may not have been stored.
         """

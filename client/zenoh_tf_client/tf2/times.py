@@ -74,7 +74,7 @@ class Time(_Seconds):
     def __sub__(self, other: Any) -> Any:
         """Return the duration since another time, or the time before this by a duration."""
         difference_ns = self.nanoseconds - nanoseconds(other)
-        # A message has no mark that tells a time from a duration but the name of its class.
+        # A message has no mark of a time or a duration but the name of its class.
         is_time = type(other).__name__ == "Time"
         return (Duration if is_time else Time)(nanoseconds=difference_ns)
 

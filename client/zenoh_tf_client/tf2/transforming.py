@@ -30,7 +30,7 @@ class TypeException(Exception):
 
 
 class TransformRegistration:
-    """Tells `Buffer.transform` how to transform messages of further types, as in tf2_ros.
+    """Makes `Buffer.transform` transform messages of further types, as in tf2_ros.
 
     All instances share one table. A registered type comes before what the shim recognises by its
     attributes, and stands for its subclasses.
@@ -73,7 +73,7 @@ class TransformRegistration:
 
 
 def do_transform(message: Any, transform: Any) -> Any:
-    """Transform a message of a registered type, or one that its attributes tell.
+    """Transform a message of a registered type, or of one that its attributes show.
 
     Raises TypeException for another kind of message.
     """

@@ -79,7 +79,7 @@ class WaitingLookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time makes no sense.
+            InvalidArgumentException: A name or time is invalid.
             ServerUnavailable: No server answers.
         """
         return await self.wait_for_transform_async(target_frame, source_frame, time)
@@ -108,7 +108,7 @@ class WaitingLookups:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time makes no sense.
+            InvalidArgumentException: A name or time is invalid.
             ServerUnavailable: No server answers.
         """
         return await self.wait_for_transform_full_async(

@@ -30,23 +30,23 @@ class Drive(ABC):
 
     @abstractmethod
     def _done(self, result: Any, error: Exception | None) -> None:
-        """Take the result or the error."""
+        """Use the result or the error."""
 
     def start(self) -> None:
         """Take the first steps, up to a query or a pause."""
-        self._go_on(None)
+        self._continue(None)
 
     def end(self, reason: str) -> None:
-        """Go on as if no reply came."""
+        """Continue as if no reply came."""
         self._stop_waiting()
-        self._go_on(NoReply(reason, at_once=False))
+        self._continue(NoReply(reason, at_once=False))
 
     def _cancel(self) -> None:
         """Leave nothing behind. `_done` is not called."""
         self._stop_waiting()
         self._steps.close()
 
-    def _go_on(self, outcome: object, error: TransformException | None = None) -> None:
+    def _continue(self, outcome: object, error: TransformException | None = None) -> None:
         try:
             step = self._steps.send(outcome) if error is None else self._steps.throw(error)
         except StopIteration as end:
@@ -55,7 +55,7 @@ class Drive(ABC):
             self._done(None, failure)
         else:
             if isinstance(step, Pause):
-                self._timer = self._transport.loop.call_later(step.seconds, self._go_on, None)
+                self._timer = self._transport.loop.call_later(step.seconds, self._continue, None)
             else:
                 self._timeout_s = step.timeout_s
                 self._query = self._transport.send(step, self._arrived)
@@ -63,9 +63,9 @@ class Drive(ABC):
     def _arrived(self, outcome: Outcome) -> None:
         self._query = None
         if isinstance(outcome, TransformException):
-            self._go_on(None, outcome)
+            self._continue(None, outcome)
             return
-        self._go_on(self._transport.queries.outcome(outcome, self._timeout_s))
+        self._continue(self._transport.queries.outcome(outcome, self._timeout_s))
 
     def _stop_waiting(self) -> None:
         if self._query is not None:

@@ -1,4 +1,4 @@
-"""Blocking calls on threads of their own, while the event loop goes on.
+"""Blocking calls on threads of their own, which do not hold up the event loop.
 
 The threads are daemons: a program that ends does not wait for what they wait for.
 """

@@ -69,7 +69,7 @@ class Waits:
 
 
 class _Cancellation(Drive):
-    """Tells the server, and again what did not wait there yet. Nobody waits for its outcome."""
+    """Cancels lookups at the server; repeats it for those that did not wait there yet."""
 
     __slots__ = ("_exchange", "_pause_s")
 
