@@ -40,6 +40,11 @@ class Buffer(WaitingLookups):
     the latest common time. A waiting lookup ends with the write that makes it succeed, or at
     once if none can; no thread has to spin. Writes change the server's tree, for all its clients.
 
+    A lookup raises LookupException (a frame is unknown), ConnectivityException (no path connects
+    the two), ExtrapolationException (a link has no data for the time), InvalidArgumentException (a
+    name or time is invalid), and every method ServerUnavailable (no server answers). A write that
+    raises OutcomeUnknown may or may not have been applied.
+
     Thread safety: all methods.
 
     Args:
@@ -67,11 +72,7 @@ class Buffer(WaitingLookups):
             ``X_target_source``, stamped with the time that was used.
 
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time is invalid.
-            ServerUnavailable: No server answers.
+            TransformException: The lookup failed; see the class.
         """
         return message_of(
             connect().lookup_transform(
@@ -102,11 +103,7 @@ class Buffer(WaitingLookups):
             ``X_target_source`` between the two times, stamped `target_time`.
 
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time is invalid.
-            ServerUnavailable: No server answers.
+            TransformException: The lookup failed; see the class.
         """
         return message_of(
             connect().lookup_transform_full(
@@ -127,20 +124,9 @@ class Buffer(WaitingLookups):
         timeout: Any = _NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform` would succeed.
+        """Return whether `lookup_transform` with the same arguments would succeed.
 
-        Args:
-            target_frame: The frame to express the pose in.
-            source_frame: The frame whose pose is asked for.
-            time: The time; Time() for the latest common time.
-            timeout: How long to wait for writes that make the lookup succeed.
-            return_debug_tuple: True to return the reason as well.
-
-        Returns:
-            True or False; with `return_debug_tuple` a tuple of that and the error's text.
-
-        Raises:
-            ServerUnavailable: No server answers.
+        With `return_debug_tuple` it returns a tuple of that and the error's text.
         """
         answer = _attempt(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))
         return answer if return_debug_tuple else answer[0]
@@ -155,22 +141,9 @@ class Buffer(WaitingLookups):
         timeout: Any = _NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform_full` would succeed.
+        """Return whether `lookup_transform_full` with the same arguments would succeed.
 
-        Args:
-            target_frame: The frame to express the pose in.
-            target_time: The time of `target_frame`.
-            source_frame: The frame whose pose is asked for.
-            source_time: The time of `source_frame`.
-            fixed_frame: The frame that is taken not to move between the two times.
-            timeout: How long to wait for writes that make the lookup succeed.
-            return_debug_tuple: True to return the reason as well.
-
-        Returns:
-            True or False; with `return_debug_tuple` a tuple of that and the error's text.
-
-        Raises:
-            ServerUnavailable: No server answers.
+        With `return_debug_tuple` it returns a tuple of that and the error's text.
         """
         answer = _attempt(
             lambda: self.lookup_transform_full(
@@ -182,18 +155,7 @@ class Buffer(WaitingLookups):
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """Return the newest time that every link between two frames can serve.
 
-        Args:
-            target_frame: One frame.
-            source_frame: The other frame.
-
-        Returns:
-            The time; Time() if all links are static.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            ServerUnavailable: No server answers.
+        It is Time() if all links are static. Raises as `lookup_transform`.
         """
         return time_of(connect().latest_common_time(target_frame, source_frame) or 0)
 
@@ -213,11 +175,7 @@ class Buffer(WaitingLookups):
             A transformed copy.
 
         Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time is invalid.
-            ServerUnavailable: No server answers.
+            TransformException: The lookup failed; see the class.
             TypeException: The message is of another kind.
         """
         header = object_stamped.header
@@ -234,27 +192,9 @@ class Buffer(WaitingLookups):
         fixed_frame: str,
         timeout: Any = _NO_WAIT,
     ) -> Any:
-        """Transform a stamped message to another frame at another time.
+        """Transform a stamped message to another frame at `target_time`; see `transform`.
 
-        Args:
-            object_stamped: A PointStamped, Vector3Stamped, PoseStamped, WrenchStamped,
-                PoseWithCovarianceStamped or PointCloud2, recognised by its attributes, or a
-                message of a type that `TransformRegistration` knows.
-            target_frame: The frame to transform to.
-            target_time: The time to transform to.
-            fixed_frame: The frame that is taken not to move between the two times.
-            timeout: How long to wait for writes that make the lookup succeed.
-
-        Returns:
-            A transformed copy.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name or time is invalid.
-            ServerUnavailable: No server answers.
-            TypeException: The message is of another kind.
+        The message is taken not to move in `fixed_frame` between its time and `target_time`.
         """
         header = object_stamped.header
         return do_transform(
@@ -267,66 +207,29 @@ class Buffer(WaitingLookups):
     # --- writes
 
     def set_transform(self, transform: Any, authority: str) -> None:
-        """Store a transform, and wait until the server has it.
+        """Store a TransformStamped as `authority`, and wait until the server has it.
 
-        The server drops it if it is older than the cache time.
-
-        Args:
-            transform: A TransformStamped.
-            authority: The name to publish as.
-
-        Raises:
-            InvalidArgumentException: The transform is invalid; tf2 would ignore it.
-            ServerUnavailable: No server answers.
-            OutcomeUnknown: No reply came; the transform may or may not have been stored.
+        The server drops it if it is older than the cache time. InvalidArgumentException for a
+        transform that tf2 would ignore.
         """
         connect().set_transform(stamped_of(transform), authority)
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
-        """Store a transform that holds at all times.
-
-        Args:
-            transform: A TransformStamped.
-            authority: The name to publish as.
-
-        Raises:
-            InvalidArgumentException: The transform is invalid; tf2 would ignore it.
-            ServerUnavailable: No server answers.
-            OutcomeUnknown: No reply came; the transform may or may not have been stored.
-        """
+        """Store a TransformStamped that holds at all times; see `set_transform`."""
         connect().set_transform(stamped_of(transform), authority, static=True)
 
     def clear(self) -> None:
-        """Forget all samples in the server. Static transforms stay.
-
-        Raises:
-            ServerUnavailable: No server answers.
-            OutcomeUnknown: No reply came; the tree may or may not have been cleared.
-        """
+        """Forget all samples in the server. Static transforms stay."""
         connect().clear()
 
     # --- introspection
 
     def all_frames_as_yaml(self) -> str:
-        """Describe all frames that have a parent.
-
-        Returns:
-            A YAML map with tf2's keys; times in seconds, rates in hertz.
-
-        Raises:
-            ServerUnavailable: No server answers.
-        """
+        """Return all frames that have a parent as a YAML map with tf2's keys; seconds, hertz."""
         return frames_text.as_yaml(connect())
 
     def all_frames_as_string(self) -> str:
-        """List all frames that have a parent.
-
-        Returns:
-            One sentence per frame.
-
-        Raises:
-            ServerUnavailable: No server answers.
-        """
+        """Return one sentence for each frame that has a parent."""
         return frames_text.as_string(connect())
 
 
