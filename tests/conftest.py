@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import signal
 import sys
 import tempfile
@@ -227,7 +228,7 @@ def tree(request: pytest.FixtureRequest) -> TransformTree:
 
 
 @pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
-def run(request: pytest.FixtureRequest) -> Iterator[Callable[[Main], None]]:
+def run(request: pytest.FixtureRequest) -> Callable[[Main], None]:
     """``run(main)`` on either loop; nothing may be logged or left behind by it."""
 
     def run_on_loop(main: Main) -> None:
@@ -242,4 +243,21 @@ def run(request: pytest.FixtureRequest) -> Iterator[Callable[[Main], None]]:
             runner.run(reported())
         assert reports == []
 
-    yield run_on_loop
+    return run_on_loop
+
+
+def pytest_pycollect_makeitem(name: str, obj: Any) -> None:
+    """A test that is a coroutine function runs by `run`."""
+    if name.startswith("test_") and inspect.iscoroutinefunction(obj):
+        pytest.mark.usefixtures("run")(obj)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    arguments = {name: pyfuncitem.funcargs[name] for name in names}
+    run: Any = pyfuncitem.funcargs["run"]
+    run(lambda: pyfuncitem.obj(**arguments))
+    return True

@@ -9,12 +9,12 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
 
 from tests.conftest import ServerProcess, StartServer
+from tests.support.asynchronous import connected
 from zenoh_tf import (
     Dropped,
     ForwardExtrapolationException,
@@ -28,11 +28,10 @@ from zenoh_tf import (
     TransformTree,
 )
 from zenoh_tf.gate_queue import MAX_FRAMES
-from zenoh_tf_client import AsyncGate, AsyncTransformClient
+from zenoh_tf_client import AsyncGate
 
 #: Far above what any test waits for.
 LONG_S = 40.0
-Run = Callable[[Callable[[], Coroutine[Any, Any, None]]], None]
 
 
 def at(stamp_ns: int, child: str = "base", parent: str = "map") -> StampedTransform:
@@ -335,62 +334,56 @@ def test_a_server_that_comes_back(start_server: StartServer) -> None:
 # --- asyncio
 
 
-def test_async(server: ServerProcess, run: Run) -> None:
-    async def main() -> None:
-        drops = Drops()
-        async with await AsyncTransformClient.connect(server.endpoint, reads="query") as tf:
-            await tf.set_transforms_xact([at(100), at(200)])
-            gate = tf.gate("map", queue_size=3, timeout_s=LONG_S, on_drop=drops.append)
-            async with gate:
-                gate.put("old", "base", 50)
-                gate.put("now", "base", 150)
-                assert await gate.get(LONG_S) == Passed("now", at(150))
-                gate.put("soon", "base", 250)
-                gate.put("never", "camera", 250)
-                with pytest.raises(TimeoutException):
-                    await gate.get(0.05)
-                await tf.set_transform(at(300))
-                async for item, transform in gate:
-                    assert (item, transform) == ("soon", at(250))
-                    break
-            assert {(d.item, d.reason) for d in drops} == {("old", "too_old"), ("never", "closed")}
-            assert gate.stats()["passed"] == 2
-            with pytest.raises(TimeoutException, match="closed"):
-                await gate.get()
-
-    run(main)
+async def test_async(server: ServerProcess) -> None:
+    drops = Drops()
+    async with await connected(server) as tf:
+        await tf.set_transforms_xact([at(100), at(200)])
+        gate = tf.gate("map", queue_size=3, timeout_s=LONG_S, on_drop=drops.append)
+        async with gate:
+            gate.put("old", "base", 50)
+            gate.put("now", "base", 150)
+            assert await gate.get(LONG_S) == Passed("now", at(150))
+            gate.put("soon", "base", 250)
+            gate.put("never", "camera", 250)
+            with pytest.raises(TimeoutException):
+                await gate.get(0.05)
+            await tf.set_transform(at(300))
+            async for item, transform in gate:
+                assert (item, transform) == ("soon", at(250))
+                break
+        assert {(d.item, d.reason) for d in drops} == {("old", "too_old"), ("never", "closed")}
+        assert gate.stats()["passed"] == 2
+        with pytest.raises(TimeoutException, match="closed"):
+            await gate.get()
 
 
-def test_10000_items_async(server: ServerProcess, run: Run) -> None:
-    async def main() -> None:
-        items = plan(10_000, 6)
-        drops = Drops()
-        passed: list[Passed[int]] = []
-        async with await AsyncTransformClient.connect(server.endpoint, reads="query") as tf:
-            await asyncio.gather(*(tf.set_transform(at(FIRST * STEP, frame)) for frame in FRAMES))
-            options: dict[str, Any] = {"timeout_s": 600.0, "on_drop": drops.append}
-            async with tf.gate("map", queue_size=len(items), **options) as gate:
+async def test_10000_items_async(server: ServerProcess) -> None:
+    items = plan(10_000, 6)
+    drops = Drops()
+    passed: list[Passed[int]] = []
+    async with await connected(server) as tf:
+        await asyncio.gather(*(tf.set_transform(at(FIRST * STEP, frame)) for frame in FRAMES))
+        options: dict[str, Any] = {"timeout_s": 600.0, "on_drop": drops.append}
+        async with tf.gate("map", queue_size=len(items), **options) as gate:
 
-                async def publish_all() -> None:
-                    for step in range(FIRST + 1, LAST + 1):
-                        rows = [at(step * STEP, frame) for frame in FRAMES]
-                        await tf.set_transforms_xact(rows)
+            async def publish_all() -> None:
+                for step in range(FIRST + 1, LAST + 1):
+                    rows = [at(step * STEP, frame) for frame in FRAMES]
+                    await tf.set_transforms_xact(rows)
 
-                publishing = asyncio.create_task(publish_all())
-                for number, frame, stamp in items:
-                    gate.put(number, frame, stamp)
-                    if number % 100 == 0:
-                        await asyncio.sleep(0.001)
-                await publishing
-                leaving = ends(items)
-                while len(passed) + len(drops) < leaving:
-                    try:
-                        passed.append(await gate.get(0.2))
-                    except TimeoutException:
-                        continue
-        check_each_once(items, passed, drops)
-
-    run(main)
+            publishing = asyncio.create_task(publish_all())
+            for number, frame, stamp in items:
+                gate.put(number, frame, stamp)
+                if number % 100 == 0:
+                    await asyncio.sleep(0.001)
+            await publishing
+            leaving = ends(items)
+            while len(passed) + len(drops) < leaving:
+                try:
+                    passed.append(await gate.get(0.2))
+                except TimeoutException:
+                    continue
+    check_each_once(items, passed, drops)
 
 
 def test_gates_have_the_same_methods() -> None:

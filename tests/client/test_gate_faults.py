@@ -104,14 +104,11 @@ def test_items_of_a_source_that_fails_time_out() -> None:
     assert (drops[0].reason, "boom" in str(drops[0].error)) == ("timeout", True)
 
 
-def test_an_asynchronous_source_that_fails_is_asked_again() -> None:
-    async def main() -> None:
-        source: Any = AsyncFaultySource(3)
-        async with AsyncGate(source, "map", 10, LONG_S, None) as gate:
-            gate.put("item", "base", 150)
-            assert (await gate.get(LONG_S)).item == "item"
-
-    asyncio.run(main())
+async def test_an_asynchronous_source_that_fails_is_asked_again() -> None:
+    source: Any = AsyncFaultySource(3)
+    async with AsyncGate(source, "map", 10, LONG_S, None) as gate:
+        gate.put("item", "base", 150)
+        assert (await gate.get(LONG_S)).item == "item"
 
 
 def test_an_asynchronous_gate_without_a_loop_holds_nothing() -> None:

@@ -44,7 +44,7 @@ def put(tf: TransformClient, x: float = 0.0, yaw: float = 0.0) -> None:
     tf.set_transform(StampedTransform("map", "base", next(_stamps), pose))
 
 
-def assert_told(watch: Watch, tf: TransformClient, reason: str | None) -> None:
+def assert_event(watch: Watch, tf: TransformClient, reason: str | None) -> None:
     """What the watch says of all that was written until now; None: nothing."""
     watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
     if reason is None:
@@ -60,14 +60,14 @@ def assert_told(watch: Watch, tf: TransformClient, reason: str | None) -> None:
 def test_every_change_without_a_dead_band(tf: TransformClient) -> None:
     put(tf)
     with tf.watch("map", "base", heartbeat_s=NEVER_S) as watch:
-        assert_told(watch, tf, "found")
-        assert_told(watch, tf, None)
+        assert_event(watch, tf, "found")
+        assert_event(watch, tf, None)
         put(tf, 1e-9)
-        assert_told(watch, tf, "moved")
+        assert_event(watch, tf, "moved")
         put(tf, 1e-9)  # a new sample of the same pose
-        assert_told(watch, tf, None)
+        assert_event(watch, tf, None)
         put(tf, 1e-9, 1e-9)
-        assert_told(watch, tf, "moved")
+        assert_event(watch, tf, "moved")
 
 
 def test_dead_bands(tf: TransformClient) -> None:
@@ -81,20 +81,20 @@ def test_dead_bands(tf: TransformClient) -> None:
             "map", "base", min_translation_m=math.inf, min_rotation_rad=0.2, heartbeat_s=NEVER_S
         ) as turned,
     ):
-        for x, yaw, told in (
+        for x, yaw, expected in (
             (0.0, 0.0, ("found", "found", "found")),
             (0.06, 0.0, (None, None, None)),
             (0.09, 0.0, (None, None, None)),  # a drift adds up
             (0.11, 0.0, ("moved", "moved", None)),
-            (0.11, 0.15, ("moved", None, None)),  # without a band, any turn is told
+            (0.11, 0.15, ("moved", None, None)),  # without a band, any turn is reported
             (0.11, 0.25, ("moved", "moved", "moved")),
             (0.11, 3.1, ("moved", "moved", "moved")),
             (0.11, -3.1, ("moved", None, None)),  # across the end of the range of angles
             (9.0, -3.1, ("moved", "moved", None)),
         ):
             put(tf, x, yaw)
-            for watch, reason in zip((far, either, turned), told, strict=True):
-                assert_told(watch, tf, reason)
+            for watch, reason in zip((far, either, turned), expected, strict=True):
+                assert_event(watch, tf, reason)
 
 
 def test_heartbeats_do_not_move_the_band(tf: TransformClient) -> None:
@@ -107,7 +107,7 @@ def test_heartbeats_do_not_move_the_band(tf: TransformClient) -> None:
             assert event.reason == "heartbeat"
         assert event.reason == "heartbeat"
         put(tf, 0.11)
-        wait_until(lambda: watch.get().reason == "moved", "a drift is not told")
+        wait_until(lambda: watch.get().reason == "moved", "a drift is not reported")
 
 
 def test_lost_and_found(tf: TransformClient) -> None:
@@ -117,12 +117,12 @@ def test_lost_and_found(tf: TransformClient) -> None:
         assert isinstance(event.error, LookupException)
         assert event.error.frame in ("map", "base")
         put(tf, 1)
-        assert_told(watch, tf, "found")
+        assert_event(watch, tf, "found")
         tf.remove_frame("base")
-        assert_told(watch, tf, "lost")
-        assert_told(watch, tf, None)
+        assert_event(watch, tf, "lost")
+        assert_event(watch, tf, None)
         put(tf, 1)
-        assert_told(watch, tf, "found")
+        assert_event(watch, tf, "found")
     with tf.watch("map", "later", heartbeat_s=0.01) as watch:
         assert watch.get().reason == "lost"
         beat = watch.get()
@@ -132,11 +132,11 @@ def test_lost_and_found(tf: TransformClient) -> None:
 def test_a_slow_consumer_gets_the_newest(tf: TransformClient) -> None:
     put(tf)
     with tf.watch("map", "base", heartbeat_s=NEVER_S) as watch:
-        assert_told(watch, tf, "found")
+        assert_event(watch, tf, "found")
         for x in range(1, 101):
             put(tf, x)
-        assert_told(watch, tf, "moved")
-        assert_told(watch, tf, None)
+        assert_event(watch, tf, "moved")
+        assert_event(watch, tf, None)
 
 
 def test_stillness_and_silence(start_server: StartServer) -> None:
@@ -175,7 +175,7 @@ def test_close_ends_iterations(
         events: list[PoseEvent] = []
         thread = threading.Thread(target=lambda: events.extend(watch), daemon=True)
         thread.start()
-        wait_until(lambda: events, "nothing is told")
+        wait_until(lambda: events, "no event came")
         (watch if closed == "watch" else other).close()
         thread.join(DEADLINE_S)
         assert not thread.is_alive()
@@ -227,52 +227,49 @@ def test_wrong_names(tf: TransformClient) -> None:
             tf.watch("map", name)
 
 
-def test_asyncio(
+async def test_asyncio(
     shared_server: ServerProcess, tf: TransformClient, run: Callable[[Main], None]
 ) -> None:
-    async def main() -> None:
-        put(tf)
-        async with (
-            await AsyncTransformClient.connect(shared_server.endpoint) as client,
-            await client.watch("map", "base", min_translation_m=0.1, heartbeat_s=NEVER_S) as watch,
-        ):
-            first = await watch.get()
-            assert (first.reason, first.error) == ("found", None)
-            with pytest.raises(TimeoutException):
-                await watch.get(timeout_s=0.05)
-            waiting = asyncio.create_task(watch.get())
-            for x in (0.05, 5.0):
-                put(tf, x)
-            moved = await asyncio.wait_for(waiting, DEADLINE_S)
-            assert moved.pose is not None
-            assert (moved.reason, moved.pose.transform.translation[0]) == ("moved", 5)
-            cancelled = asyncio.create_task(watch.get())
-            await asyncio.sleep(0.01)
-            cancelled.cancel()
-            for x in range(6, 50):  # the loop is busy meanwhile
-                put(tf, x)
-            watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
-            newest = await watch.get()
-            assert newest.pose == tf.lookup_latest_transform("map", "base")
-            tf.remove_frame("base")
-            assert (await watch.get()).reason == "lost"
+    put(tf)
+    async with (
+        await AsyncTransformClient.connect(shared_server.endpoint) as client,
+        await client.watch("map", "base", min_translation_m=0.1, heartbeat_s=NEVER_S) as watch,
+    ):
+        first = await watch.get()
+        assert (first.reason, first.error) == ("found", None)
+        with pytest.raises(TimeoutException):
+            await watch.get(timeout_s=0.05)
+        waiting = asyncio.create_task(watch.get())
+        for x in (0.05, 5.0):
+            put(tf, x)
+        moved = await asyncio.wait_for(waiting, DEADLINE_S)
+        assert moved.pose is not None
+        assert (moved.reason, moved.pose.transform.translation[0]) == ("moved", 5)
+        cancelled = asyncio.create_task(watch.get())
+        await asyncio.sleep(0.01)
+        cancelled.cancel()
+        for x in range(6, 50):  # the loop is busy meanwhile
+            put(tf, x)
+        watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
+        newest = await watch.get()
+        assert newest.pose == tf.lookup_latest_transform("map", "base")
+        tf.remove_frame("base")
+        assert (await watch.get()).reason == "lost"
 
-            async def gather() -> list[PoseEvent]:
-                return [event async for event in watch]
+        async def gather() -> list[PoseEvent]:
+            return [event async for event in watch]
 
-            tasks = [asyncio.create_task(gather()) for _ in range(2)]
-            await asyncio.sleep(0.01)
-            await watch.close()
-            assert await asyncio.wait_for(asyncio.gather(*tasks), DEADLINE_S) == [[], []]
-            with pytest.raises(ServerUnavailable):
-                await watch.get()
+        tasks = [asyncio.create_task(gather()) for _ in range(2)]
+        await asyncio.sleep(0.01)
+        await watch.close()
+        assert await asyncio.wait_for(asyncio.gather(*tasks), DEADLINE_S) == [[], []]
+        with pytest.raises(ServerUnavailable):
+            await watch.get()
 
-            async with await client.watch("map", "base", heartbeat_s=0.02) as other:
-                events = []
-                async for event in other:
-                    events.append(event.reason)
-                    if len(events) == 4:
-                        break
-                assert events == ["lost", "heartbeat", "heartbeat", "heartbeat"]
-
-    run(main)
+        async with await client.watch("map", "base", heartbeat_s=0.02) as other:
+            events = []
+            async for event in other:
+                events.append(event.reason)
+                if len(events) == 4:
+                    break
+            assert events == ["lost", "heartbeat", "heartbeat", "heartbeat"]

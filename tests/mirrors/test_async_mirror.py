@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-from collections.abc import Awaitable, Callable
 
 import pytest
 
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
+from tests.support.asynchronous import connected
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import (
     ExtrapolationException,
@@ -29,20 +29,12 @@ from zenoh_tf_client import (
 DEADLINE_S = 30.0
 
 
-def run(server: ServerProcess, test: Callable[[AsyncTransformClient], Awaitable[None]]) -> None:
-    async def main() -> None:
-        async with await AsyncTransformClient.connect(server.endpoint, reads="query") as tf:
-            await test(tf)
-
-    asyncio.run(main())
-
-
 def stamped(child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
     return StampedTransform("map", child, stamp_ns, Transform((x, 0, 0)))
 
 
-def test_lookups_and_own_writes(server: ServerProcess) -> None:
-    async def test(tf: AsyncTransformClient) -> None:
+async def test_lookups_and_own_writes(server: ServerProcess) -> None:
+    async with await connected(server) as tf:
         await tf.set_transform(stamped("base", 1, 5))
         async with await tf.mirror() as m:
             assert await m.lookup_transform("map", "base") == await tf.lookup_transform(
@@ -60,16 +52,14 @@ def test_lookups_and_own_writes(server: ServerProcess) -> None:
         with pytest.raises(ServerUnavailable):
             m.frames()
 
-    run(server, test)
 
-
-def test_transactions_lose_no_update(server: ServerProcess) -> None:
+async def test_transactions_lose_no_update(server: ServerProcess) -> None:
     async def step(tx: AsyncTransaction) -> None:
         found = await tx.lookup_latest_transform_xact("map", "a")
         x = found.transform.translation[0] + 1
         tx.set_transform(stamped("a", found.stamp_ns + 1, x))
 
-    async def test(tf: AsyncTransformClient) -> None:
+    async with await connected(server) as tf:
         await tf.set_transform(stamped("a", 1))
 
         async def increment(m: AsyncMirror) -> None:
@@ -81,11 +71,9 @@ def test_transactions_lose_no_update(server: ServerProcess) -> None:
         found = await tf.lookup_transform("map", "a")
         assert found.transform.translation[0] == 60
 
-    run(server, test)
 
-
-def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess) -> None:
-    async def test(tf: AsyncTransformClient) -> None:
+async def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess) -> None:
+    async with await connected(server) as tf:
         ticks = 0
 
         async def tick() -> None:
@@ -109,11 +97,9 @@ def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess)
                 await waiting
         ticking.cancel()
 
-    run(server, test)
 
-
-def test_the_loop_goes_on_while_lookups_wait(server: ServerProcess) -> None:
-    async def test(tf: AsyncTransformClient) -> None:
+async def test_the_loop_goes_on_while_lookups_wait(server: ServerProcess) -> None:
+    async with await connected(server) as tf:
         await tf.set_transform(stamped("base", 1))
         async with await tf.mirror() as m:
             waiting = asyncio.gather(
@@ -133,43 +119,38 @@ def test_the_loop_goes_on_while_lookups_wait(server: ServerProcess) -> None:
             with pytest.raises(InvalidArgumentException):
                 await m.lookup_transform("map", "base", 4, timeout_s=-1)
 
-    run(server, test)
 
-
-def test_a_state_that_is_too_old_is_not_read(server: ServerProcess) -> None:
-    async def main() -> None:
-        pair = ("map", "base")
-        async with await AsyncTransformClient.connect(server.endpoint) as writer:
-            await writer.set_transform(stamped("base", 1))
-            with TcpProxy(server.endpoint) as proxy:
-                async with (
-                    await AsyncTransformClient.connect(
-                        proxy.endpoint, timeout_s=1, reads="query"
-                    ) as tf,
-                    await tf.mirror() as m,
+async def test_a_state_that_is_too_old_is_not_read(server: ServerProcess) -> None:
+    pair = ("map", "base")
+    async with await AsyncTransformClient.connect(server.endpoint) as writer:
+        await writer.set_transform(stamped("base", 1))
+        with TcpProxy(server.endpoint) as proxy:
+            async with (
+                await AsyncTransformClient.connect(
+                    proxy.endpoint, timeout_s=1, reads="query"
+                ) as tf,
+                await tf.mirror() as m,
+            ):
+                proxy.hold()
+                while m.age_s <= 0.3:
+                    await asyncio.sleep(0.01)
+                await writer.set_transform(stamped("base", 2))
+                assert (await m.lookup_latest_transform(*pair)).stamp_ns == 1
+                assert (await m.lookup_latest_transform(*pair, max_age_s=1000)).stamp_ns == 1
+                for asking in (
+                    m.lookup_latest_transform(*pair, max_age_s=0.3),
+                    m.lookup_latest_transform_xact(*pair, max_age_s=0.3),
+                    m.lookup_latest_transforms_xact([pair], max_age_s=0.3),
                 ):
-                    proxy.hold()
-                    while m.age_s <= 0.3:
-                        await asyncio.sleep(0.01)
-                    await writer.set_transform(stamped("base", 2))
-                    assert (await m.lookup_latest_transform(*pair)).stamp_ns == 1
-                    assert (await m.lookup_latest_transform(*pair, max_age_s=1000)).stamp_ns == 1
-                    for asking in (
-                        m.lookup_latest_transform(*pair, max_age_s=0.3),
-                        m.lookup_latest_transform_xact(*pair, max_age_s=0.3),
-                        m.lookup_latest_transforms_xact([pair], max_age_s=0.3),
-                    ):
-                        with pytest.raises(ServerUnavailable):
-                            await asking
-                    proxy.release()
-                    found = await m.lookup_latest_transform_xact(*pair, max_age_s=-1)
-                    assert found.stamp_ns == 2
-
-    asyncio.run(main())
+                    with pytest.raises(ServerUnavailable):
+                        await asking
+                proxy.release()
+                found = await m.lookup_latest_transform_xact(*pair, max_age_s=-1)
+                assert found.stamp_ns == 2
 
 
-def test_a_gate(server: ServerProcess) -> None:
-    async def test(tf: AsyncTransformClient) -> None:
+async def test_a_gate(server: ServerProcess) -> None:
+    async with await connected(server) as tf:
         await tf.set_transform(stamped("base", 1))
         async with await tf.mirror() as m, m.gate("map", timeout_s=DEADLINE_S) as gate:
             gate.put("late", "base", 3)
@@ -178,8 +159,6 @@ def test_a_gate(server: ServerProcess) -> None:
             await tf.set_transform(stamped("base", 5))
             item, transform = await gate.get(DEADLINE_S)
             assert (item, transform) == ("late", await m.lookup_transform("map", "base", 3))
-
-    run(server, test)
 
 
 def test_it_has_the_methods_of_a_mirror() -> None:

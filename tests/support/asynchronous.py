@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from typing import Any
 
 from tests.client.test_client import LINKS
-from tests.conftest import Main
 from tests.processes.servers import ServerProcess
 from zenoh_tf_client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import MAX_CALLS, MAX_WAITING_LOOKUPS
-
-Run = Callable[[Main], None]
 
 
 async def connected(server: ServerProcess, timeout_s: float = 10.0) -> AsyncTransformClient:

@@ -15,7 +15,7 @@ class WaitingLookups:
     def wait_for_transform_async(
         self, target_frame: str, source_frame: str, time: Any
     ) -> TransformFuture:
-        """Start a `lookup_transform` that waits until it succeeds; return a future of its result."""
+        """Start a `lookup_transform` that waits until it succeeds; return its future."""
         return TransformFuture(
             lambda client, wait_s: client.lookup_transform(
                 target_frame, source_frame, stamp_ns(time), wait_s
