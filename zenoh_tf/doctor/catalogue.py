@@ -167,8 +167,8 @@ CATALOGUE: Final = (
     Fault(
         "TF303",
         "a very deep tree",
-        "Every link of a chain costs time, and its data may be missing. Often a name is made anew "
-        "for each pose, as of a trajectory.",
+        "Every link of a chain costs time, and its data may be missing. Often each "
+        "pose, as of a trajectory, gets a name of its own.",
         "Hang the frames below a common parent, or keep poses that are no frames elsewhere.",
         checks.deep,
     ),

@@ -4,7 +4,7 @@ One thread reads the entries of the tree's change log and puts each batch as one
 that comes alone goes out at once; after a message, the next one waits for a millisecond and then
 has everything. Without changes, a heartbeat has the last number. The publisher drops what a
 link does not accept: so no listener delays the server or another listener, and those that miss a
-message ask for it (docs/explanation/decisions/0010-the-stream-tells-versions.md).
+message ask for it (docs/explanation/decisions/0010-changes-carry-versions.md).
 
 Thread safety: all methods.
 """
