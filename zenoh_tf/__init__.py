@@ -33,12 +33,15 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
+from zenoh_tf.introspection import native_signatures
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
 __version__ = _version("zenoh-tf")
+
+native_signatures.install()
 
 __all__ = [
     "AccessDenied",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AskServer", "RegionRefused", "SharedTree"]
 
-# Transforms are true. So one jump tells an answer from none, where the type would take 20 ns.
+# Transforms are true. So one branch shows that there is no answer; the type would take 20 ns.
 setattr(AskServer, "__bool__", lambda _: False)  # noqa: B010
 # Members are compared by identity. That of `Enum` is in Python, and takes as long as a lookup.
 setattr(AskServer, "__hash__", object.__hash__)  # noqa: B010
@@ -40,7 +40,7 @@ class SharedTree(_core.SharedTree):
     Every method is `TransformTree`'s, raises the same errors, and returns an `AskServer` if it
     cannot answer: `BUSY` (writers changed what was read again and again, or one stopped while it
     wrote), `LAPSED` (the owner has ended or stopped), `WAITING` (with a time-out: the answer is not
-    there yet, and only the server can wait for it) or `UNREADABLE` (the memory makes no sense).
+    there yet, and only the server can wait for it) or `UNREADABLE` (the memory is corrupt).
 
     Args:
         fd: File descriptor of the owner's region. The caller may close it afterwards.

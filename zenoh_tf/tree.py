@@ -77,8 +77,8 @@ class TransformTree(_core.Tree):
 
         Reads MCAP (ROS 2, ROS 1, Foxglove), rosbag2 and ROS 1 bags; see docs/how-to/recordings.md.
         Links of topics called `tf_static`, in any namespace, hold at all times. What no tree
-        accepts is left out; the logger `zenoh_tf.recordings` tells how much. Needs the libraries of
-        `pip install 'zenoh-tf[recordings]'`.
+        accepts is left out; the logger `zenoh_tf.recordings` reports how much. Needs the libraries
+        of `pip install 'zenoh-tf[recordings]'`.
 
         Args:
             path: The file, or the folder of `ros2 bag record`.
@@ -212,7 +212,7 @@ class TransformTree(_core.Tree):
 
         A lidar that moves measures each point from elsewhere. This moves every point along with
         the sensor: from `source` at the point's stamp, through the fixed frame, to `source` at
-        `at_ns`. All poses are of one state of the tree. docs/how-to/sensor-data.md tells more.
+        `at_ns`. All poses are of one state of the tree. docs/how-to/sensor-data.md has more.
 
         Example: `cloud = tree.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))`
 
@@ -264,7 +264,7 @@ class TransformTree(_core.Tree):
             A `Gate`, to be used in a `with` block.
 
         Raises:
-            InvalidArgumentException: An argument makes no sense.
+            InvalidArgumentException: An argument is out of its range.
 
         Example:
             ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns); print(gate.get())``

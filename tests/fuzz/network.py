@@ -97,7 +97,7 @@ class Sender:
             data = reply.ok or reply.err
             assert data is not None
             kind = _kind(data.payload.to_bytes(), reply.ok is None)
-            # A damaged time-out may be long; such a lookup waits as it was told.
+            # A damaged time-out may be long; such a lookup waits as long as it says.
             waits = kind == "time-out" and b"timeout_ns" in payload
             self._count("waited" if waits else kind)
 

@@ -1,4 +1,4 @@
-"""Real messages of every kind, as the SDK and other clients send them, and ways to damage them."""
+"""Real messages of every type, as the SDK and other clients send them, and how to damage them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mirrors whose stream has messages that are not the server's: what they believe, and how long."""
+"""Mirrors whose stream has messages that are not the server's: what they accept, and how long."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_a_mirror_recovers_from_forged_messages(
                 client.set_transform(StampedTransform("map", "base", 2, Transform((2, 0, 0))))
                 return bool(caplog.records) and m.synced and m.seq < 400
 
-            wait_until(is_right, "the mirror believes the forged number")
+            wait_until(is_right, "the mirror has the forged number")
         assert "contradicts its server" in caplog.text
         m.wait_for()
         assert m.lookup_transform("map", "base").transform.translation[0] == 2

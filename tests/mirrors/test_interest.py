@@ -257,7 +257,7 @@ def test_limits(start_server: StartServer) -> None:
                 tf.mirror([("v", "w")], timeout_s=2)
             with other.mirror([("arm", "arm")]) as small:
                 assert small.frames() == ["arm"]
-                # The ways get longer than there is room for: the last state stays, and ages.
+                # The paths get longer than there is room for: the last state stays, and ages.
                 tf.set_transforms_xact([stamped(f"x{i}", 1, 0, f"x{i - 1}") for i in range(1, 9)])
                 tf.set_transform(stamped("camera", 2, 0, "x8"))
                 tf.set_transform(stamped("x0", 2, 0, "base"))
@@ -278,8 +278,8 @@ def test_a_greedy_client_does_not_end_the_small_interest_of_another() -> None:
     interests.snapshot(everything, "greedy", settings)
     assert interests.counters()["interest_frames"] == 2 + 90
     # The small one needs more than is free, but less than its client's share.
-    way = ["odom", *(f"y{i}" for i in range(10)), "base"]
-    tree.set_transforms_xact([stamped(b, 2, 0, a) for a, b in pairwise(way)])
+    path = ["odom", *(f"y{i}" for i in range(10)), "base"]
+    tree.set_transforms_xact([stamped(b, 2, 0, a) for a, b in pairwise(path)])
     interests._publish_one(interests._interests[small.id])
     assert interests.counters()["interest_frames"] == 12 + 90
     interests._publish_one(interests._interests[everything.id])

@@ -127,7 +127,7 @@ def test_a_receipt_of_another_process(server: ServerProcess, client: TransformCl
 
 
 def test_the_age_is_measured(server: ServerProcess, client: TransformClient) -> None:
-    """What was committed before the time that the age tells can be read."""
+    """What was committed before the time that the age states can be read."""
     with server.connect() as other, other.mirror() as m:
         wait_until(lambda: m.age_s < 0.5, "no fresh state")
         for stamp in range(1, 30):

@@ -155,7 +155,7 @@ def wait_until_quiet(tf: TransformClient) -> None:
 def test_reads_are_a_prefix_in_order(server: ServerProcess) -> None:
     """Two clients write one sequence of numbers by turns: each commit has all frames and numbers,
     and reads them back, so the numbers are the serial order. Readers of mirrors must see whole
-    commits, never an older one after a newer one, and none before the number that `seq` tells."""
+    commits, never an older one after a newer one, and none before the number of `seq`."""
     frames = [f"frame{i}" for i in range(8)]
 
     def stampeds(number: int) -> list[StampedTransform]:

@@ -149,7 +149,7 @@ def test_a_restarted_server(start_server: StartServer) -> None:
 
 
 def test_names_beyond_what_the_tree_holds(start_server: StartServer) -> None:
-    """Names that come and go use up the ids of a mirror's tree: it begins anew."""
+    """Names that are added and removed use up the ids of a mirror's tree: it restarts."""
     server = start_server("--limit", "frames=64")
     with server.connect(20) as tf, tf.mirror() as m:
         for round_ in range(400):
@@ -188,11 +188,11 @@ def test_listeners_end_with_all_commits(server: ServerProcess) -> None:
             m._connection.close()
 
 
-def test_listening_anew_ends_no_mirror(server: ServerProcess) -> None:
+def test_subscribing_again_ends_no_mirror(server: ServerProcess) -> None:
     """The thread that listens must find the new subscriber when the old one is undeclared."""
     with server.connect(20) as tf, tf.mirror() as m:
         for _ in range(100):
-            m._feed._listen_anew()
+            m._feed._subscribe_again()
             assert m.age_s < DEADLINE_S  # infinite once it is closed
         tf.set_transforms_xact(step(5))
         m.wait_for(timeout_s=DEADLINE_S)

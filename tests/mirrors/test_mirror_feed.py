@@ -74,23 +74,23 @@ class Server:
 
 
 def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCaptureFixture) -> None:
-    told: list[TransformTree | None] = []
+    received: list[TransformTree | None] = []
 
     def on_copy(tree: TransformTree | None, instance: str) -> None:
-        told.append(tree)
-        if len(told) <= 2:
+        received.append(tree)
+        if len(received) <= 2:
             raise OSError("no room")
 
     feed = MirrorFeed(Server(), on_copy)
     try:
         feed.wait_for_copy(10)
-        assert feed.state.tree is told[2]
-        assert len(set(map(id, told))) == len(told) == feed.snapshots == 3
+        assert feed.state.tree is received[2]
+        assert len(set(map(id, received))) == len(received) == feed.snapshots == 3
         wait_until(lambda: feed.state.synced, "it does not go on")
         assert [record.exc_text is not None for record in caplog.records] == [True, True]
     finally:
         feed.close()
-    assert told[3:] == [None]
+    assert received[3:] == [None]
 
 
 @pytest.mark.parametrize("value", [{}, {"value": 3}, {"value": {}}])

@@ -341,15 +341,15 @@ def test_hello_tells_where_the_socket_is(start_sharing: StartServer, socket_fold
 
 
 @pytest.mark.parametrize("share", [None, 5, {}, {"host": "x"}, {"host": "x", "socket": "\0x"}])
-def test_an_offer_that_makes_no_sense_is_none(share: object) -> None:
+def test_a_malformed_offer_is_none(share: object) -> None:
     assert handover.parse_offer(share) is None
 
 
 def test_the_message_is_as_documented() -> None:
     data = handover.message("main", "one", {"rows": 5})
-    told = wire.unpack(data[4:])
+    offer = wire.unpack(data[4:])
     assert int.from_bytes(data[:4], "little") == len(data) - 4
-    assert told.keys() == {"v", "layout", "tree", "instance", "limits"}
+    assert offer.keys() == {"v", "layout", "tree", "instance", "limits"}
 
 
 def test_a_newer_servers_fields_are_ignored() -> None:

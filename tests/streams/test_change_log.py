@@ -169,7 +169,7 @@ def test_mirrors_made_while_writers_free_ids(concurrency: str) -> None:
 
 
 def test_ids_that_pass_to_new_names() -> None:
-    """The tree uses the ids of removed frames again. A mirror that has no more room begins anew."""
+    """The tree uses the ids of removed frames again. A mirror that has no more room restarts."""
     tree = make_tree(max_frames=16, max_log_bytes=1 << 20)
     log = ChangeLog(tree)
     mirror = Mirror(max_frames=16)

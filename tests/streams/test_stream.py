@@ -75,7 +75,7 @@ class Listener:
                 self.apply(message)
 
     def repair(self) -> None:
-        """Ask for what is missing, or begin anew."""
+        """Ask for what is missing, or restart."""
         messages = self.missed()
         for message in messages:
             self.apply(message)

@@ -51,7 +51,7 @@ class ChangeLog:
     def wait(self, timeout_s: float) -> None: ...
     def wake(self) -> None: ...
     # (first, last, lost, changes): the entries that are there, about `most_bytes` of them. Empty
-    # entries are counted only, and None says that all were. `lost`: the next one is; start anew.
+    # entries are counted only, and None says that all were. `lost`: the next one is; start again.
     def take(self, most_bytes: int) -> tuple[int, int, bool, _Changes | None]: ...
     @property
     def last(self) -> int: ...  # number of the last commit, which may be in progress
@@ -103,7 +103,7 @@ class ChangeReplay:
 class InterestReader:
     """Reads what an interested mirror has of a tree. All threads."""
 
-    # Of the frames on the ways between the pairs; without pairs, of all. `newest_only`: only each
+    # Of the frames on the paths between the pairs; without pairs, of all. `newest_only`: only each
     # frame's newest sample. InvalidArgumentException: the tree has no log.
     def __init__(
         self, tree: _core.Tree, pairs: list[tuple[str, str]], newest_only: bool
@@ -114,7 +114,7 @@ class InterestReader:
     def read(
         self, with_all: bool, max_frames: int
     ) -> tuple[int, bool, _Changes | None, _Changes | None]: ...
-    # Whether a read would tell a change. Always, without pairs.
+    # Whether a read would return a change. Always, without pairs.
     def has_changed(self) -> bool: ...
     @property
     def frames(self) -> int: ...  # as of the last read

@@ -5,8 +5,8 @@ Mirrors of clients and replicas of servers share it; each adds a `Source`, which
 One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
 Each request has a thread of its own while it is under way, so that the stream does not wait for it.
-Another thread compares the clocks, and listens anew if the stream is silent though the server is
-there: a server sends a sign of life ten times a second.
+Another thread compares the clocks, and subscribes again if the stream is silent though the server
+answers: a server sends ten heartbeats a second.
 
 Thread safety: all methods.
 
@@ -52,7 +52,7 @@ _FIRST_PAUSE_S: Final = 0.05
 _LONGEST_PAUSE_S: Final = 0.5
 #: The least time between the beginnings of two snapshots.
 _SNAPSHOT_PERIOD_S: Final = 0.5
-#: So often the mirror looks whether the stream is silent.
+#: The mirror checks at this period whether the stream is silent.
 _WATCH_PERIOD_S: Final = 1.0
 _MAX_SILENT_PERIODS: Final = 2
 #: The clocks are compared in each of the first periods, then now and then.
@@ -75,8 +75,8 @@ class MirrorFeed:
         make_tree: MakeTree = make_tree,
         observer: Observer | None = None,
     ) -> None:
-        """Begin to listen. `on_copy` is told each new copy of the tree and its instance, before
-        `state` has it, and None at the end.
+        """Begin to listen. Calls `on_copy` with each new copy of the tree and its instance, before
+        `state` has it, and with None at the end.
 
         Raises ServerUnavailable if the connection is closed.
         """
@@ -100,7 +100,7 @@ class MirrorFeed:
         self._alarm = Alarm(source.tree)
         self._is_checking = False  # a thread asks who the server is
         self._senders = StreamSenders(source.tree, interest.id if interest else "")
-        self._is_silent = True  # since the last look; read and written without the lock
+        self._is_silent = True  # since the last check; read and written without the lock
         self._clock = ServerClock()
         self._subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
         self._thread = threading.Thread(target=self._listen, name="mirror", daemon=True)
@@ -192,7 +192,7 @@ class MirrorFeed:
                     self._received(sender, sample.payload.to_bytes())
 
     def _watch(self) -> None:
-        """Compare the clocks now and then, and listen anew if the stream is silent."""
+        """Compare the clocks now and then, and subscribe again if the stream is silent."""
         self._compare_clocks()
         with self._changed:
             self._proceed()
@@ -203,22 +203,22 @@ class MirrorFeed:
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
             if self._interest and silent_periods and self._compare_clocks():
-                self._begin_anew()  # the server was restarted, or has ended the interest
+                self._restart()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
                 if self._compare_clocks():
-                    self._listen_anew()
+                    self._subscribe_again()
                     silent_periods = 0
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
                 self._compare_clocks()
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         with self._changed:
             if self.state.synced:  # else a request is under way, or waits
                 self._mirroring.restart()
                 self._proceed()
 
-    def _listen_anew(self) -> None:
-        log.info("the commit stream of tree %r is silent: listening anew", self._source.tree)
+    def _subscribe_again(self) -> None:
+        log.info("the commit stream of tree %r is silent: subscribing again", self._source.tree)
         old = self._subscriber
         with contextlib.suppress(ServerUnavailable, zenoh.ZError):
             self._subscriber = self._source.subscribe(RingChannel(_RING_MESSAGES))
@@ -239,16 +239,16 @@ class MirrorFeed:
                 self._has_warned = True
                 log.log(level, "a message of the commit stream is malformed: %s", error)
             except Exception:
-                log.exception("internal error while a mirror applied a message; it begins anew")
+                log.exception("internal error while a mirror applied a message; it restarts")
                 self._mirroring.restart()
             self._proceed()
 
     def _proceed(self) -> None:
-        """Send requests, and tell what has changed. Requires the lock."""
+        """Send requests, and report what has changed. Requires the lock."""
         if self.closed:
             return
         m = self._mirroring
-        self._alarm.note(m.contradictions)
+        self._alarm.record(m.contradictions)
         has_copy = self._take_copy()
         for request in m.requests():
             if not self._in_thread(self._ask, request):
@@ -259,15 +259,15 @@ class MirrorFeed:
             self.on_change()
 
     def _take_copy(self) -> bool:
-        """Tell of a new copy. False: the owner has failed to take it, and the next one comes."""
+        """Report a new copy. False: the owner has rejected it, and the next one comes."""
         tree = self._mirroring.tree
         if tree is not self.state.tree and tree is not self._refused:
             self._failures = 0
             self._error = self._refused = None
             try:
                 self._on_copy(tree, self._mirroring.instance)
-            except Exception:  # the thread must go on: nobody else would make a copy
-                log.exception("internal error while a new copy was taken; it is made anew")
+            except Exception:  # the thread must not end: nobody else would make a copy
+                log.exception("internal error while a new copy was taken; it is made again")
                 self._refused = tree
                 self._mirroring.restart()  # its request waits for its turn
         return tree is not self._refused or tree is None
@@ -312,7 +312,7 @@ class MirrorFeed:
             try:
                 self._mirroring.answered(request.number, reply)
             except Exception:
-                log.exception("internal error while a mirror took a reply; it begins anew")
+                log.exception("internal error while a mirror took a reply; it restarts")
                 self._mirroring.restart()
             self._proceed()
 
@@ -329,7 +329,7 @@ class MirrorFeed:
             self._ended.wait(pause_s)
 
     def _fail(self, request: Request, error: Exception) -> None:
-        """Note why a request failed. After a pause it is sent again."""
+        """Record why a request failed. After a pause it is sent again."""
         if not isinstance(error, TransformException):
             log.error("internal error while a mirror sent a request", exc_info=error)
             error = ServerUnavailable(str(error))

@@ -63,7 +63,7 @@ class _Piece:
 
 
 class Observer(Protocol):
-    """Is told all that copies are made of, in order; `recorder.py` records it. Must not wait."""
+    """Receives all that copies are made of, in order; `recorder.py` records it. Must not wait."""
 
     def begin(self, instance: str, seq: int) -> None:
         """A copy begins: of a server's instance, as it was after the commit `seq` or later."""
@@ -181,9 +181,8 @@ class Mirroring:
         self._number = 0
         self._wants_plan, self._wants_missed = True, False
         self._snapshots = 0
-        self._contradictions = self._asked_for = (
-            0  # the latter: what missed messages were asked for
-        )
+        self._contradictions = 0
+        self._asked_for = 0  # the last number when missed messages were requested
 
     # --- what the owner reads
 
@@ -225,12 +224,7 @@ class Mirroring:
     @property
     def synced(self) -> bool:
         """True if nothing is known to be missing in `tree`."""
-        return (
-            self._live is not None
-            and self._next is None
-            and not self._wants_plan
-            and not (self._waiting)
-        )
+        return bool(self._live) and not (self._next or self._wants_plan or self._waiting)
 
     @property
     def snapshots(self) -> int:
@@ -318,7 +312,7 @@ class Mirroring:
         self._advance()
 
     def failed(self, number: int, error: Exception | None = None) -> None:
-        """Take it that a request has no reply; `requests` has it again, or begins anew."""
+        """Record that a request has no reply; `requests` has it again, or restarts."""
         if number not in self._requests:
             return
         piece = self._requests.pop(number)
@@ -328,12 +322,12 @@ class Mirroring:
             self._copy.pieces.appendleft(piece)
 
     def contradicted(self) -> None:
-        """Begin anew because the copy has, or was sent, what the server has not sent."""
+        """Restart because the copy has, or was sent, what the server has not sent."""
         self._contradictions += 1
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew with a snapshot; the last complete copy stays until the new one is."""
+        """Restart with a snapshot; the last complete copy stays until the new one is."""
         self._next = None
         self._wants_plan, self._wants_missed = True, False
         self._requests.clear()

@@ -1,4 +1,4 @@
-"""What the feed of a mirror needs from its owner, and what it tells: states and sources.
+"""What the feed of a mirror needs from its owner, and what it reports: states and sources.
 
 Thread safety: `Source` says what its implementations must promise; the rest is immutable.
 

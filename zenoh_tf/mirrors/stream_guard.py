@@ -56,7 +56,7 @@ class Alarm:
         self._count = 0
         self._next_s = 0.0
 
-    def note(self, count: int) -> None:
+    def record(self, count: int) -> None:
         """Take how often copies have contradicted the server until now."""
         if count == self._count:
             return
