@@ -69,7 +69,7 @@ def metadata(repository: Repository) -> Iterator[Violation]:
     fields = project(repository)["project"]
     if not fields.get("authors"):
         yield repository.at("pyproject.toml", "[project]", "add authors")
-    if fields["version"] not in repository.text("CHANGELOG.md"):
+    if f"## [{fields['version']}]" not in repository.text("CHANGELOG.md"):
         yield Violation("CHANGELOG.md", 1, f"add a section for version {fields['version']}")
 
 

@@ -52,7 +52,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("make_targets", ".github/workflows/nightly.yml", "- fuzz", "- fuss", "no make fuss"),
     ("make_targets", f"{WHY}/testing.md", "`make fuzz`", "`make fuss`", "there is no make fuss"),
     ("readme", "README.md", r"\(docs/how-to/view.md\)", "(docs/views.md)", "leads nowhere"),
-    ("metadata", "CHANGELOG.md", r"0\.1\.0", "0.0.9", "add a section"),
+    ("metadata", "CHANGELOG.md", r"## \[0\.1\.0", "## [0.0.9", "add a section"),
     ("extras", f"{HOW}/view.md", r"\.\[viewer,", "zenoh-tf[view,", "no extra view"),
     ("links", f"{WHY}/state.md", r"\]\([a-z./-]+\.md", "](nowhere.md", "nowhere.md leads nowhere"),
     ("links", f"{HOW}/from-tf2.md", "#call-by-call", "#calls", "has no heading #calls"),
