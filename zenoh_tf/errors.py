@@ -196,14 +196,14 @@ class ServerBusy(ServiceException):
 
 
 class AccessDenied(ServiceException):
-    """The server's access rules do not allow the connection or the operation."""
+    """The server's access rules do not allow the connection or the request."""
 
     code = 18
 
 
 class NotDurable(ServiceException):
-    """The write was applied and all readers see it, but the server's disk does not take it: a
-    server that ends now loses it. The server goes on trying."""
+    """The write was applied and all readers see it, but the server's disk does not accept it: a
+    server that ends now loses it. The server keeps trying."""
 
     code = 19
 

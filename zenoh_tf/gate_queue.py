@@ -3,7 +3,7 @@
 Items of one frame share a wait: for the oldest stamp among them. Once its transform exists, the
 newer ones are looked up together. An item that is older than what is waited for begins a second
 wait, a short one, which is renewed for the oldest item until the first one ends: stamps that go
-back would else take a wait each. An item leaves exactly once: handed over, or dropped with a
+back would else need a wait each. An item leaves exactly once: handed over, or dropped with a
 reason.
 
 Thread safety: none; the gate locks.
@@ -38,7 +38,7 @@ REASONS: Final[tuple[Reason, ...]] = ("too_old", "full", "timeout", "unknown_fra
 PAUSE_S: Final = 0.05
 #: A lookup that ends earlier before its time-out than this can never succeed.
 EARLY_S: Final = 0.005
-#: Most frames whose items wait at once: each takes a thread or a task, and at times a second one.
+#: Most frames whose items wait at once: each needs a thread or a task, and at times a second one.
 MAX_FRAMES: Final = 64
 MAX_QUEUE_SIZE: Final = 100_000
 #: Items that are looked up together.
@@ -218,7 +218,7 @@ class GateQueue(Generic[T]):
         return oldest, min(left_s, _LONGEST_WAIT_S if len(waits) == 1 else _SECOND_WAIT_S)
 
     def end_wait(self, held: Held[T]) -> None:
-        """Note that nobody waits for an item's stamp any more, and a round of lookups begins."""
+        """Record that nobody waits for an item's stamp any more, and a round of lookups begins."""
         waits = self._waits[held.frame]
         waits.remove(held.stamp_ns)
         if not waits:
@@ -270,7 +270,7 @@ def portions(items: list[Held[T]]) -> Iterable[list[Held[T]]]:
 
 
 def check_item(frame: object, stamp_ns: object) -> None:
-    """Raise InvalidArgumentException for what no lookup can take."""
+    """Raise InvalidArgumentException for what no lookup accepts."""
     if not isinstance(frame, str) or not frame or frame.startswith("/"):
         raise InvalidArgumentException(
             f"frame must be the name of a frame, without '/' in front, not {frame!r}", field="frame"

@@ -1,4 +1,4 @@
-"""Arrays of points and of their stamps, as the native kernels take them.
+"""Arrays of points and of their stamps, as the native kernels read them.
 
 Internal: for the trees and the client, which deskew sweeps, and for `TransformArray`.
 

@@ -12,7 +12,7 @@ from typing import Final
 
 log = logging.getLogger("zenoh_tf")
 
-#: A part that closes waits so long for the end of each of its threads, then goes on without.
+#: A part that closes waits so long for the end of each of its threads, then continues without.
 JOIN_TIMEOUT_S: Final = 0.5
 
 
@@ -31,7 +31,7 @@ def join(*threads: threading.Thread | None, timeout_s: float = JOIN_TIMEOUT_S) -
 
 
 class Periodic:
-    """Work at a period on a thread of its own. After an error, which is logged, it goes on."""
+    """Work at a period on a thread of its own. After an error, which is logged, it continues."""
 
     def __init__(
         self, name: str, work: Callable[[], object], period_s: float, *, at_end: bool = False

@@ -113,7 +113,7 @@ def test_a_time_ahead_of_the_clock(tree: TransformTree) -> None:
 
 @pytest.mark.parametrize("at_s", [-1e9, 1e8])
 def test_a_time_of_another_clock(tree: TransformTree, at_s: float) -> None:
-    """The classic: simulated transforms, and the time of the machine, or the other way round."""
+    """The classic: simulated transforms, and the time of the machine, or the reverse."""
     found = explained(tree, "map", "camera", at_s)
     (advice,) = found.advice
     assert "are of different clocks" in advice

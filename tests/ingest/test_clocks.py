@@ -251,12 +251,12 @@ def test_a_client_tells_its_clock_again(
         ):
             monkeypatch.setattr(exchange, "time", Ahead(ahead_s))
 
-            def is_told(ahead_s: float = ahead_s, call: Callable[[], Any] = call) -> bool:
+            def is_known(ahead_s: float = ahead_s, call: Callable[[], Any] = call) -> bool:
                 call()
                 found = clients(watching).get(name)
                 return found is not None and found.clock_offset_max_s > ahead_s - 5
 
-            wait_until(is_told, "told")
+            wait_until(is_known, "known")
 
 
 def test_a_drift_is_reported_once_the_exact_time_is_past() -> None:

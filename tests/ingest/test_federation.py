@@ -197,7 +197,7 @@ def test_a_tree_that_is_not_there_is_named(
 ) -> None:
     site = start_server("--mirror-of", f"robot1={robots[0].endpoint}/other", tree="site")
     site.wait_for_log("the server of robot 'robot1'")
-    assert "robot 'robot1' has not told its tree yet" in site.log
+    assert "robot 'robot1' has not sent its tree yet" in site.log
 
 
 def test_a_site_does_not_gather_itself(start_server: StartServer) -> None:
@@ -205,7 +205,7 @@ def test_a_site_does_not_gather_itself(start_server: StartServer) -> None:
     site = start_server("--mirror-of", f"me={endpoint}/main", endpoint=endpoint)
     with site.connect() as tf:
         tf.set_transform(link("map", "base", 1, 1.0))
-        site.wait_for_log("leads to this very server")
+        site.wait_for_log("leads to this server itself")
         assert set(tf.frames()) == {"map", "base"}
 
 

@@ -98,7 +98,7 @@ def test_what_is_above_the_share_is_refused_and_counted() -> None:
     assert isinstance(error, LimitExceeded)
     assert (error.field, error.limit) == ("max-frames", 10)
     assert "robot 'r'" in str(error) and "--mirror-of" in str(error)
-    # Frames that it has may go on.
+    # Frames that it has may still move.
     assert len(list(robot.of_frames(frames(10)))) > 0
     assert robot.over_quota == 20 + len({f"r/part{n}" for n in range(1, 11)} - children)
 
@@ -158,7 +158,7 @@ def test_a_robot_with_too_many_frames_harms_nobody(start_server: StartServer) ->
         assert stats["robot_over_quota/modest"] == stats["robot_refused/modest"] == 0
         tf.set_transform(StampedTransform("map", "of the site", 1, Transform()))
         site.wait_for_log("robot 'greedy': LimitExceeded")
-        # What it has goes on to move.
+        # What it has still moves.
         with greedy.connect() as robot:
             moved = [
                 StampedTransform("map", f"part{n}", 2, Transform((n, 0, 0))) for n in range(60)

@@ -85,7 +85,7 @@ def test_floods_lose_and_a_sensor_beside_them_does_not(start_server: StartServer
             lambda: (seen := authority(tf, "sensor")) and seen.stored == sent, tf.authorities
         )
 
-        def all_lost_are_counted() -> bool:  # puts of the floods may still be on the way
+        def all_lost_are_counted() -> bool:  # puts of the floods may still be queued
             records = {each.name: each for each in tf.authorities()}
             assert records["sensor"].dropped_by_queue == 0
             lost = records["flood 1"].dropped_by_queue + records["flood 2"].dropped_by_queue
@@ -130,7 +130,7 @@ def test_puts_on_other_keys_are_ignored(server: ServerProcess) -> None:
 
 
 class HeldIngest(ServerProcess):
-    """A server whose ingest thread takes puts from Zenoh and never commits one."""
+    """A server whose ingest thread receives puts from Zenoh and never commits one."""
 
     START = (
         "-c",

@@ -1,4 +1,4 @@
-"""Emulated ROS 2 peers as processes, and servers that take part in their network."""
+"""Emulated ROS 2 peers as processes, and servers that join their network."""
 
 from __future__ import annotations
 

@@ -163,8 +163,8 @@ def is_at(tf: TransformClient, frame: str, stamp_ns: int) -> bool:
 def test_what_comes_back_through_a_robots_server_is_not_published_again(
     start_server: StartServer, start_peer: StartPeer
 ) -> None:
-    """A site publishes a robot's frames; the robot's server takes them from there, and so the site
-    gets them once more."""
+    """A site publishes a robot's frames; the robot's server ingests them, and so the site gets
+    them once more."""
     robot = start_server("--ros2")
     flags = ("--ros2-publish", "--mirror-of", f"r={robot.endpoint}", "--connect", robot.endpoint)
     site = start_server(*flags, endpoint=robot.endpoint, tree="site")

@@ -204,7 +204,7 @@ def test_a_full_disk(start: Callable[..., ServerProcess]) -> None:
         with pytest.raises(NotDurable, match=r"state\.sqlite3: (disk I/O|.*disk is full)"):
             for number in range(100):
                 tf.set_transform(link("map", f"frame {number}"), static=True)
-        # The write was applied, and the server goes on.
+        # The write was applied, and the server continues.
         count = len(tf.frames())
         assert tf.can_transform("map", tf.frames()[-1])
         assert tf.set_transform(link("map", "dynamic", 1, 5))

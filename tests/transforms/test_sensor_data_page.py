@@ -30,7 +30,7 @@ def fill(tf: Any) -> None:
 
 
 def names(tf: Any) -> dict[str, Any]:
-    """What the page takes for granted."""
+    """What the page assumes."""
     rng = np.random.default_rng(1)
     reasons: list[str] = []
 

@@ -200,7 +200,7 @@ def test_a_twist_is_the_velocity_of_the_body(a: Transform) -> None:
 
 
 SMALL = [0.0, 1e-12, 1e-9, 1e-6, 1e-3]
-#: The series takes over from sines at an angle of 0.0894.
+#: The series replaces sines from an angle of 0.0894.
 BETWEEN = [0.0893, 0.0895, 1.0, 3.0]
 NEARLY_PI = [np.pi - 1e-3, np.pi - 1e-6, np.pi - 1e-9]
 
@@ -208,7 +208,7 @@ NEARLY_PI = [np.pi - 1e-3, np.pi - 1e-6, np.pi - 1e-9]
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("angle", SMALL + BETWEEN + NEARLY_PI)
 def test_interpolation_turns_evenly(angle: float, sign: int) -> None:
-    """Between two samples a turn goes on in proportion to time, to the last digits of it."""
+    """Between two samples a turn is in proportion to time, to the last digits of it."""
     tree, axis = TransformTree(), (0.6, 0.0, -0.8)
     q = turn(angle, axis)
     tree.set_transform(StampedTransform("map", "base", 0, Transform()))
@@ -238,7 +238,7 @@ def test_interpolation_between_any_two(a: Transform) -> None:
 
 
 def test_halfway_through_a_half_turn() -> None:
-    """Both ways round are as short: it goes one of them, a quarter turn from either end."""
+    """Both directions are as short: it goes one of them, a quarter turn from either end."""
     for end in np.eye(4)[:3]:
         tree = TransformTree()
         tree.set_transform(StampedTransform("map", "base", 0, Transform()))

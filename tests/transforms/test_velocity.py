@@ -71,7 +71,7 @@ def test_uniform_circular_motion(tree: TransformTree) -> None:
     velocity = tree.lookup_velocity("car", "map", S // 2)
     check(velocity, chord * np.array([-np.sin(0.5), np.cos(0.5), 0]), (0, 0, 1))
     np.testing.assert_allclose(velocity.linear, (-0.479, 0.878, 0), atol=1e-3)
-    # in its own axes a car drives one way; seen from it the map turns the other way
+    # in its own axes a car drives to one side; seen from it the map turns to the other
     ahead = tree.lookup_velocity("car", "map", S // 2, reference_frame="car")
     check(ahead, (0, chord, 0), (0, 0, 1))
     assert (ahead.reference_frame, ahead.observation_frame) == ("car", "map")

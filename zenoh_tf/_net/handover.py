@@ -40,7 +40,7 @@ class Offer:
 
     host: str  # the boot id: another one cannot map the server's memory
     socket: str  # the path, as the server sees it
-    requests: bool = False  # the server takes requests on it
+    requests: bool = False  # the server accepts requests on it
 
     def fields(self) -> wire.Message:
         return {"host": self.host, "socket": self.socket, "requests": self.requests}
@@ -77,7 +77,7 @@ def message(tree: str, instance: str, limits: dict[str, int]) -> bytes:
 
 
 def parse_offer(value: object) -> Offer | None:
-    """The offer in the reply to `hello`; None if there is none that makes sense."""
+    """The offer in the reply to `hello`; None if there is no valid one."""
     if not isinstance(value, dict):
         return None
     host, path = value.get("host"), value.get("socket")
@@ -130,14 +130,14 @@ def _greeting(
     peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         payload, fd = _receive(peer, path, timeout_s)
-        told = wire.unpack(payload)
-        layout = told.get("layout")
+        message = wire.unpack(payload)
+        layout = message.get("layout")
         if to_read and layout != list(LAYOUT):
             raise RegionRefused(
                 f"the server's tree has the memory layout {_layout(layout)}, and this client reads "
                 f"{_layout(LAYOUT)}: install the same version of zenoh-tf in both"
             )
-        if (wire.text(told, "tree"), wire.text(told, "instance")) != (tree, instance):
+        if (wire.text(message, "tree"), wire.text(message, "instance")) != (tree, instance):
             raise RegionRefused(f"{path} belongs to another server")
     except BaseException:
         if fd >= 0:

@@ -42,7 +42,7 @@ class Queries:
         server: str,
     ) -> None:
         """`calls`: to be entered around each call into the session. `client_id`: what
-        the server tells clients apart by. `server`: what messages call it."""
+        the server distinguishes clients by. `server`: what messages call it."""
         self._session = session
         self._calls = calls
         self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()

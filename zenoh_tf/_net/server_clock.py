@@ -14,7 +14,7 @@ from typing import Final
 
 #: The best of so many latest comparisons counts.
 COMPARISONS: Final = 6
-#: Clocks are taken to drift apart by less than 1 ns in this many.
+#: Clocks are assumed to drift apart by less than 1 ns in this many.
 _DRIFT: Final = 10_000
 
 

@@ -1,4 +1,4 @@
-"""Whether a Unix socket can be another user's: who reads memory through it believes its owner.
+"""Whether a Unix socket can be another user's: its readers trust the owner.
 
 Thread safety: all functions.
 

@@ -61,7 +61,7 @@ CATALOGUE: Final = (
         "two publishers of one frame",
         "Two authorities write the same link by turns, so lookups jump between two poses. Often an "
         "old driver still runs, or a simulator beside the robot.",
-        "End one of them; `zenoh-tf authorities` and `zenoh-tf frame NAME` tell them apart. The "
+        "End one of them; `zenoh-tf authorities` and `zenoh-tf frame NAME` show them. The "
         "server's `--one-authority-per-frame` refuses the second.",
         checks.two_publishers,
     ),
@@ -78,7 +78,7 @@ CATALOGUE: Final = (
         "a static frame that is also published as dynamic",
         "Each switch between static and dynamic clears the link's history, so lookups at past "
         "times fail. A static publisher and a sensor or a state publisher write the same link.",
-        "Publish the link in one way. A link that never moves is better static.",
+        "Publish the link as static or as dynamic. A link that never moves is better static.",
         checks.static_and_dynamic,
     ),
     Fault(
@@ -160,7 +160,7 @@ CATALOGUE: Final = (
     Fault(
         "TF302",
         "names that differ by slashes or case",
-        "They are different frames, though a person would take them for one.",
+        "They are different frames, though a person would confuse them.",
         "Choose one spelling, and remove the other frame with `zenoh-tf remove`.",
         checks.alike_names,
     ),
@@ -189,7 +189,7 @@ def diagnose(facts: TreeFacts, ignore: Collection[str] = ()) -> list[Finding]:
 
     Args:
         facts: What is known about the tree.
-        ignore: Ids of faults not to look for.
+        ignore: Ids of faults that are not searched for.
 
     Raises:
         ValueError: An id is not in the catalogue.

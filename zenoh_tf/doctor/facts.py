@@ -1,4 +1,4 @@
-"""What the checks of the doctor look at: plain facts, of a tree, a service or a recording."""
+"""What the checks of the doctor read: plain facts, of a tree, a service or a recording."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class TreeFacts:
         if link.before is None:
             return None
         before: int = getattr(link.before, counter)
-        return max(0, now - before)  # a frame that was removed and came back starts anew
+        return max(0, now - before)  # a frame that was removed and came back restarts
 
     @cached_property
     def frames(self) -> dict[str, FrameInfo]:
@@ -126,7 +126,7 @@ class Gaps:
         self._longest: dict[str, float] = {}
 
     def saw(self, frames: Iterable[FrameInfo], at_s: float) -> None:
-        """Note records.
+        """Record a reading.
 
         Args:
             frames: The records.

@@ -21,7 +21,7 @@ _CACHE_S: Final = 10.0
 class RecordedFacts:
     """Gathers facts from messages in the order of their log. Its memory does not grow with them.
 
-    The topics take the place of the authorities, as a recording does not tell the publishers.
+    The topics take the place of the authorities, as a recording does not name the publishers.
     """
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class RecordedFacts:
             self._received[name] += 1
             self._norm_error[name] = max(self._norm_error.get(name, 0.0), float(errors[row]))
             if not static:
-                self._note_gap(name, int(rows.stamp[row]))
+                self._record_gap(name, int(rows.stamp[row]))
         self._commit(topic, static, rows)
 
     def facts(self) -> TreeFacts:
@@ -77,7 +77,7 @@ class RecordedFacts:
         observed_s = (self._last_ns - (self._first_ns or 0)) / 1e9
         return TreeFacts(links, self._last_ns, observed_s, authorities, is_complete=True)
 
-    def _note_gap(self, frame: str, stamp_ns: int) -> None:
+    def _record_gap(self, frame: str, stamp_ns: int) -> None:
         newest = self._newest.get(frame)
         if newest is not None and stamp_ns <= newest:
             return

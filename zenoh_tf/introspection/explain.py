@@ -213,7 +213,7 @@ def _unconnected(found: Explanation, names: Collection[str]) -> Explanation:
 
 _OTHER_CLOCK: Final = (
     "The time asked for and the stamps of the chain are of different clocks, such as this "
-    "machine's and a simulation's: take the time from where the transforms take theirs "
+    "machine's and a simulation's: use the clock of the transforms "
     "(use_sim_time in ROS)."
 )
 _ERRORS: Final = {
@@ -239,7 +239,7 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
         if link.problem == "single_sample":
             advice.append(
                 f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link "
-                f"as static. Else check that {_publisher(link)} goes on sending."
+                f"as static. Else check that {_publisher(link)} still sends."
             )
     too_old = [link for link in failing if link.problem == "too_old"]
     if (worst.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:

@@ -157,7 +157,7 @@ class ClientInfo:
             in seconds; negative for a clock that is behind.
         clock_offset_max_s: It is ahead by this much at most; until its second message, if the
             first took less than a second.
-        clock_age_s: How long ago the clock was compared last, in seconds. A client tells it when
+        clock_age_s: How long ago the clock was compared last, in seconds. A client sends it when
             it connects, and every 10 s while it makes calls.
         address: Where its link comes from, such as ``tcp/10.0.0.7:50312``; ``None`` if it is
             connected through a router.

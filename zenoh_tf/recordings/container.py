@@ -39,11 +39,11 @@ class RawMessage(NamedTuple):
 
 
 class Container(Protocol):
-    """An open file or folder. `messages` may be called again, to begin anew."""
+    """An open file or folder. `messages` may be called again, for another pass."""
 
     @property
     def message_count(self) -> int | None:
-        """How many messages with transforms there are; None if only reading them tells."""
+        """How many messages with transforms there are; None if only reading shows it."""
 
     @property
     def is_empty(self) -> bool:

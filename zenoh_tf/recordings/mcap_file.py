@@ -19,7 +19,7 @@ from typing import Any, Final
 from .container import Channel, RawMessage, channel
 from .errors import missing_library
 
-#: Larger records are taken for damage: a recorder closes a chunk after some MB.
+#: Larger records count as damage: a recorder closes a chunk after some MB.
 _MAX_RECORD_BYTES: Final = 1 << 30
 #: Messages outside of chunks that are put in order together.
 _UNCHUNKED: Final = 10_000
@@ -97,7 +97,7 @@ class McapFile:
             (
                 chunk
                 for chunk in summary.chunk_indexes
-                # Without an index of its messages, only reading the chunk tells.
+                # Without an index of its messages, only reading the chunk shows it.
                 if not chunk.message_index_offsets or wanted & chunk.message_index_offsets.keys()
             ),
             key=attrgetter("message_start_time"),

@@ -20,7 +20,7 @@ from .mcap_file import McapFile
 _MCAP: Final = b"\x89MCAP"
 _ROS1_BAG: Final = b"#ROSBAG"
 _SQLITE: Final = b"SQLite format 3\0"
-#: Messages that are decoded together; their rows take about as much.
+#: Messages that are decoded together; their rows need about as much.
 _BLOCK_BYTES: Final = 8 << 20
 
 
@@ -44,8 +44,8 @@ class Block(NamedTuple):
 class Recording:
     """The messages with transforms of one recording, in the order of its log.
 
-    Links of topics called ``tf_static``, in any namespace, are static: they hold at all times. ROS
-    tells no other way, as ROS 1 has no durability and bridges lose it.
+    Links of topics called ``tf_static``, in any namespace, are static: they hold at all times. No
+    other mark is common to all: ROS 1 has no durability, and bridges lose it.
 
     Thread safety: none.
     """
@@ -69,8 +69,8 @@ class Recording:
 
     @property
     def message_count(self) -> int | None:
-        """How many messages with transforms there are on all topics; None if only reading them
-        tells."""
+        """How many messages with transforms there are on all topics; None if only reading
+        shows it."""
         counts = [container.message_count for container in self._containers]
         return None if None in counts else sum(count or 0 for count in counts)
 
@@ -80,7 +80,7 @@ class Recording:
         return any(container.is_cut_off for container in self._containers)
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages. May be called again, to begin anew.
+        """Yield the messages. May be called again, for another pass.
 
         Raises:
             RecordingError: The file is damaged, or has no transforms.
@@ -118,7 +118,7 @@ class Recording:
         next(self._chosen_raw(), None)
 
     def warnings(self) -> list[str]:
-        """What is worth telling about the messages that were read, in sentences."""
+        """What a user should know of the messages that were read, in sentences."""
         found = []
         if self.is_cut_off:
             found.append("the file lacks its end; what is complete was read")
@@ -144,7 +144,7 @@ class Recording:
         return None if found.malformed == len(messages) else found.rows
 
     def _chosen_raw(self) -> Iterator[RawMessage]:
-        """Yield the messages of the chosen topics, and begin to count anew."""
+        """Yield the messages of the chosen topics, and restart the counters."""
         self.topics.clear()
         self.malformed = self.skipped = 0
         self.first_fault = ""

@@ -107,7 +107,7 @@ class RecordingWriter:
             rows: The transforms.
 
         Raises:
-            InvalidArgumentException: The form has no way to say it; `field` is "stamp_ns" or
+            InvalidArgumentException: The form cannot say it; `field` is "stamp_ns" or
                 "names".
             OSError: The disk is full, or failed.
         """

@@ -1,7 +1,7 @@
 """ROS 2 messages as bytes: tf2_msgs/TFMessage and sensor_msgs/JointState in CDR.
 
 CDR is what ROS 2 sends over every middleware and writes into recordings: a header of four bytes
-that tells the byte order, then the fields in order, each number aligned to its own size. Both byte
+with the byte order, then the fields in order, each number aligned to its own size. Both byte
 orders are read; little-endian is written, as ROS 2 does.
 
 Thread safety: all functions.

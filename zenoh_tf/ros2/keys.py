@@ -69,7 +69,7 @@ class Topic:
 
     name: str  # the last part, "tf"
     namespace: str  # "robot1", or "" at the root; of several parts "fleet/robot1"
-    domain: int | None  # None: of a bridge, which does not tell it
+    domain: int | None  # None: of a bridge, which does not send it
 
     @property
     def is_bridged(self) -> bool:

@@ -12,7 +12,6 @@ rmw_zenoh and one for bridges; while it runs, Zenoh holds the publishers back.
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -22,6 +21,7 @@ from zenoh.handlers import FifoChannel
 
 from .. import threads
 from .._net import keys as service_keys
+from ..bounded_map import BoundedMap
 from ..errors import ProtocolError, TransformException
 from ..text import quoted
 from . import attachment, keys
@@ -42,7 +42,7 @@ class Received:
     key: str
     topic: Topic
     payload: zenoh.ZBytes  # in CDR
-    number: int | None  # the publisher's number or time of the message, whichever it tells
+    number: int | None  # the publisher's number or time of the message
     gid: bytes | None  # the publisher's id, see `attachment`
     zid: str | None  # the Zenoh id of its session
 
@@ -55,7 +55,7 @@ class Reception:
         "attachment", and the message counts as one without."""
         self._kind = kind
         self._report = report
-        self._topics: OrderedDict[str, Topic | None] = OrderedDict()  # by key
+        self._topics = BoundedMap[str, Topic | None](_KNOWN_KEYS)
 
     def message(self, sample: zenoh.Sample, zid: str | None = None) -> Received | None:
         """The message of a sample; None if it is none. `zid`: the publisher's, if it is known."""
@@ -91,8 +91,6 @@ class Reception:
             self._report(key, ProtocolError(f"key {quoted(key)} is not of ROS 2", field="key"))
             return None
         self._topics[key] = topic
-        if len(self._topics) > _KNOWN_KEYS:
-            self._topics.popitem(last=False)
         return topic
 
 

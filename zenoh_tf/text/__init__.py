@@ -1,4 +1,4 @@
-"""Text that people read or write: of others, made safe to show, and as commands and flags take it.
+"""Text that people read or write: names of others, made safe to show, and the values of flags.
 
 `escapes` shows what others have chosen, `times` stamps and ages, `flag_values` is the grammar of
 times, durations and numbers, and `similar` finds the name that was probably meant. Imports nothing

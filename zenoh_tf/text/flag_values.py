@@ -1,4 +1,4 @@
-"""Times, durations and numbers as commands and flags take them: one grammar, in
+"""Times, durations and numbers as commands and flags accept them: one grammar, in
 docs/reference/commands.md.
 
 Each function is a type for argparse, or makes one. argparse puts the flag's name before its errors.
@@ -144,6 +144,14 @@ def size(low: int = 1) -> Callable[[str], int]:
         return value
 
     return parse
+
+
+def frames(text: str) -> tuple[str, ...]:
+    """Names of frames, as in ``map,world``."""
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of frames, as in map,world")
+    return names
 
 
 def _time(text: str, bare: str, forms: str) -> tuple[str, int]:

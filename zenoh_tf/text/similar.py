@@ -9,7 +9,7 @@ from zenoh_tf.text import quoted
 
 __all__ = ["did_you_mean", "similar", "spelling"]
 
-#: Names that are compared letter by letter, which takes some 10 us each.
+#: Names that are compared letter by letter, at a cost of some 10 us each.
 _MAX_COMPARED = 20_000
 
 
@@ -53,7 +53,7 @@ def did_you_mean(unknown: str | Sequence[str], names: Collection[str]) -> str | 
     """Return a question such as ``did you mean 'base_link'?``; None if no name is like it.
 
     Args:
-        unknown: The name that does not exist, or several. Of several, the question tells which it
+        unknown: The name that does not exist, or several. Of several, the question says which it
             is about: ``did you mean 'base_link' instead of 'base', and 'laser' instead of 'lase'?``
         names: The names that exist.
     """

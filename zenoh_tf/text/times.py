@@ -44,7 +44,7 @@ def reference_ns(stamps_ns: Iterable[int], now_ns: int) -> tuple[int, bool]:
     """Return the time that ages are counted from, and whether that is the clock's.
 
     If all stamps are far from the clock, they are of a simulation or a recording. Then the time is
-    the newest of them, so that ages tell how far a link lies behind the others.
+    the newest of them, so that ages show how far a link lies behind the others.
 
     Args:
         stamps_ns: The newest stamps of the links, nanoseconds.

@@ -20,7 +20,7 @@ _ID_BYTES = 16
 class Interest:
     """What a mirror wants to have. Equal ones share a stream."""
 
-    #: The ways between these frames, each pair and the list sorted; empty: all frames.
+    #: The paths between these frames, each pair and the list sorted; empty: all frames.
     pairs: tuple[tuple[str, str], ...]
     #: Only the newest samples, once in so many nanoseconds; 0: all samples, at once.
     period_ns: int = 0

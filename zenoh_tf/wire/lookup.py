@@ -36,7 +36,7 @@ from .fields import (
     texts,
 )
 
-# The operation of a row. The native tree has the same numbers; a test compares them.
+# What a row asks for. The native tree has the same numbers; a test compares them.
 OP_AT: Final = 0
 OP_COMMON: Final = 1
 OP_LATEST: Final = 2
@@ -55,7 +55,7 @@ _POSE: Final = struct.Struct("<7d")
 
 Pose = tuple[float, float, float, float, float, float, float]
 #: (error, stamp, newest stamp, pose). The error is None if the row has an answer. The newest
-#: stamp equals the stamp for operations without one.
+#: stamp equals the stamp for rows without one.
 AnswerRow = tuple[TransformException | None, int, int, Pose]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
 _OP_OF: Final = {byte: op for op, byte in enumerate(_BYTE)}
@@ -130,7 +130,7 @@ def parse_lookup(body: Message) -> Lookup:
     rows = op.size
     highest = int(op[0]) if rows == 1 else int(op.max()) if rows else 0
     if highest >= OPS:
-        raise malformed("op", f"an operation below {OPS}, not {highest}")
+        raise malformed("op", f"a number below {OPS}, not {highest}")
     lookup = Lookup(
         names,
         op,
@@ -205,7 +205,7 @@ class LookupReply:
 
     status: NDArray[np.uint8]  # (n,) 0 or an error's code
     stamp: NDArray[np.int64]  # (n,) ns; OP_LATEST and OP_LATEST_XACT: the oldest stamp used
-    newest: NDArray[np.int64] | None  # (n,) ns, the same two operations only
+    newest: NDArray[np.int64] | None  # (n,) ns, of the same two only
     pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of source in target
     errors: dict[int, TransformException] = field(default_factory=dict)
 

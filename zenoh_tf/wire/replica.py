@@ -46,9 +46,9 @@ def parse_replica(reply: Message) -> tuple[int, int, int] | None:
     number after which it has seen nothing. None: it is not a replica's. Raises ProtocolError."""
     if REPLICA not in reply:
         return None
-    told = mapping(reply, REPLICA)
-    seq = integer(told, "seq", low=0)
-    return seq, integer(told, "age_ns", low=0), integer(told, "reach", seq, low=0)
+    fields = mapping(reply, REPLICA)
+    seq = integer(fields, "seq", low=0)
+    return seq, integer(fields, "age_ns", low=0), integer(fields, "reach", seq, low=0)
 
 
 def is_behind(reply: Message) -> bool:

@@ -1,6 +1,6 @@
 """A site's server gathers the trees of robots (``--mirror-of``).
 
-`settings` has the flags, `robot` listens to one robot, and `rows` turns what it says into puts.
+`settings` has the flags, `robot` listens to one robot, and `rows` turns its changes into puts.
 """
 
 from __future__ import annotations

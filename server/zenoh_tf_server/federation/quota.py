@@ -1,6 +1,6 @@
 """How many frames of the site's tree one robot may have (``--mirror-of ...,max-frames=``).
 
-Each robot has a share of its own, so that none takes the frames of another one or of the site. By
+Each robot has a share of its own, so that none uses up the frames of another one or of the site. By
 default the shares of n robots and of the site are equal: the limit of frames by n + 1.
 
 Thread safety: none; the robot's feed locks.
@@ -31,7 +31,7 @@ def default_share(limits: Limits, robots: int) -> int:
 
 
 class FrameQuota:
-    """The names that one robot has in the tree, or that are on their way there."""
+    """The names that one robot has in the tree, or in puts that are queued."""
 
     def __init__(self, robot: str, tree: TransformTree, most: int) -> None:
         self._robot = robot

@@ -1,6 +1,6 @@
 """Listens to the server of one robot, over a Zenoh session of its own.
 
-A robot that is away, frozen or wrong holds up its own threads only. Its feed goes on by itself
+A robot that is away, frozen or wrong holds up its own threads only. Its feed continues by itself
 when it is back, also with another server: see `zenoh_tf.mirrors.feed`.
 
 Thread safety: all methods.
@@ -39,7 +39,7 @@ from .settings import Link
 CONNECT_TIMEOUT_S: Final = 5.0
 #: A robot's server says something ten times a second.
 _SILENT_S: Final = 2.0
-#: The longest age that is told.
+#: The longest age that is reported.
 _MAX_AGE_S: Final = 1e9
 _PAUSE_S: Final = 1.0
 #: Puts that are queued at once.
@@ -49,7 +49,7 @@ log = logging.getLogger("zenoh_tf.server.federation")
 
 
 class Robot:
-    """Takes what is committed to a robot's tree to the put queues, from `start` to `close`."""
+    """Adds what is committed to a robot's tree to the put queues, from `start` to `close`."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class Robot:
         threads.start(f"robot {self.name}", self._connect)
 
     def close(self) -> None:
-        """Listen no more. Returns at once: to take leave of a frozen robot may last long."""
+        """Listen no more. Returns at once: closing the session of a frozen robot may last long."""
         self._closed.set()
         with self._lock:
             feed, session = self._feed, self._session
@@ -157,7 +157,7 @@ class Robot:
             feed.wait_for_copy(CONNECT_TIMEOUT_S)
         except TransformException as error:
             if not self._closed.is_set():
-                log.warning("robot %r has not told its tree yet, trying on: %s", self.name, error)
+                log.warning("robot %r has not sent its tree yet, trying on: %s", self.name, error)
 
     # --- what the feed calls, under its lock; see `mirroring.Observer`
 
@@ -166,7 +166,8 @@ class Robot:
         self._is_self = instance == self._own_instance
         if self._is_self:
             log.error(
-                "--mirror-of %s=... leads to this very server: nothing is taken from it", self.name
+                "--mirror-of %s=... leads to this server itself: nothing is mirrored",
+                self.name,
             )
 
     def load(self, frames: wire.Frames) -> None:

@@ -1,4 +1,4 @@
-"""Turns what a robot's server tells into puts for this server's tree.
+"""Turns the stream of a robot's server into puts for this server's tree.
 
 The names of a message are examined once, and the rest is done with whole columns: a first copy may
 have 100,000 frames.
@@ -30,7 +30,7 @@ _MAX_ROWS: Final = 1024
 #: Frames of one put of a first copy. If it is refused, each of them is a transaction of its own.
 _MAX_FRAMES: Final = 128
 
-#: Is told of refused rows: an authority, how many, and why.
+#: Called with refused rows: an authority, how many, and why.
 Refuse = Callable[[str, int, TransformException], None]
 
 

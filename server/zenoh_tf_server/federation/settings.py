@@ -11,6 +11,7 @@ from typing import Final
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
 from zenoh_tf.text import quoted
+from zenoh_tf.text.flag_values import frames
 
 _LINK: Final = re.compile(
     r"(?P<name>[^/:=,\x00-\x20\x7f]+)="
@@ -46,12 +47,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=_link,
         default=[],
         metavar="LINK",
-        help="take what is committed to a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE or "
+        help="ingest what is committed to a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE or "
         "NAME=ENDPOINT, with ,max-frames=N for its share of the frames; repeatable",
     )
     group.add_argument(
         "--mirror-shared",
-        type=_names,
+        type=frames,
         default=(),
         metavar="FRAMES",
         help="frames that get no prefix, as in map,world",
@@ -93,10 +94,3 @@ def _link(text: str) -> Link:
     except TransformException as error:
         raise argparse.ArgumentTypeError(f"{quoted(text)}: {error}") from error
     return link
-
-
-def _names(text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a list of frames, as in map,world")
-    return names

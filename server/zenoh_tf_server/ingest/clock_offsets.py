@@ -1,14 +1,13 @@
 """How far the stamps of each authority, and the clocks of the clients, are from this clock.
 
-A put tells less than one would like: its stamp less its arrival is the sender's clock error less
-the time that the transform needed to arrive. The largest such difference of a while is nearest to
-the clock error, as it has the least delay in it, and the true error is that or more. The smallest
-one has the most delay in it. Both together say what is wrong: a clock that runs ahead moves both
-above zero, a slow or queueing sensor only the smaller one, and a clock that drifts moves both
-together.
+A put does not carry its sender's clock error: its stamp less its arrival is that error less the
+time that the transform needed to arrive. The largest such difference of a while is nearest to the
+clock error, as it has the least delay in it, and the true error is that or more. The smallest one
+has the most delay in it. Both together say what is wrong: a clock that runs ahead moves both above
+zero, a slow or queueing sensor only the smaller one, and a clock that drifts moves both together.
 
-A client tells its clock in `hello`. That clock less the arrival is the clock error less the time
-that the message needed. The next `hello` tells the round trip of this one, which bounds that time.
+A client sends its clock in `hello`. That clock less the arrival is the clock error less the time
+that the message needed. The next `hello` has the round trip of this one, which bounds that time.
 
 Thread safety: all methods.
 """
@@ -17,9 +16,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final
+
+from zenoh_tf.bounded_map import BoundedMap
 
 #: Differences older than two of these do not count, as long as there are newer ones.
 WINDOW_NS: Final = 10_000_000_000
@@ -28,12 +28,10 @@ WINDOW_NS: Final = 10_000_000_000
 _MAX_ENTRIES: Final = 4096
 #: An interval that excludes zero by more than this is reported.
 REPORT_S: Final = 1.0
-#: Assumed of a client's first `hello`, until the next one tells its round trip.
+#: Assumed of a client's first `hello`, until the next one has its round trip.
 _UNKNOWN_DELAY_NS: Final = 1_000_000_000
 #: Stamps further back than this are of a simulation or a recording, not of a wrong clock.
 _LONGEST_AGO_S: Final = 86_400.0
-
-_Entry = TypeVar("_Entry")
 
 
 @dataclass(slots=True)
@@ -75,14 +73,14 @@ class _Window:
 
 @dataclass(slots=True)
 class _Client:
-    """What the messages of a client have told of its clock."""
+    """What the messages of a client say of its clock."""
 
     heard_ns: int
     ahead_ns: int  # of the last message
     measured: _Window | None = None  # by those whose round trip is known
 
-    def tell(self, now_ns: int, ahead_ns: int, round_trip_ns: int) -> None:
-        """Note a message, and the round trip of the one before; negative: it is not known."""
+    def add(self, now_ns: int, ahead_ns: int, round_trip_ns: int) -> None:
+        """Add a message, and the round trip of the one before; negative: it is not known."""
         if round_trip_ns >= 0:
             least, greatest = self.ahead_ns, self.ahead_ns + round_trip_ns
             if self.measured is None:
@@ -102,11 +100,12 @@ class ClockOffsets:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._authorities: OrderedDict[str, _Window] = OrderedDict()  # heard longest ago first
-        self._clients: OrderedDict[str, _Client] = OrderedDict()
+        # Both: heard longest ago first.
+        self._authorities = BoundedMap[str, _Window](_MAX_ENTRIES)
+        self._clients = BoundedMap[str, _Client](_MAX_ENTRIES)
 
     def put_arrived(self, authority: str, arrival_ns: int, newest_stamp_ns: int) -> None:
-        """Note the newest stamp of a put, and when it arrived by this machine's real-time clock."""
+        """Add the newest stamp of a put, and when it arrived by this machine's real-time clock."""
         ahead_ns = newest_stamp_ns - arrival_ns
         with self._lock:
             window = self._authorities.get(authority)
@@ -114,10 +113,10 @@ class ClockOffsets:
                 window.add(arrival_ns, ahead_ns, ahead_ns)
             else:
                 window = _Window.of(arrival_ns, ahead_ns, ahead_ns)
-            _put_last(self._authorities, authority, window)
+            self._authorities[authority] = window
 
     def add_client_clock(self, client: str, clock_ns: int, round_trip_ns: int) -> None:
-        """Note a client's real-time clock when it sent a message that has arrived now.
+        """Add a client's real-time clock when it sent a message that has arrived now.
 
         Args:
             client: The client's id.
@@ -132,10 +131,10 @@ class ClockOffsets:
         with self._lock:
             known = self._clients.get(client)
             if known is not None:
-                known.tell(now_ns, ahead_ns, round_trip_ns)
+                known.add(now_ns, ahead_ns, round_trip_ns)
             else:
                 known = _Client(now_ns, ahead_ns)
-            _put_last(self._clients, client, known)
+            self._clients[client] = known
 
     def client_gone(self, client: str) -> None:
         """Forget a client that is not connected any more."""
@@ -150,7 +149,7 @@ class ClockOffsets:
         return [{**record, **known.get(record["name"], nothing)} for record in records]
 
     def client_records(self) -> list[dict[str, Any]]:
-        """A record of each connected client that has told its clock."""
+        """A record of each connected client that has sent its clock."""
         now_ns = time.time_ns()
         with self._lock:
             known = [(name, it.interval_s(), it.heard_ns) for name, it in self._clients.items()]
@@ -189,14 +188,6 @@ class ClockOffsets:
             for kind, name, (least, greatest) in heard
             if (reason := _judge(kind, least, greatest)) is not None
         ]
-
-
-def _put_last(entries: OrderedDict[str, _Entry], name: str, entry: _Entry) -> None:
-    """Make an entry the last, and forget the first if there are too many."""
-    entries[name] = entry
-    entries.move_to_end(name)
-    if len(entries) > _MAX_ENTRIES:
-        entries.popitem(last=False)
 
 
 def _fields(window: _Window) -> dict[str, float]:

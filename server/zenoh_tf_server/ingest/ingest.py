@@ -1,6 +1,6 @@
 """Ingest of published transforms: each put is one transaction, and a bad one harms no other.
 
-One thread takes the puts from Zenoh, sorts them into a queue per authority (`put_queues`), and
+One thread receives the puts from Zenoh, sorts them into a queue per authority (`put_queues`), and
 commits the small ones. A second thread commits the large ones, so that nobody waits for them.
 docs/explanation/decisions/0009-puts-queue-per-authority.md has the reasons and the figures.
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -23,6 +23,7 @@ from zenoh.handlers import FifoChannel
 from zenoh_tf import threads, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf._net import keys
+from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.text import quoted
 
@@ -37,9 +38,9 @@ from .refusals import Refusals
 _CHANNEL: Final = 64
 #: A queue that is filled above this part of its limits presses: the receiver holds back.
 _PRESSING: Final = 0.25
-#: The receiver takes no more at once than this part of a queue's limit, unless it is late.
+#: The receiver accepts no more at once than this part of a queue's limit, unless it is late.
 _BATCH: Final = 0.125
-#: While a queue presses, the puts of others are taken from Zenoh at least this often.
+#: While a queue presses, the puts of others are received from Zenoh at least this often.
 _HOLD_BACK_S: Final = 0.025
 #: The same while it is alone, and there is room.
 _HOLD_BACK_ALONE_S: Final = 0.1
@@ -87,7 +88,7 @@ class Ingest:
         self._max_queue_bytes = limits.put_queue_bytes
         self._lock = threading.Condition()  # of the queues and the counters
         self._queues = PutQueues(limits.put_queue_bytes, limits.put_queues_bytes)
-        self._sources: OrderedDict[str, tuple[str, bool] | None] = OrderedDict()  # by key
+        self._sources = BoundedMap[str, tuple[str, bool] | None](_KNOWN_KEYS)  # by key
         self._subscriber: zenoh.Subscriber[Any] | None = None
         self._threads: list[threading.Thread] = []
         self._closing = False
@@ -226,7 +227,7 @@ class Ingest:
         late = bool(self._pressing) and not self._is_alone(now_s)
         most_bytes = self._limits.put_queues_bytes if late else self._max_queue_bytes * _BATCH
         puts: list[Put] = []
-        taken = 0
+        size = 0
         while True:
             put = self._put_of(sample, now_ns)
             if put is not None:
@@ -234,8 +235,8 @@ class Ingest:
                     self._other_seen_s = now_s if puts else self._last_seen_s
                     self._last_authority = put.authority
                 puts.append(put)
-                taken += put.size
-            if taken >= most_bytes or len(puts) >= _CHANNEL:
+                size += put.size
+            if size >= most_bytes or len(puts) >= _CHANNEL:
                 break
             sample = handler.try_recv()
             if sample is None:
@@ -286,8 +287,6 @@ class Ingest:
             self._refuse(key, None, 1, error)
             return None
         self._sources[key] = source
-        if len(self._sources) > _KNOWN_KEYS:
-            self._sources.popitem(last=False)
         return source
 
     def _count_lost(self, lost: list[Put]) -> None:

@@ -10,8 +10,8 @@ Invariants
 1. The puts of an authority leave in the order in which they came, one turn at a time: until `done`
    no other turn of that queue is given out.
 2. Bytes and puts are bounded, per queue and in all. A full queue drops its oldest dynamic put, as
-   the newest one tells most about where things are. A static put is never dropped for another one:
-   if nothing else can make room, it is refused, and the caller tells.
+   the newest one says most about where things are. A static put is never dropped for another one:
+   if nothing else can make room, it is refused, and the caller reports that.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from zenoh_tf._core import TransformRows
 PUT_COST: Final = 4096
 #: One turn ends after this cost: about 15 small puts, or one with 700 transforms.
 _TURN_COST: Final = 64 << 10
-#: A put above this size takes long: another thread than that of the small ones commits it.
+#: A put above this size needs long: another thread than that of the small ones commits it.
 LARGE_BYTES: Final = 256 << 10
 #: Puts per queue: most are small, and cost more memory than their bytes.
 MAX_PUTS: Final = 65_536
@@ -36,13 +36,13 @@ MAX_PUTS: Final = 65_536
 _MAX_QUEUES: Final = 1024
 
 
-def _tell_nobody(accepted: bool) -> None:
+def _report_nothing(accepted: bool) -> None:
     """For puts whose sender does not ask."""
 
 
 @dataclass(slots=True, eq=False)
 class Put:
-    """One message on its way to the tree."""
+    """One message for the tree."""
 
     authority: str
     static: bool
@@ -53,7 +53,7 @@ class Put:
     decode: Callable[[bytes], TransformRows] | None = None
     #: Called once: True after it was committed, False if it was refused. Not if it is dropped, or
     #: if its parts are committed in its place.
-    done: Callable[[bool], None] = _tell_nobody
+    done: Callable[[bool], None] = _report_nothing
     #: Makes the puts to commit in its place if it is refused, so that one bad row refuses only its
     #: own part. They have no parts themselves.
     parts: Callable[[Put], list[Put]] | None = None
@@ -169,7 +169,7 @@ class PutQueues:
         )
 
     def take(self, *, small_only: bool) -> Turn | None:
-        """The next turn; with `small_only` one that takes little time. None if there is none."""
+        """The next turn; with `small_only` one that needs little time. None if there is none."""
         queue = self._pop(small_only)
         if queue is None:
             return None
@@ -184,7 +184,7 @@ class PutQueues:
         return Turn(queue, puts, cost)
 
     def done(self, turn: Turn) -> None:
-        """Note that the puts of a turn are committed."""
+        """End a turn, whose puts are committed."""
         queue = turn.queue
         queue.busy = False
         queue.start += turn.cost
@@ -195,7 +195,7 @@ class PutQueues:
 
     @property
     def has_small(self) -> bool:
-        """True if a turn is due that takes little time."""
+        """True if a turn is due that needs little time."""
         return bool(self._small)
 
     @property

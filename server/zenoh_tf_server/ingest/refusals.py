@@ -8,9 +8,10 @@ remembered as a tree knows; of the others only those that were refused last.
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Final
+
+from zenoh_tf.bounded_map import BoundedMap
 
 from ..limits import Limits
 
@@ -29,21 +30,18 @@ class _Refused:
 
 class Refusals:
     def __init__(self, limits: Limits) -> None:
-        self._limits = limits
         self._lock = threading.Lock()
         # Both: least recently refused, or first accepted, first.
-        self._accepted: OrderedDict[str, _Refused] = OrderedDict()
-        self._never_accepted: OrderedDict[str, _Refused] = OrderedDict()
+        self._accepted = BoundedMap[str, _Refused](_MAX_ACCEPTED)
+        self._never_accepted = BoundedMap[str, _Refused](limits.refused_authorities)
 
     def accept(self, authority: str) -> None:
-        """Note that a message of `authority` was accepted."""
+        """Record that a message of `authority` was accepted."""
         if authority in self._accepted or not authority:
             return
         with self._lock:
             entry = self._never_accepted.pop(authority, None)
             self._accepted[authority] = entry or _Refused()
-            if len(self._accepted) > _MAX_ACCEPTED:
-                self._accepted.popitem(last=False)
 
     def refuse(self, authority: str, transforms: int, reason: str) -> None:
         """Count refused transforms of `authority`, and remember why."""
@@ -85,10 +83,7 @@ class Refusals:
         if entry is not None:
             self._accepted.move_to_end(authority)
             return entry
-        entry = self._never_accepted.setdefault(authority, _Refused())
-        self._never_accepted.move_to_end(authority)
-        if len(self._never_accepted) > self._limits.refused_authorities:
-            self._never_accepted.popitem(last=False)
+        entry = self._never_accepted[authority] = self._never_accepted.get(authority) or _Refused()
         return entry
 
 

@@ -1,6 +1,6 @@
 """ROS 2 in and out (``--ros2``, ``--ros2-publish``).
 
-`settings` has the flags, `incoming` takes messages to the put queues, `publishers` tells whose they
+`settings` has the flags, `incoming` adds messages to the put queues, `publishers` finds whose they
 are, `prefixes` names the frames, `statics` keeps what publishers latch, and `outgoing` publishes.
 """
 
@@ -31,7 +31,7 @@ def start(
     limits: Limits,
     stack: ExitStack,
 ) -> None:
-    """Take part in the ROS 2 network of a session, until the stack is closed."""
+    """Join the ROS 2 network of a session, until the stack is closed."""
     if settings.publish:
         outgoing = Outgoing(
             service.tree, links, settings.publish, settings.rate_hz, settings.domain

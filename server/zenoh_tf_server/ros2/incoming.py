@@ -1,4 +1,4 @@
-"""ROS 2 in: takes the messages of `/tf` and `/tf_static` to the server's put queues.
+"""ROS 2 in: adds the messages of `/tf` and `/tf_static` to the server's put queues.
 
 From there on they are puts like any other: one transaction each, with the same limits, counters
 and fair queues. Their authority is the ROS node, or the bridge.
@@ -93,12 +93,12 @@ class Incoming:
         self._ingest.add(puts)
 
     def _receive_static(self, messages: list[Received]) -> None:
-        self._take_statics(messages, wait=True)
+        self._add_statics(messages, wait=True)
 
     def _receive_history(self, message: Received) -> None:
-        self._take_statics([message], wait=False)
+        self._add_statics([message], wait=False)
 
-    def _take_statics(self, messages: list[Received], *, wait: bool) -> None:
+    def _add_statics(self, messages: list[Received], *, wait: bool) -> None:
         """Put what is new in messages of `/tf_static`. What cannot be decoded is left to the put
         queue, which refuses it as any put."""
         accepted = 0
@@ -114,7 +114,7 @@ class Incoming:
                 put.payload = message.payload.to_bytes()
                 try:
                     rows = decode(put.payload)
-                    news = self._statics.take(source, message.number, rows, live=wait)
+                    news = self._statics.record(source, message.number, rows, live=wait)
                 except TransformException:
                     pass
                 else:

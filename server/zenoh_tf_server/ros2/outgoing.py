@@ -6,7 +6,7 @@ keeps only the last message. Humble knows another key than later releases, and b
 so each message is put on all three; without a subscriber that costs nothing.
 
 No loops: what came from ROS 2 has such an authority, and is not published, nor is what a robot's
-server has got in this way from a server like this one.
+server has got over ROS 2 from a server like this one.
 
 Thread safety: all methods.
 """
@@ -27,6 +27,7 @@ from zenoh import ext
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
+from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.errors import TransformException
 from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.attachment import Attachment
@@ -45,7 +46,7 @@ _QOS: Final = {"tf": "1:2:1,100:,:,:,,", "tf_static": "1:1:1,1:,:,:,,"}
 _MAX_WAITING: Final = 200_000
 #: Transforms in one message.
 _MAX_ROWS: Final = 1000
-#: How often changes of static links are looked for.
+#: How often changes of static links are published.
 _STATICS_S: Final = 0.1
 _KNOWN_NAMES: Final = 65_536
 
@@ -113,7 +114,7 @@ class Outgoing:
         self._patterns = patterns
         self._period_s = 1 / rate_hz
         self._domain = domain
-        self._chosen: dict[str, bool] = {}
+        self._chosen = BoundedMap[str, bool](_KNOWN_NAMES)
         self._lock = threading.Lock()
         self._commits: deque[tuple[wire.Commit, Stores]] = deque()
         self._waiting = 0  # transforms in them
@@ -155,7 +156,7 @@ class Outgoing:
                 peer.publisher.undeclare()
 
     def committed(self, commit: wire.Commit, stored: Stores) -> None:
-        """Take note of a commit that the tree has applied."""
+        """Queue a commit that the tree has applied."""
         if commit.static or commit.authority.startswith(AUTHORITIES) or is_echo(commit.authority):
             return
         with self._lock:
@@ -184,7 +185,7 @@ class Outgoing:
     def _attempt(self, publish: Callable[[], None]) -> None:
         try:
             publish()
-        except Exception as error:  # publishing must go on
+        except Exception as error:  # publishing must continue
             self._log.warn("publishing on ROS 2", f"{type(error).__name__}: {error}")
 
     # --- moving frames
@@ -212,8 +213,6 @@ class Outgoing:
     def _is_chosen(self, name: str) -> bool:
         chosen = self._chosen.get(name)
         if chosen is None:
-            if len(self._chosen) >= _KNOWN_NAMES:
-                self._chosen.clear()
             chosen = any(fnmatchcase(name, pattern) for pattern in self._patterns)
             self._chosen[name] = chosen
         return chosen

@@ -12,7 +12,6 @@ import logging
 import re
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -20,6 +19,7 @@ from typing import Any, Final
 import zenoh
 
 from zenoh_tf._core import TransformRows
+from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher, Topic
 from zenoh_tf.ros2.topics import Received
@@ -40,7 +40,7 @@ _MAX_SOURCES: Final = 4096
 #: ones that they sent before are not asked for.
 MAX_PUBLISHERS: Final = 4096
 _LONGEST_AUTHORITY: Final = 255
-#: A publisher's first message may overtake its token, whose change another thread tells. So it is
+#: A publisher's first message may overtake its token, whose change another thread reports. So it is
 #: waited for: once for each publisher, and over all for this time and this part of the time since.
 #: Somebody who invents ids cannot hold others up for longer.
 _TOKEN_S: Final = 0.05
@@ -66,7 +66,7 @@ class Source:
 
     @property
     def identity(self) -> tuple[str, str]:
-        """Stands for the publisher, as far as it can be told from others of its key."""
+        """Stands for the publisher, as far as it differs from others of its key."""
         return self.key, self.zid or (self.gid.hex() if self.gid else "")
 
 
@@ -84,7 +84,7 @@ class Publishers:
         self._waited_s = time.monotonic()
         self._by_token: dict[str, Publisher] = {}
         self._by_gid: dict[bytes, Publisher] = {}
-        self._sources: OrderedDict[tuple[str, bytes | None, str | None], Source] = OrderedDict()
+        self._sources = BoundedMap[tuple[str, bytes | None, str | None], Source](_MAX_SOURCES)
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._listeners: list[Callable[[Publisher], None]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
@@ -163,8 +163,6 @@ class Publishers:
             source = Source(authority, message.key, zid, message.gid, message.topic, is_copy)
             # Kept although a token may come later: a publisher must not change its name.
             self._sources[message.key, message.gid, message.zid] = source
-            if len(self._sources) > _MAX_SOURCES:
-                self._sources.popitem(last=False)
         return source
 
     def _wait_for_token(self, gid: bytes | None) -> None:

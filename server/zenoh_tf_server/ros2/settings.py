@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass
 
 from zenoh_tf.errors import InvalidArgumentException
-from zenoh_tf.text.flag_values import duration, number, whole
+from zenoh_tf.text.flag_values import duration, frames, number, whole
 
 from ..ingest.prefixes import PrefixRule, parse_rule
 
@@ -30,7 +30,7 @@ class Ros2Settings:
 
     @property
     def enabled(self) -> bool:
-        """True if the server takes part in a ROS 2 network."""
+        """True if the server joins a ROS 2 network."""
         return self.receive or bool(self.publish)
 
 
@@ -42,7 +42,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--ros2",
         action="store_true",
-        help="take the transforms of /tf and /tf_static",
+        help="ingest the transforms of /tf and /tf_static",
     )
     group.add_argument(
         "--ros2-prefix",
@@ -55,7 +55,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--ros2-shared",
-        type=_names,
+        type=frames,
         default=(),
         metavar="FRAMES",
         help="frames that get no prefix, as in map,world,earth",
@@ -120,10 +120,3 @@ def _rule(text: str) -> PrefixRule:
         return parse_rule(text)
     except InvalidArgumentException as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _names(text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a list of frames, as in map,world")
-    return names

@@ -5,7 +5,7 @@ again to late subscribers. So what each publisher has sent is kept here, and onl
 to the tree, and what the tree has refused or lost since, by a reset for instance. Of several
 publishers of a child the one that sent last counts. A publisher whose token
 has been gone for `--ros2-static-grace` is forgotten: its links pass to another publisher that has
-sent them too, or leave the tree. A router's restart takes tokens away for a moment only.
+sent them too, or leave the tree. A router's restart removes tokens for a moment only.
 
 Thread safety: all methods.
 """
@@ -33,7 +33,7 @@ from ..state.static_links import StaticLinks
 from .histories import Histories
 from .publishers import MAX_PUBLISHERS, Source
 
-#: How often it is looked whose grace has ended.
+#: How often publishers whose grace has ended are forgotten.
 _PERIOD_S: Final = 0.25
 _REMOVAL_S: Final = 5.0
 #: Most links that are remembered by publisher. Others are stored each time that they come, and stay
@@ -56,7 +56,7 @@ class _Link:
 
     def older(self, other: _Link) -> bool:
         """True if the other one's publisher sent it later. A session's publishers, and a node that
-        is made again, count for themselves: their numbers tell nothing of each other."""
+        is made again, count for themselves: their numbers are not comparable."""
         return (
             self.gid == other.gid
             and self.number is not None
@@ -117,7 +117,7 @@ class Statics:
         self._thread.close()
 
     def peer_found(self, peer: Peer) -> None:
-        """Take note of a publisher of transforms that has appeared."""
+        """Ask a publisher of transforms that has appeared, if it is an old bridge."""
         self._histories.ask_old_bridge(peer)
 
     def counters(self) -> dict[str, int]:
@@ -128,10 +128,10 @@ class Statics:
             "ros2_unanswered": self._histories.failures,
         }
 
-    def take(
+    def record(
         self, source: Source, number: int | None, rows: TransformRows, *, live: bool = True
     ) -> Put | None:
-        """Note a message, and return the put of what the tree needs of it; None if nothing.
+        """Record a message, and return the put of what the tree needs of it; None if nothing.
 
         Args:
             source: Its publisher.
@@ -149,7 +149,7 @@ class Statics:
             new: dict[str, _Link] = {}
             for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
                 link = _Link(names[parent], stamp_ns, tuple(pose), source.gid, number)
-                if self._note(publisher, source.identity, names[child], link, live=live):
+                if self._record(publisher, source.identity, names[child], link, live=live):
                     new[names[child]] = link
         if not new:
             return None
@@ -174,15 +174,15 @@ class Statics:
         return publisher
 
     def _done(self, links: dict[str, _Link], accepted: bool) -> None:
-        """Note that the put of some links was committed or refused."""
+        """Record that the put of some links was committed or refused."""
         with self._lock:
             for link in links.values():
                 link.waits, link.refused = False, not accepted
 
-    def _note(
+    def _record(
         self, publisher: _Publisher, identity: _Identity, child: str, link: _Link, *, live: bool
     ) -> bool:
-        """Note a link; True if the tree must get it. Requires the lock."""
+        """Record a link; True if the tree must get it. Requires the lock."""
         known = publisher.links.get(child)
         if known is not None:
             if link.older(known):

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 SCHEMA_VERSION: Final = 3
-#: Tells the file from other SQLite databases ("ztfs").
+#: Distinguishes the file from other SQLite databases ("ztfs").
 _APPLICATION_ID: Final = 0x7A746673
 _NAME: Final = "state.sqlite3"
 _LOCK_NAME: Final = "lock"
@@ -297,7 +297,7 @@ def _served_row(tree: str) -> tuple[str, int]:
 
 
 def _lock(folder: Path) -> int:
-    """Lock a folder until the returned descriptor is closed, or the process ends in any way."""
+    """Lock a folder until the returned descriptor is closed, or the process ends."""
     descriptor = os.open(folder / _LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

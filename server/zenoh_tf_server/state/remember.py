@@ -1,4 +1,4 @@
-"""Stores the last poses of chosen dynamic frames: a thread looks at them once a second.
+"""Stores the last poses of chosen dynamic frames: a thread reads them once a second.
 
 Thread safety: all methods.
 """

@@ -129,7 +129,7 @@ def _restore(tree: TransformTree, stored: Stored, settings: StateSettings, path:
 
 
 def _restore_last_poses(tree: TransformTree, stored: Stored, settings: StateSettings) -> int:
-    """Commit the last poses that still make sense. Returns how many."""
+    """Commit the last poses that are still valid. Returns how many."""
     restored = 0
     for frame in settings.remember:
         link = stored.last_poses.get(frame)

@@ -1,7 +1,7 @@
 """The tree's static links: which there are, who may announce them again, and what is stored.
 
 Every change of a static link goes through this class, under one lock. So the state file gets the
-changes in the order in which the tree has seen them. Dynamic commits take no lock here, unless
+changes in the order in which the tree has seen them. Dynamic commits acquire no lock here, unless
 one makes a static link dynamic.
 
 Thread safety: all methods.
@@ -291,7 +291,7 @@ class StaticLinks:
         return record is not None and bool(record["static"])
 
     def _forget(self, names: list[str]) -> Changed:
-        """Note that static links were removed. Returns what to store."""
+        """Record that static links were removed. Returns what to store."""
         changes: Changed = {}
         for name in names:
             changes[Table.STATIC_LINKS, name] = None

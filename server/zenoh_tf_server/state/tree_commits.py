@@ -1,4 +1,4 @@
-"""Commits a transaction's columns to the tree, and tells which static links it leaves there."""
+"""Commits a transaction's columns to the tree, and finds which static links it leaves there."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class StateWriter:
         self._thread = threads.start("state", self._run)
 
     def put(self, changes: Changes) -> int:
-        """Take changes to write soon. Returns the ticket to `wait` for. Never blocks for long."""
+        """Queue changes to write. Returns the ticket to `wait` for. Never blocks for long."""
         with self._changed:
             self._pending.update(changes)
             self._last_ticket += 1
@@ -90,7 +90,7 @@ class StateWriter:
     def _not_durable(self, reason: str) -> NotDurable:
         return NotDurable(
             f"the write was applied, but the server cannot store it: {reason}; it would be lost "
-            "if the server ended now. The server goes on trying to store it; do not send it again",
+            "if the server ended now. The server keeps trying to store it; do not send it again",
             field="state_dir",
         )
 

@@ -15,13 +15,13 @@ import contextlib
 import logging
 import secrets
 import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final
 
 import zenoh
 
 from zenoh_tf._net import keys
+from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.errors import InvalidArgumentException
 
 from ..requests.handler import UNKNOWN
@@ -42,7 +42,7 @@ class Clients:
         self._lock = threading.Lock()
         #: Changed under the lock, read without.
         self.connected: set[str] = set()
-        self._gone: OrderedDict[str, None] = OrderedDict()  # the latest last
+        self._gone = BoundedMap[str, None](_MAX_GONE)
         self._when_gone: list[Callable[[str], None]] = []
         self._subscriber: zenoh.Subscriber[Any] | None = None
 
@@ -96,8 +96,6 @@ class Clients:
                 return
             self._gone[client] = None
             self.connected.remove(client)
-            if len(self._gone) > _MAX_GONE:
-                self._gone.popitem(last=False)
         log.debug("client %s is gone", client, extra={"client": client})
         for callback in self._when_gone:
             try:
