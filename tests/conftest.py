@@ -121,8 +121,12 @@ LendServer = Callable[..., ServerProcess]
 
 
 @pytest.fixture
-def lend_server(server_pool: Pool) -> LendServer:
-    return server_pool.lend
+def lend_server(
+    request: pytest.FixtureRequest, server_pool: Pool, start_server: StartServer
+) -> LendServer:
+    """A test that is marked ``own_server`` gets servers of its own."""
+    own = request.node.get_closest_marker("own_server") is not None
+    return start_server if own else server_pool.lend
 
 
 @pytest.fixture(scope="module")
@@ -132,12 +136,9 @@ def shared_server(server_pool: Pool) -> ServerProcess:
 
 
 @pytest.fixture
-def server(
-    request: pytest.FixtureRequest, lend_server: LendServer, start_server: StartServer
-) -> ServerProcess:
-    """A server with the defaults; one of its own for a test that is marked ``own_server``."""
-    own = request.node.get_closest_marker("own_server") is not None
-    return start_server() if own else lend_server()
+def server(lend_server: LendServer) -> ServerProcess:
+    """A server with the defaults."""
+    return lend_server()
 
 
 @pytest.fixture

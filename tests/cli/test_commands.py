@@ -21,8 +21,6 @@ from zenoh_tf_tools.cli.main import _parser
 
 from .conftest import document, refusal, succeeds
 
-pytestmark = pytest.mark.own_server
-
 
 @pytest.mark.usefixtures("chain")
 def test_lookup_interpolates_at_a_time(run: Run) -> None:
@@ -109,6 +107,7 @@ def test_velocity_over_no_time(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+@pytest.mark.own_server
 def test_frames_draws_the_tree(run: Run) -> None:
     succeeds(run("set", "base", "arm", "0", "0", "0", "--stamp", "2.5s", "--authority", "motors"))
     _, *lines = succeeds(run("frames")).splitlines()
@@ -163,6 +162,7 @@ def test_frames_of_an_empty_tree(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+@pytest.mark.own_server
 def test_frame(run: Run) -> None:
     succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "2s", "--authority", "hand"))
     record = document(run("frame", "base", "--json"))
@@ -210,6 +210,7 @@ def test_stats_count(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+@pytest.mark.own_server
 def test_authorities(run: Run) -> None:
     succeeds(run("set", "map", "base", "0", "0", "0", "--stamp", "2s", "--authority", "a hand"))
     found = document(run("authorities", "--json"))["authorities"]
@@ -253,6 +254,7 @@ def test_clients(run: Run, client: TransformClient) -> None:
     ]
 
 
+@pytest.mark.own_server
 def test_authorities_of_an_empty_tree(run: Run) -> None:
     assert succeeds(run("authorities")) == "no authorities\n"
 

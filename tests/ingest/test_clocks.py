@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import StartServer
+from tests.conftest import LendServer
 from tests.processes.servers import ServerProcess
 from tests.server.test_metrics import until, value
 from tests.support.waiting import wait_until
@@ -24,8 +24,6 @@ from zenoh_tf import (
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session import exchange
 from zenoh_tf_server.ingest.clock_offsets import WINDOW_NS, ClockOffsets
-
-pytestmark = pytest.mark.own_server
 
 YEAR_S = 365 * 86_400.0
 TIMEOUT_S = 30.0
@@ -59,8 +57,9 @@ def wait_for_log(server: ServerProcess, *texts: str) -> None:
 
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])
-def test_one_bad_stamp_harms_nobody(start_server: StartServer, time_jump: str) -> None:
-    server = start_server("--time-jump", time_jump)
+@pytest.mark.own_server
+def test_one_bad_stamp_harms_nobody(lend_server: LendServer, time_jump: str) -> None:
+    server = lend_server("--time-jump", time_jump)
     with server.connect() as tf:
         good, bad = tf.broadcaster("good"), tf.broadcaster("bad")
         for _ in range(5):
@@ -84,11 +83,11 @@ def test_one_bad_stamp_harms_nobody(start_server: StartServer, time_jump: str) -
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])
 def test_a_sensor_with_a_wrong_clock_harms_only_its_own_frame(
-    start_server: StartServer, time_jump: str
+    lend_server: LendServer, time_jump: str
 ) -> None:
     """Three sensors: 10 s ahead until its clock is set, drifting, and exact. The cache time is
     shorter than the error, so that the step back is more than a late sample."""
-    server = start_server("--time-jump", time_jump, "--cache-time", "5s")
+    server = lend_server("--time-jump", time_jump, "--cache-time", "5s")
     with server.connect() as tf:
         ahead, drifting, exact = (tf.broadcaster(name) for name in ("ahead", "drifting", "exact"))
         sent = 0
@@ -117,9 +116,9 @@ def test_a_sensor_with_a_wrong_clock_harms_only_its_own_frame(
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])
 def test_a_stored_stamp_far_ahead_does_not_end_the_frame(
-    start_server: StartServer, time_jump: str
+    lend_server: LendServer, time_jump: str
 ) -> None:
-    server = start_server("--time-jump", time_jump, "--future", "flag")
+    server = lend_server("--time-jump", time_jump, "--future", "flag")
     with server.connect() as tf:
         good, bad = tf.broadcaster("good"), tf.broadcaster("bad")
         good.send([at("base"), at("arm")])
@@ -139,8 +138,8 @@ def test_a_stored_stamp_far_ahead_does_not_end_the_frame(
         )
 
 
-def test_a_call_from_the_future_is_refused(start_server: StartServer) -> None:
-    server = start_server("--max-future-s", "60")
+def test_a_call_from_the_future_is_refused(lend_server: LendServer) -> None:
+    server = lend_server("--max-future-s", "60")
     with server.connect() as tf:
         for write in (tf.set_transform, lambda row: tf.set_transforms_xact([row])):
             with pytest.raises(InvalidArgumentException) as caught:
@@ -156,11 +155,12 @@ def test_a_call_from_the_future_is_refused(start_server: StartServer) -> None:
         tf.set_transform(StampedTransform("map", "simulated", 1, Transform()))
 
 
-def test_without_a_limit_any_stamp_is_stored(start_server: StartServer) -> None:
-    with start_server("--max-future-s", "0").connect() as tf:
+def test_without_a_limit_any_stamp_is_stored(lend_server: LendServer) -> None:
+    with lend_server("--max-future-s", "0").connect() as tf:
         assert tf.set_transform(at("base", YEAR_S))
 
 
+@pytest.mark.own_server
 def test_clocks_that_are_off_are_reported_by_name(server: ServerProcess) -> None:
     with server.connect() as tf:
         offsets = {"exact": 0.0, "ahead": 10.0, "behind": -10.0, "simulated": -time.time() + 5}
@@ -208,10 +208,11 @@ class Ahead:
 
 
 @pytest.mark.parametrize("ahead_s", [10.0, -10.0])
+@pytest.mark.own_server
 def test_a_client_whose_clock_is_off_is_shown(
-    start_server: StartServer, monkeypatch: pytest.MonkeyPatch, ahead_s: float
+    lend_server: LendServer, monkeypatch: pytest.MonkeyPatch, ahead_s: float
 ) -> None:
-    server = start_server("--metrics", "127.0.0.1:0")
+    server = lend_server("--metrics", "127.0.0.1:0")
     with ExitStack() as stack:
         with monkeypatch.context() as patch:
             patch.setattr(exchange, "time", Ahead(ahead_s))

@@ -29,8 +29,6 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf_client import TransformClient
 
-pytestmark = pytest.mark.own_server
-
 REQUEST_TYPES = ("lookup", "commit", "batch", "info", "admin")
 
 
@@ -88,6 +86,7 @@ def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
     assert "seq" not in wires.query("commit", wire.pack(commit(child="map")))  # refused
 
 
+@pytest.mark.own_server
 def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: TransformClient) -> None:
     rows = 50_000
     names = ["root", *(f"f{row}" for row in range(rows))]
@@ -258,6 +257,7 @@ def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: Transfo
     assert "Traceback" not in server.log
 
 
+@pytest.mark.own_server
 def test_a_bad_put_names_authority_and_field(
     server: ServerProcess, wires: Raw, client: TransformClient
 ) -> None:
@@ -269,6 +269,7 @@ def test_a_bad_put_names_authority_and_field(
     assert client.frames() == []
 
 
+@pytest.mark.own_server
 def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient) -> None:
     """In transforms, with the last reason, and also for authorities with nothing but refusals."""
     two_rows = {

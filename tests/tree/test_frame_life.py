@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.conftest import StartServer
+from tests.conftest import LendServer
 from zenoh_tf import (
     AuthorityInfo,
     BackwardExtrapolationException,
@@ -27,13 +27,13 @@ MakeTf = Callable[..., Tf]
 
 
 @pytest.fixture(params=["embedded", "remote"])
-def make_tf(request: pytest.FixtureRequest, start_server: StartServer) -> Iterator[MakeTf]:
+def make_tf(request: pytest.FixtureRequest, lend_server: LendServer) -> Iterator[MakeTf]:
     clients: list[TransformClient] = []
 
     def make(time_jump: str = "reject") -> Tf:
         if request.param == "embedded":
             return TransformTree(time_jump=time_jump)  # type: ignore[arg-type]
-        client = start_server("--time-jump", time_jump).connect()
+        client = lend_server("--time-jump", time_jump).connect()
         clients.append(client)
         return client
 
@@ -70,6 +70,7 @@ def test_a_removed_frame_is_gone_with_its_link_history_and_name(tf: Tf) -> None:
     assert tf.lookup_transform("map", "base").stamp_ns == SECOND
 
 
+@pytest.mark.own_server
 def test_a_removed_frame_comes_back_empty_with_the_next_set(tf: Tf) -> None:
     put(tf, "map", "cup", 1, authority="left")
     put(tf, "map", "cup", 2, authority="left")
@@ -132,6 +133,7 @@ def test_invalid_names_cannot_be_removed(tf: Tf) -> None:
         assert caught.value.field == "name"
 
 
+@pytest.mark.own_server
 def test_reset_drops_samples_static_links_and_names(tf: Tf) -> None:
     put(tf, "map", "base", 1, authority="wheels")
     put(tf, "base", "camera", 0, authority="mounts", static=True)
@@ -193,6 +195,7 @@ def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None
 
 
 @pytest.mark.parametrize("between", [100.1, 95.0])
+@pytest.mark.own_server
 def test_good_transforms_between_late_ones_keep_the_history(
     make_tf: MakeTf, between: float
 ) -> None:
@@ -215,6 +218,7 @@ def test_late_transforms_far_apart_keep_the_history(make_tf: MakeTf) -> None:
 
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])
+@pytest.mark.own_server
 def test_a_frame_recovers_from_a_stamp_far_ahead(make_tf: MakeTf, time_jump: str) -> None:
     tf = make_tf(time_jump)
     now = time.time()
@@ -256,6 +260,7 @@ def test_backward_extrapolation_names_the_link_at_that_time(tf: Tf) -> None:
         assert fact in str(error)
 
 
+@pytest.mark.own_server
 def test_the_last_change_of_a_link(tf: Tf) -> None:
     put(tf, "map", "base", 1, authority="odometry")
     assert tf.frame("base").last_change is None
@@ -272,6 +277,7 @@ def test_the_last_change_of_a_link(tf: Tf) -> None:
     assert (info.authority_changes, info.reparented, info.switched) == (2, 1, 1)
 
 
+@pytest.mark.own_server
 def test_counters_of_each_authority(tf: Tf) -> None:
     put(tf, "map", "base", 1)  # without an authority
     put(tf, "map", "base", 100, authority="a")

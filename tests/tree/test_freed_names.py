@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from tests.conftest import StartServer
+from tests.conftest import LendServer
 from zenoh_tf import (
     ConnectivityException,
     LimitExceeded,
@@ -25,13 +25,13 @@ MakeTf = Callable[[int], Tf]
 
 
 @pytest.fixture(params=["embedded", "remote"])
-def make_tf(request: pytest.FixtureRequest, start_server: StartServer) -> Iterator[MakeTf]:
+def make_tf(request: pytest.FixtureRequest, lend_server: LendServer) -> Iterator[MakeTf]:
     clients: list[TransformClient] = []
 
     def make(max_frames: int) -> Tf:
         if request.param == "embedded":
             return TransformTree(max_frames=max_frames)
-        clients.append(start_server("--limit", f"frames={max_frames}").connect())
+        clients.append(lend_server("--limit", f"frames={max_frames}").connect())
         return clients[-1]
 
     yield make
@@ -106,9 +106,9 @@ def test_a_past_link_does_not_lead_to_the_next_frame(make_tf: MakeTf) -> None:
 
 
 def test_a_transaction_conflicts_if_its_frame_was_removed_and_came_back(
-    start_server: StartServer,
+    lend_server: LendServer,
 ) -> None:
-    with start_server("--limit", "frames=4").connect() as tf:
+    with lend_server("--limit", "frames=4").connect() as tf:
         for others in range(4):
             tf.set_transform(pose("map", "cup", 1))
             with pytest.raises(TransactionConflict), tf.transaction() as xact:
