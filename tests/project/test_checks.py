@@ -68,7 +68,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     (
         "lock_order",
         "zenoh_tf/core/records/region.hpp",
-        "see tree.hpp",
+        "see tree_state.hpp",
         "the last",
         "in zenoh_tf/core/tree",
     ),
@@ -76,7 +76,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("core_rooms", f"{CORE}/names/hash.hpp", "base/compiler", "compiler", "from the core's root"),
     ("core_rooms", f"{CORE}/names/table.hpp", "The room", "A room", "one header of names/"),
     ("core_rooms", f"{CORE}/names/table.hpp", "include base, ", "include ", "It may include base"),
-    ("core_rooms", f"{CORE}/waiting/wait_list.cpp", '#include "tree.hpp"', "", "any more"),
+    ("core_rooms", f"{CORE}/records/layout.hpp", '#include "names/reader.hpp"', "", "any more"),
     ("core_rooms", f"{CORE}/extra/new.hpp", r"\Z", "// New.\n", "extra is no room"),
     ("shown_examples", "examples/first.py", "2.0", "3.0", "README.md:1: shows"),
     ("api_reference", f"{REF}/api/client.md", r"::: \S+Transaction\n", "", "Transaction"),
