@@ -1,4 +1,4 @@
-"""The command line against a real server, every command in a process of its own."""
+"""The command line against a real server."""
 
 from __future__ import annotations
 
@@ -20,6 +20,21 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.main import _parser
 
 from .conftest import document, refusal, succeeds
+
+
+@pytest.fixture
+def run(run_here: Run) -> Run:
+    """In this process; the tests at the end need processes."""
+    return run_here
+
+
+@pytest.mark.own_server
+def test_an_empty_tree(run: Run) -> None:
+    assert succeeds(run("frames")) == "no frames\n"
+    assert document(run("frames", "--json"))["frames"] == []
+    for form in ("--dot", "--mermaid"):
+        assert "no frames" in succeeds(run("frames", form))
+    assert succeeds(run("authorities")) == "no authorities\n"
 
 
 @pytest.mark.usefixtures("chain")
@@ -139,11 +154,6 @@ def test_frames_as_a_graph(run: Run) -> None:
     assert '-.->|"wheels<br/>static"|' in chart
 
 
-def test_frames_as_a_graph_of_an_empty_tree(run: Run) -> None:
-    assert "no frames" in succeeds(run("frames", "--dot"))
-    assert "no frames" in succeeds(run("frames", "--mermaid"))
-
-
 @pytest.mark.usefixtures("chain")
 def test_frames_json(run: Run) -> None:
     tree = document(run("frames", "--json"))
@@ -154,11 +164,6 @@ def test_frames_json(run: Run) -> None:
     assert records["camera"]["parent"] == "base"
     assert records["camera"]["static"] is True
     assert records["base"]["newest_stamp_ns"] == 2_000_000_000
-
-
-def test_frames_of_an_empty_tree(run: Run) -> None:
-    assert succeeds(run("frames")) == "no frames\n"
-    assert document(run("frames", "--json"))["frames"] == []
 
 
 @pytest.mark.usefixtures("chain")
@@ -189,10 +194,6 @@ def test_frame(run: Run) -> None:
 def test_frame_that_is_static_and_frame_without_a_link(run: Run) -> None:
     assert "static       holds at all times" in succeeds(run("frame", "camera"))
     assert "parent       none" in succeeds(run("frame", "map"))
-
-
-def test_frame_that_is_unknown(run: Run) -> None:
-    assert "nowhere" in refusal(run("frame", "nowhere"))
 
 
 @pytest.mark.usefixtures("chain")
@@ -254,11 +255,6 @@ def test_clients(run: Run, client: TransformClient) -> None:
     ]
 
 
-@pytest.mark.own_server
-def test_authorities_of_an_empty_tree(run: Run) -> None:
-    assert succeeds(run("authorities")) == "no authorities\n"
-
-
 @pytest.mark.usefixtures("chain")
 def test_remove(run: Run) -> None:
     assert "camera" in refusal(run("remove", "base"))  # its parent would be gone
@@ -284,13 +280,6 @@ def test_clear_keeps_static_links(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
-def test_unknown_frame(run: Run) -> None:
-    line = refusal(run("lookup", "map", "nowhere"))
-    assert "LookupException" in line
-    assert "nowhere" in line
-
-
-@pytest.mark.usefixtures("chain")
 def test_a_time_that_no_link_has(run: Run) -> None:
     line = refusal(run("lookup", "map", "base", "--at", "99s"))
     assert "ForwardExtrapolationException" in line
@@ -300,6 +289,7 @@ def test_a_time_that_no_link_has(run: Run) -> None:
     assert line.endswith("(750 ms too early)")
 
 
+@pytest.mark.own_server
 def test_authorities_shows_refusals(run: Run, client: TransformClient) -> None:
     """Also those of an authority that never had a transform accepted."""
     with client.broadcaster("broken driver") as broken:

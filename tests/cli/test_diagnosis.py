@@ -58,15 +58,6 @@ def test_what_a_server_refused(run_here: Run, client: TransformClient) -> None:
     assert (finding["id"], finding["subject"]) == ("TF106", "driver")
 
 
-@pytest.mark.parametrize(
-    "arguments", [("--for", "-1s"), ("--for", "soon"), ("--ignore", "TF999"), ("a.mcap", "surplus")]
-)
-def test_wrong_usage(command: Run, arguments: tuple[str, ...]) -> None:
-    done = command("doctor", *arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-
-
 @needs_recording
 def test_a_recording(command: Run) -> None:
     """The simulator of this run stood still for more than a second, now and then."""
@@ -120,8 +111,3 @@ def test_names_that_do_not_exist(run_here: Run) -> None:
     assert "did you mean" not in refusal(run_here("lookup", "map", "zzz"))
     done = run_here("lookup", "map", "camra", "--json")
     assert json.loads(done.stderr)["message"].endswith("; did you mean 'camera'?")
-
-
-def test_explain_without_a_server(command: Run) -> None:
-    done = command("explain", "a", "b", "--connect", "tcp/127.0.0.1:9", "--timeout", "0.2s")
-    assert "ServerUnavailable" in refusal(done)

@@ -8,8 +8,6 @@ import sys
 import threading
 import time
 
-import pytest
-
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
@@ -98,26 +96,3 @@ def test_wait_for_a_server(start_server: StartServer) -> None:
             out, err = process.communicate(timeout=50)
     assert (process.returncode, err) == (0, "")
     assert out.startswith("b in a\n")
-
-
-def test_wait_without_a_server(command: Run) -> None:
-    ended = command("wait", "a", "b", "--connect", free_endpoint(), "--for", "0.3s")
-    assert ended.returncode == 1
-    assert "ServerUnavailable" in ended.stderr
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("echo", "a"),
-        ("echo", "a", "b", "--rate", "0"),
-        ("echo", "a", "b", "--count", "0"),
-        ("echo", "a", "b", "--count", "some"),
-        ("wait", "a", "b", "--for", "-1s"),
-        ("wait", "a", "b", "--for", "nan"),
-        ("monitor", "--every", "0"),
-    ],
-)
-def test_wrong_usage(command: Run, arguments: tuple[str, ...]) -> None:
-    ended = command(*arguments)
-    assert (ended.returncode, ended.stdout) == (2, "")

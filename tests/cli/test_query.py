@@ -165,28 +165,6 @@ def test_errors_are_one_line(zenoh_tf: Run, recording: Path, tmp_path: Path) -> 
         assert message in refusal(zenoh_tf("query", *arguments))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("odom",), "give both TARGET and SOURCE, or neither"),
-        (("odom", "base", "--start", "1s"), "--start and --end belong to --every"),
-        (("odom", "base", "--every", "20"), "'20' is ambiguous: 20 seconds or 20 milliseconds"),
-        (("odom", "base", "--every", "0"), "'0' is not a duration of at least"),
-        (("odom", "base", "--at", "now"), "is not a time"),
-        (("odom", "base", "--at", "10"), "--at: '10' is ambiguous: 10 s after the recording's"),
-        (("odom", "base", "--at", "9223372036854775808ns"), "too large for 64 bits"),
-        (("odom", "base", "--every", "99999999999s"), "is not a duration of at least"),
-        (("odom", "base", "--at", "1s", "--every", "1s"), "not allowed with"),
-    ],
-)
-def test_wrong_usage(
-    zenoh_tf: Run, recording: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    done = zenoh_tf("query", str(recording), *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-
-
 def test_progress_bar_on_a_terminal(recording: Path, in_terminal: Callable[..., str]) -> None:
     output = in_terminal("query", str(recording), "odom", "base")
     assert "100 %" in output

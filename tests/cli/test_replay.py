@@ -122,22 +122,6 @@ def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -
             assert found.transform.translation[0] == pytest.approx(x)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--loop", "--rate", "0"), "need a --rate above 0"),
-        (("--clock", "now", "--rate", "0"), "need a --rate above 0"),
-        (("--start", "3"), "'3' is ambiguous: 3 s after the recording's first stamp, or the stamp"),
-        (("--rate", "-1"), "'-1' is not a number of at least 0"),
-        (("--clock", "later"), "invalid choice"),
-    ],
-)
-def test_wrong_usage(zenoh_tf: Run, arguments: tuple[str, ...], message: str) -> None:
-    done = zenoh_tf("replay", "file", *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-
-
 def test_log_order_decides_between_static_and_moving(run: Run, tmp_path: Path) -> None:
     """Static and dynamic links have different keys, which the server ingests in parallel."""
     log: Log = [
@@ -231,13 +215,6 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
         out, err = process.communicate(timeout=20)
     assert (out, err) == ("", "interrupted\n")
     assert process.returncode == -signal.SIGINT
-
-
-def test_an_authority_without_a_name(zenoh_tf: Run) -> None:
-    """The server does not count for it, so replay could not know what became of its transforms."""
-    done = zenoh_tf("replay", "file", "--authority", "")
-    assert done.returncode == 2
-    assert "the name is empty" in done.stderr
 
 
 def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
