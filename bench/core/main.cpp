@@ -64,9 +64,12 @@ class Bench {
 #ifdef BENCH_WITH_TF2
     if (system == "tf2") instance_.system = make_tf2_system(names_, options_);
 #endif
-    if (!instance_.system) return print({});
-    fill();
-    print({{"bytes_per_frame", (resident_bytes() - before) / size()}});
+    Metrics metrics;  // none without the system
+    if (instance_.system) {
+      fill();
+      metrics["bytes_per_frame"] = (resident_bytes() - before) / size();
+    }
+    print(metrics);
   }
 
   void obey(const std::string& line) {

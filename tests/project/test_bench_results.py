@@ -33,6 +33,7 @@ def test_results_have_quartiles_by_case(tmp_path: Path) -> None:
 
 
 def test_a_busy_or_changed_checkout_keeps_no_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "describe", dict)
     monkeypatch.setattr(machine, "commit", lambda: "abc")
     monkeypatch.setattr(machine, "load", lambda: 1.25)
     with pytest.raises(SystemExit, match=r"the load is 1\.25, more than 1"):
