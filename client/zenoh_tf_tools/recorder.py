@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.mirrors.feed import MirrorFeed
@@ -88,8 +88,7 @@ class Recorder:
         self._seq = 0  # of the last commit that is recorded
         self._plan: tuple[str, int] | None = None  # instance and number of an unfinished snapshot
         self._snapshot: list[wire.Frames] = []  # its pieces
-        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
-        self._thread.start()
+        self._thread = threads.start("recorder", self._write)
         self._feed = MirrorFeed(MirrorSource(client._connection), self._on_copy, observer=self)
 
     # --- what its owner calls

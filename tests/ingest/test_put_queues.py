@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 import random
+import time
 from collections import Counter
 
+import zenoh
+from zenoh.handlers import FifoChannel
+
+from tests.processes.ports import free_endpoint
+from zenoh_tf._net import keys, zenoh_config
+from zenoh_tf_server.ingest.clock_offsets import ClockOffsets
+from zenoh_tf_server.ingest.future_stamps import FutureStamps
+from zenoh_tf_server.ingest.ingest import Ingest, PutCounters
 from zenoh_tf_server.ingest.put_queues import LARGE_BYTES, Put, PutQueues
+from zenoh_tf_server.ingest.refusals import Refusals
+from zenoh_tf_server.limits import Limits
 
 KIB = 1 << 10
 
@@ -143,3 +154,32 @@ def test_more_authorities_than_queues() -> None:
         numbers.setdefault(each.authority, []).append(each.arrival_ns)
     assert all(each == [0, 1, 2] for each in numbers.values())
     assert tested.bytes == 0
+
+
+def test_a_put_that_arrives_while_others_are_sorted_is_not_dated_back() -> None:
+    limits = Limits()
+    clocks, future = ClockOffsets(), FutureStamps()
+    ingest = Ingest(lambda *_: None, PutCounters(), Refusals(limits), limits, clocks, future)
+    key = keys.put("main", "wheels", static=False)
+    sent_ns: list[int] = []
+
+    class Handler:
+        """Zenoh's handler; a second put is sent when it is asked for one."""
+
+        def try_recv(self) -> zenoh.Sample | None:
+            if sent_ns:
+                return None
+            sent_ns.append(time.time_ns())
+            session.put(key, b"second")
+            return subscriber.handler.recv()
+
+    with zenoh.open(zenoh_config.router([free_endpoint()])) as session:
+        channel: FifoChannel[zenoh.Sample] = FifoChannel(4)
+        subscriber = session.declare_subscriber(keys.all_puts("main"), channel)
+        session.put(key, b"first")
+        ingest._receive(Handler(), subscriber.handler.recv())
+        subscriber.undeclare()
+    turn = ingest._queues.take(small_only=True)
+    assert turn is not None
+    first, second = turn.puts
+    assert first.arrival_ns <= sent_ns[0] <= second.arrival_ns

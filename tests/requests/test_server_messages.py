@@ -89,20 +89,9 @@ def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
 @pytest.mark.own_server
 def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: TransformClient) -> None:
     rows = 50_000
-    names = ["root", *(f"f{row}" for row in range(rows))]
-    body = wire.commit_body(
-        wire.Commit(
-            TransformRows(
-                names,
-                np.zeros(rows, np.uint32),
-                np.arange(1, rows + 1, dtype=np.uint32),
-                np.arange(rows),
-                np.tile([0.0, 0, 0, 0, 0, 0, 1], (rows, 1)),
-            )
-        ),
-        {"id": os.urandom(16)},
-    )
-    payload = wire.pack(body)
+    identity = (0.0, 0, 0, 0, 0, 0, 1)
+    links = TransformRows.of_tuples(("root", f"f{row}", row, identity) for row in range(rows))
+    payload = wire.pack(wire.commit_body(wire.Commit(links), {"id": os.urandom(16)}))
     with ThreadPoolExecutor(8) as pool:
         replies = list(pool.map(lambda _: wires.query("commit", payload), range(8)))
     assert all(reply == replies[0] and len(reply["stored"]) == rows for reply in replies)

@@ -134,14 +134,14 @@ def test_statics_that_are_sent_again_are_not_stored_again(tf: TransformClient, p
 
 def test_statics_of_a_node_that_is_made_again(tf: TransformClient, peer: Peer) -> None:
     """It has another id, and counts from 1 again."""
-    peer.node("n", "again", 0, "first")
+    peer.node("n", "renewed", 0, "first")
     for x in (1.0, 2.0, 3.0):
-        peer.send_static("n", [("anew_base", "anew_arm", 1, (x, *AHEAD[1:]))])
-    wait_for(lambda: "anew_arm" in tf.frames())
-    wait_for(lambda: position(tf, "anew_base", "anew_arm") == [3.0, 0.0, 0.0])
-    peer.node("n", "again", 0, "second")
-    peer.send_static("n", [("anew_base", "anew_arm", 1, (9.0, *AHEAD[1:]))])
-    wait_for(lambda: position(tf, "anew_base", "anew_arm") == [9.0, 0.0, 0.0])
+        peer.send_static("n", [("renewed_base", "renewed_arm", 1, (x, *AHEAD[1:]))])
+    wait_for(lambda: "renewed_arm" in tf.frames())
+    wait_for(lambda: position(tf, "renewed_base", "renewed_arm") == [3.0, 0.0, 0.0])
+    peer.node("n", "renewed", 0, "second")
+    peer.send_static("n", [("renewed_base", "renewed_arm", 1, (9.0, *AHEAD[1:]))])
+    wait_for(lambda: position(tf, "renewed_base", "renewed_arm") == [9.0, 0.0, 0.0])
 
 
 def test_statics_that_are_sent_again_after_a_reset_come_back(

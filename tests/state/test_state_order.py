@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.support.concurrency import CONTROLS
@@ -33,12 +32,7 @@ NEVER = (1 << 63) - 1
 
 
 def commit(names: list[str], x: int, *, static: bool) -> wire.Commit:
-    count = len(names)
-    poses = np.tile([x, 0, 0, 0, 0, 0, 1.0], (count, 1))
-    children = np.arange(1, count + 1, dtype=np.uint32)
-    stamps = np.full(count, x, np.int64)
-    parents = np.zeros(count, np.uint32)
-    rows = TransformRows(["map", *names], parents, children, stamps, poses)
+    rows = TransformRows.of_tuples(("map", name, x, (x, 0, 0, 0, 0, 0, 1.0)) for name in names)
     return wire.Commit(rows, f"x{x % 3}", static)
 
 

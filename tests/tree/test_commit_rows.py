@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
 import pytest
 
 from zenoh_tf import InvalidArgumentException, TimeoutException, TransformTree
@@ -15,15 +14,8 @@ POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 def commit(tree: TransformTree, stamps: list[int], **how: object) -> list[int]:
     """One link from map to base with these stamps."""
-    rows = len(stamps)
-    columns = TransformRows(
-        ["map", "base"],
-        np.zeros(rows, np.uint32),
-        np.ones(rows, np.uint32),
-        np.array(stamps, np.int64),
-        np.array([POSE] * rows),
-    )
-    stored = tree._commit_rows(columns, **how)  # type: ignore[arg-type]
+    rows = TransformRows.of_tuples(("map", "base", stamp, POSE) for stamp in stamps)
+    stored = tree._commit_rows(rows, **how)  # type: ignore[arg-type]
     return [int(result) for result in stored]
 
 

@@ -222,14 +222,14 @@ class Ingest:
         """Sort a sample and those behind it into the queues."""
         if sample is None:
             return
-        now_s, now_ns = time.monotonic(), time.time_ns()
+        now_s = time.monotonic()
         # Late: while one authority presses, the others must not wait behind its puts.
         late = bool(self._pressing) and not self._is_alone(now_s)
         most_bytes = self._limits.put_queues_bytes if late else self._max_queue_bytes * _BATCH
         puts: list[Put] = []
         size = 0
         while True:
-            put = self._put_of(sample, now_ns)
+            put = self._put_of(sample)
             if put is not None:
                 if put.authority != self._last_authority:
                     self._other_seen_s = now_s if puts else self._last_seen_s
@@ -255,7 +255,7 @@ class Ingest:
         if lost:
             self._count_lost(lost)
 
-    def _put_of(self, sample: zenoh.Sample, now_ns: int) -> Put | None:
+    def _put_of(self, sample: zenoh.Sample) -> Put | None:
         """The put of a sample; None if it is none, or is refused at once."""
         if sample.kind != zenoh.SampleKind.PUT:
             return None
@@ -274,7 +274,8 @@ class Ingest:
             return None
         if size <= LARGE_BYTES:  # a copy: Zenoh's own would keep the whole batch that it was in
             payload = payload.to_bytes()
-        return Put(source[0], source[1], payload, size, now_ns)
+        # Each at its own time: puts also arrive while those before them are sorted.
+        return Put(source[0], source[1], payload, size, time.time_ns())
 
     def _source_of(self, key: str) -> tuple[str, bool] | None:
         """The authority of a key, and whether it is for static transforms. None: for neither."""

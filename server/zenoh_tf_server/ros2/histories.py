@@ -17,7 +17,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import zenoh
@@ -55,12 +55,6 @@ class _Keeper:
     failed: bool = False
 
 
-@dataclass(order=True, slots=True)
-class _Later:
-    at_s: float
-    token: str = field(compare=False)
-
-
 class Histories:
     """Follows the publishers that keep messages, and asks each for its own."""
 
@@ -75,7 +69,7 @@ class Histories:
         self._vanished = vanished
         self._changed = threading.Condition()
         self._keepers: dict[str, _Keeper] = {}  # by token
-        self._later: list[_Later] = []  # a heap
+        self._later: list[tuple[float, str]] = []  # a heap of times and tokens
         self._replies: deque[tuple[zenoh.Sample, str]] = deque()  # and the publisher's id
         self._reply_bytes = 0
         self._closing = False
@@ -192,7 +186,7 @@ class Histories:
             self._failures += 1
             if self._keepers.get(token) is not keeper:
                 return
-            heapq.heappush(self._later, _Later(time.monotonic() + keeper.retry_s, token))
+            heapq.heappush(self._later, (time.monotonic() + keeper.retry_s, token))
             keeper.retry_s = min(2 * keeper.retry_s, _LONGEST_RETRY_S)
             self._changed.notify_all()
         self._log.warn(
@@ -232,7 +226,7 @@ class Histories:
                     self._reply_bytes -= len(reply[0].payload)
                     return reply
                 now_s = time.monotonic()
-                if self._later and self._later[0].at_s <= now_s:
-                    return heapq.heappop(self._later).token
-                self._changed.wait(self._later[0].at_s - now_s if self._later else None)
+                if self._later and self._later[0][0] <= now_s:
+                    return heapq.heappop(self._later)[1]
+                self._changed.wait(self._later[0][0] - now_s if self._later else None)
         return None
