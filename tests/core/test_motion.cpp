@@ -170,7 +170,7 @@ TEST(a_sweep_is_moved_point_by_point) {
   }
 }
 
-// The table of a sweep computes each time once, and begins again when it is full.
+// The table of a sweep computes each time once, and is cleared when it is full.
 TEST(each_time_is_computed_once) {
   struct Counted {
     std::size_t computed = 0;

@@ -60,7 +60,7 @@ TEST(names_spread_over_the_slots_of_a_table) {
   std::size_t lower_collisions = 0, upper_collisions = 0;
   for (const std::string& name : names) {
     lower_collisions += lower[hash(name) % kSlots]++ != 0;  // chooses the slot
-    upper_collisions += upper[hash(name) >> 48]++ != 0;     // tells names in one slot apart
+    upper_collisions += upper[hash(name) >> 48]++ != 0;     // distinguishes names in one slot
   }
   // By chance 2,770 of the 20,000 names find their slot taken, give or take 50.
   CHECK(lower_collisions > 2300 && lower_collisions < 3300);

@@ -98,7 +98,7 @@ TEST(a_write_is_rejected_if_the_host_has_no_memory_for_the_region) {
   CHECK_EQ(::setrlimit(RLIMIT_FSIZE, &before), 0);
   std::signal(SIGXFSZ, previous);
   CHECK(rejected && rejected->code == Code::limit && rejected->field == "host_memory");
-  // Nothing of it is left, the rest can be read, and once there is memory it goes on.
+  // Nothing of it is left, the rest can be read, and once there is memory it continues.
   const std::string last = "child" + std::to_string(stored - 1);
   CHECK_EQ(tree.find(last), 0u);
   Answer answer;

@@ -5,7 +5,7 @@ using namespace ztf;
 
 namespace {
 
-// Counts how often it is woken, and looks up again only when told to.
+// Counts how often it is woken, and looks up again only on request.
 class CountingWaiter final : public Waiter {
  public:
   CountingWaiter(World& w, Op op, std::string_view target, std::string_view source,

@@ -48,7 +48,7 @@ class _Info(ctypes.Structure):
 def used_bytes() -> int:
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "mallinfo2"):
-        pytest.skip("needs glibc 2.33, which tells how much memory is in use")
+        pytest.skip("needs glibc 2.33, which reports the memory in use")
     libc.mallinfo2.restype = _Info
     info = libc.mallinfo2()
     return int(info.uordblks + info.hblkhd)

@@ -87,7 +87,7 @@ def test_a_restarted_server(start_server: StartServer) -> None:
 
 
 def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> None:
-    """It holds up nobody, and is right again soon; its stream is shared with one that goes on."""
+    """It holds up nobody, and is right again soon; its stream is shared with one that continues."""
     pair = ("map", "gripper")
     robot(client, 1)
     with (

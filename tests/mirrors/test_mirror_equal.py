@@ -1,5 +1,5 @@
-"""After random traffic a mirror's tree is the server's: frames, histories and versions. While it
-goes on, what the mirror reads are states that the server has had, in order."""
+"""After random traffic a mirror's tree is the server's: frames, histories and versions. During
+the traffic, what the mirror reads are states that the server has had, in order."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def test_a_stopped_mirror(server: ServerProcess) -> None:
         stopped.freeze()
         at = len(stamps)
         end = time.monotonic() + 4
-        while time.monotonic() < end:  # the other one goes on
+        while time.monotonic() < end:  # the other one continues
             check_whole(other)
             time.sleep(0.05)
         wait_until(lambda: len(stamps) > at + 100, "the writer is held up")

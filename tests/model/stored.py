@@ -118,7 +118,7 @@ class Stored:
         return [] if any_dropped else rows
 
     def late_frames(self, rows: Sequence[Row], drop_old: bool) -> list[str]:
-        """Return the frames that begin again, and note the late rows of the others.
+        """Return the frames that are cleared, and record the late rows of the others.
 
         A frame's rows are late if all are older than its newest by more than the cache time. It
         restarts if it had late rows before, a little older, and no others in between.

@@ -129,7 +129,7 @@ MUTANTS = (
         "      ++tally_.stored;\n      continue;",
     ),
     execution(
-        "a changed frame is not told",
+        "a changed frame is not reported",
         "if (apply_group(group)) changed_.push_back(group.child);",
         "(void)apply_group(group);",
     ),

@@ -41,7 +41,7 @@ def _cpu_s(pid: int) -> float:
 @contextmanager
 def cost_of(pid: int) -> Iterator[Cost]:
     """Measure a process during the block."""
-    Path(f"/proc/{pid}/clear_refs").write_text("5")  # the peak begins anew
+    Path(f"/proc/{pid}/clear_refs").write_text("5")  # resets the peak
     before_mb, before_s = _status_mb(pid, "VmRSS"), _cpu_s(pid)
     cost = Cost()
     yield cost

@@ -62,7 +62,7 @@ class TcpProxy:
         self._call(lambda: setattr(self, "_bytes_per_s", bytes_per_s))
 
     def hold(self) -> None:
-        """Forward nothing until `release`, as a partition that no side is told of."""
+        """Forward nothing until `release`, as a partition that neither side notices."""
         self._call(self._flows.clear)
 
     def release(self) -> None:

@@ -100,10 +100,10 @@ def test_a_client_without_a_replica_asks_for_no_number() -> None:
 
 def test_memory_is_not_read_until_the_replica_has_replied() -> None:
     seen = SeenStates()
-    told: list[bool] = []
-    seen.on_behind = lambda: told.append(seen.is_behind)
+    reported: list[bool] = []
+    seen.on_behind = lambda: reported.append(seen.is_behind)
     seen.await_replica()
-    assert told == []  # nothing was seen
+    assert reported == []  # nothing was seen
     seen.note_read("one", 5)
     seen.await_replica()
     first = seen.awaited
@@ -114,7 +114,7 @@ def test_memory_is_not_read_until_the_replica_has_replied() -> None:
     assert seen.is_behind
     seen.caught_up(seen.awaited)
     assert not seen.is_behind
-    assert told == [True, True, False]
+    assert reported == [True, True, False]
     seen.note_read("one", 6)
     assert seen.least == seen.last_receipt == Receipt("one", 7)
 

@@ -42,10 +42,10 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
         )
         for name, message in (("lookup", body), ("info", {"v": 1, "what": "frames"})):
             reply = ask(name, message)
-            told = wire.parse_replica(reply)
-            assert told is not None
-            assert told[0] == receipt.seq
-            assert 0 <= told[1] < 20 * 10**9
+            state = wire.parse_replica(reply)
+            assert state is not None
+            assert state[0] == receipt.seq
+            assert 0 <= state[1] < 20 * 10**9
             assert reply["instance"] == tf.instance
         hello = ask("hello", {"v": 1, "what": "hello"})["value"]
         assert hello["instance"] == tf.instance
@@ -67,7 +67,7 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
 
 
 def test_garbage_harms_nobody(replica: ServerProcess) -> None:
-    """Each request gets an error, and the replica goes on."""
+    """Each request gets an error, and the replica continues to serve."""
     body = wire.one_read("map", FRAMES[0], wire.OP_COMMON, wire.NO_STAMP)
     request = wire.pack(body | wire.least("x", 1))
     payloads = [b"", b"\xc1", b"\x80", request[:-1], request + b"\0", b"\xdf" + b"\xff" * 9]
@@ -100,8 +100,8 @@ def test_a_field_is_added_to_packed_bytes(count: int, first: int) -> None:
     message = {"v": 1} | {f"field{i}": i for i in range(count - 1)}
     found = wire.with_field(wire.pack(message), "replica", {"seq": 5, "age_ns": 1 << 40})
     assert found[0] == first
-    told = wire.parse_replica(wire.unpack(found) if count < 200 else _unpacked(found))
-    assert told == (5, 1 << 40, 5)
+    state = wire.parse_replica(wire.unpack(found) if count < 200 else _unpacked(found))
+    assert state == (5, 1 << 40, 5)
     assert found == wire.pack(message | {"replica": {"seq": 5, "age_ns": 1 << 40}})
 
 

@@ -126,7 +126,7 @@ def test_waiters_of_a_killed_client_are_released(server: ServerProcess) -> None:
 
 
 def test_a_reply_that_cannot_be_made_is_an_error(start_server: StartServer) -> None:
-    """The request is answered, and the server goes on to serve lookups that wait."""
+    """The request is answered, and the server continues to serve lookups that wait."""
     server = start_server("--limit", "reply_bytes=1000")
     with raw(server.endpoint) as wires, server.connect() as tf, ThreadPoolExecutor(1) as pool:
         for _ in range(3):

@@ -1,6 +1,6 @@
 """Every access rule over real TLS: what it allows, what it denies, and that nobody gets around it.
 
-The SDK refuses first, so that its user is told why. The raw sessions do what the SDK would not.
+The SDK refuses first, so that its user learns why. The raw sessions do what the SDK would not.
 """
 
 from __future__ import annotations

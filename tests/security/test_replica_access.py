@@ -107,7 +107,7 @@ def test_every_client_has_the_rights_of_the_replica_s_user(site: Site) -> None:
 
 def test_rights_that_changed_meanwhile_are_no_unknown_outcome(site: Site) -> None:
     with site.client("admin") as tf:
-        tf._connection.exchange.access = None  # as if it had never been told
+        tf._connection.exchange.access = None  # as if it had never received it
         with pytest.raises(AccessDenied):
             tf.reset()
 

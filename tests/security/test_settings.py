@@ -150,7 +150,7 @@ def test_the_server_logs_the_warning(start_server: StartServer) -> None:
 def test_a_server_that_joins_a_secured_network(
     start_server: StartServer, files: Files, tmp_path: Path
 ) -> None:
-    """It shows its own user, and is told why it is refused, without its password."""
+    """It shows its own user, and learns why it is refused, without its password."""
     router = start_server("--users", files.users)
     password = tmp_path / "password"
     password.write_text("guessed\n")

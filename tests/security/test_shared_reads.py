@@ -1,4 +1,4 @@
-"""With access rules, only clients that may read are told where the tree's memory is."""
+"""With access rules, the server names the tree's memory only to clients that may read."""
 
 from __future__ import annotations
 

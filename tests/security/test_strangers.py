@@ -1,4 +1,4 @@
-"""A client that is not let in is told why, and what to do about it."""
+"""A client that is not let in gets the reason, and what to do about it."""
 
 from __future__ import annotations
 

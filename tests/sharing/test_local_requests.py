@@ -97,7 +97,7 @@ def test_what_takes_long_goes_over_zenoh(client: TransformClient) -> None:
     assert all(len(each.result()) == 301 for each in listed)
     assert through_socket(client) == before
     client.set_transform(link())
-    assert through_socket(client) == before + 1  # the connection goes on
+    assert through_socket(client) == before + 1  # the connection still serves
 
 
 def test_an_sdk_client_uses_it_unless_it_asks_by_query(server: ServerProcess) -> None:

@@ -1,7 +1,7 @@
 """``python -m tests.soak``: hours of mixed load; memory, files and threads must reach a plateau.
 
 Every sample is written at once to build/soak/samples.jsonl, so that ``--plot`` can draw a run that
-goes on or was cut off. Exit status 1 if the server grows over the second half.
+is not over or was cut off. Exit status 1 if the server grows over the second half.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def failed(error: TransformException, instance: str = "one") -> wire.Message:
 
 
 class Clock:
-    """The time of an exchange, which goes on with queries and pauses only."""
+    """The time of an exchange, which advances with queries and pauses only."""
 
     QUERY_S = 1.0
 

@@ -86,7 +86,7 @@ def test_await_what_comes_later(shim: TransformClient, buffer: tf2.Buffer) -> No
 
 
 def drive(coroutine: Coroutine[Any, Any, Any]) -> Any:
-    """As rclpy's executors do: step by step, and what a step yields means nothing."""
+    """As rclpy's executors do: step by step, and ignores what a step yields."""
     while True:
         try:
             coroutine.send(None)

@@ -163,7 +163,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   return PlanOutcome::ready;
 }
 
-// Returns true if the rows of a group show that its frame's history must begin again at an earlier
+// Returns true if the rows of a group show that its frame's history must start over at an earlier
 // time (docs/explanation/clocks.md): they are all too old, and so was a sample before them that is
 // a little older, with no good sample in between. Unless the options say so, only a history that
 // ends ahead of the real-time clock restarts.

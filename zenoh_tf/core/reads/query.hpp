@@ -45,7 +45,7 @@ struct Failure {
   std::uint64_t ids_freed = 0;
 };
 
-// If `failure.code` is not ok, the pose and the stamps mean nothing.
+// If `failure.code` is not ok, the pose and the stamps are unspecified.
 struct Answer {
   Failure failure = {};
   Pose pose = {};  // X_target_source

@@ -19,7 +19,7 @@
 namespace ztf {
 
 // Answers queries under one guard. Every public function returns false if the transaction must
-// be retried; then its outputs mean nothing.
+// be retried; then its outputs are unspecified.
 template <class Guard, class Access>
 class Reader {
  public:

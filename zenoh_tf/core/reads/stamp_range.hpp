@@ -18,7 +18,7 @@ class StampRange {
     oldest_ = std::min(oldest_, stamp);
     newest_ = std::max(newest_, stamp);
   }
-  // True if no stamp was included; then oldest() and newest() mean nothing.
+  // True if no stamp was included; then oldest() and newest() are unspecified.
   [[nodiscard]] bool empty() const noexcept { return newest_ == kNoStamp; }
   [[nodiscard]] Stamp oldest() const noexcept { return oldest_; }
   [[nodiscard]] Stamp newest() const noexcept { return newest_; }

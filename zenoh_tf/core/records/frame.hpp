@@ -94,8 +94,8 @@ class Ring {
   Ring() noexcept = default;  // none
   explicit operator bool() const noexcept { return (word_ & kLogarithm) != 0; }
 
-  // Returns a ring whose samples mean nothing. Requires a capacity that is a power of two, and at
-  // least 2. Throws RingArena::Full and bad_alloc.
+  // Returns a ring whose samples are unspecified. Requires a capacity that is a power of two, and
+  // at least 2. Throws RingArena::Full and bad_alloc.
   static Ring make(std::uint32_t capacity, RingArena& memory) {
     const auto logarithm = static_cast<unsigned>(std::countr_zero(capacity));
     Ring ring;
