@@ -139,7 +139,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         """Close the connection and its broadcasters. May be called again.
 
         Calls of other threads that wait for a reply fail soon. What was published may be lost if
-        the server does not take it within two seconds. A program that ends closes its clients by
+        the server does not accept it within two seconds. A program that ends closes its clients by
         itself.
         """
         # The connection first: a thread inside `send` may hold its broadcaster for long.

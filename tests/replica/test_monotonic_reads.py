@@ -104,10 +104,10 @@ def test_memory_is_not_read_until_the_replica_has_replied() -> None:
     seen.on_behind = lambda: reported.append(seen.is_behind)
     seen.await_replica()
     assert reported == []  # nothing was seen
-    seen.note_read("one", 5)
+    seen.record_read("one", 5)
     seen.await_replica()
     first = seen.awaited
-    seen.note_write({"instance": "one", "seq": 7})
+    seen.record_write({"instance": "one", "seq": 7})
     seen.await_replica()
     assert first is not None and seen.awaited is not None
     seen.caught_up(first)  # a read that began before the write
@@ -115,7 +115,7 @@ def test_memory_is_not_read_until_the_replica_has_replied() -> None:
     seen.caught_up(seen.awaited)
     assert not seen.is_behind
     assert reported == [True, True, False]
-    seen.note_read("one", 6)
+    seen.record_read("one", 6)
     assert seen.least == seen.last_receipt == Receipt("one", 7)
 
 

@@ -142,7 +142,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         """Close the connection and its broadcasters. May be called again.
 
         Calls of other tasks that wait for a reply fail at once. What was published may be lost if
-        the server does not take it within two seconds. A program that ends closes its clients by
+        the server does not accept it within two seconds. A program that ends closes its clients by
         itself.
         """
         if True:  # asynchronous

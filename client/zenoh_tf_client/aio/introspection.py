@@ -32,7 +32,7 @@ class AsyncIntrospection:
         found = self._reads.mapped.tree.frames()
         if type(found) is not AskServer:
             return found
-        self._reads.mapped.note(found)
+        self._reads.mapped.request_update(found)
         names, after = await self._connection.call(info.frames_page(None))
         while after is not None:
             page, after = await self._connection.call(info.frames_page(after))

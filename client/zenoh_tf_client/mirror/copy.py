@@ -49,7 +49,7 @@ class MirrorCopy(MirrorReads):
         def on_copy(tree: TransformTree | None, instance: str) -> None:
             mirror = weak_self()
             if mirror is not None:
-                mirror._take(tree)
+                mirror._install(tree)
 
         self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
         self._own_writes = OwnWrites(feed)
@@ -129,7 +129,7 @@ class MirrorCopy(MirrorReads):
     def _end(self) -> None:
         """Stop following the server. Lookups then raise ServerUnavailable."""
         self._feed.close()
-        self._take(None)
+        self._install(None)
 
     @property
     def _tree(self) -> TransformTree:
@@ -139,7 +139,7 @@ class MirrorCopy(MirrorReads):
             raise ServerUnavailable("the mirror is closed")
         return tree
 
-    def _take(self, tree: TransformTree | None) -> None:
+    def _install(self, tree: TransformTree | None) -> None:
         """Read in another tree, or in none; see `reads`."""
         if tree is not None and self._interest is not None:
             tree = interested(tree, self._interest)
@@ -154,7 +154,7 @@ class MirrorCopy(MirrorReads):
 def _after_fork() -> None:
     """In a forked child a lookup would wait for ever for a thread that only the parent has."""
     for mirror in list(_all):
-        mirror._take(None)
+        mirror._install(None)
 
 
 os.register_at_fork(after_in_child=_after_fork)

@@ -40,7 +40,7 @@ class OwnWrites:
         self._receipts: dict[str, Receipt] = {}
 
     def add(self, frames: Iterable[str], receipt: Receipt | None) -> None:
-        """Note a write."""
+        """Record a write."""
         if receipt is None:
             return
         state = self._feed.state

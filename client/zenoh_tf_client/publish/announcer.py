@@ -32,7 +32,7 @@ from .publisher import Publisher, message, undeclare_unless_closed
 
 log = logging.getLogger("zenoh_tf.client")
 
-#: How often the thread looks for a new server. It looks, and does not wait inside Zenoh: a thread
+#: How often the thread checks for a new server. It checks, and does not wait inside Zenoh: a thread
 #: that returns from there while Python ends would abort the process.
 _PERIOD_S: Final = 0.2
 #: Reports of servers between two looks; the newest count.
@@ -124,7 +124,7 @@ class Announcer:
             self._retry_s = _PERIOD_S
 
     def _read_reports(self) -> None:
-        """Take in which servers have come and gone. Requires the lock."""
+        """Record which servers have come and gone. Requires the lock."""
         with self._connection.calls:
             while not self._closed.is_set():
                 try:

@@ -98,7 +98,7 @@ class SessionCalls:
             _pause_at_exit()
 
     def add_owner(self, owner: object) -> None:
-        """Note an object that has objects of Zenoh's: a forked child must not free them."""
+        """Record an object that has objects of Zenoh's: a forked child must not free them."""
         self._owners.add(owner)
 
     def never_free(self) -> None:
@@ -168,7 +168,7 @@ def raise_if_forked() -> None:
         raise ServerUnavailable(_FORKED_MESSAGE)
 
 
-def note_zenoh_use() -> None:
+def record_zenoh_use() -> None:
     """To be called before the process uses Zenoh: from then on its forked children must not."""
     global _zenoh_was_used  # noqa: PLW0603
     _zenoh_was_used = True

@@ -1,7 +1,7 @@
 """What a client and the server of its tree say to each other, without any I/O.
 
 Each method is a generator of steps: it yields what to do next, is sent the outcome, and returns
-its result. `Connection` takes the steps with blocking calls, `aio.Connection` on an event loop.
+its result. `Connection` runs the steps with blocking calls, `aio.Connection` on an event loop.
 
 Thread safety: all methods; steps of different threads run side by side.
 """
@@ -101,7 +101,7 @@ class Exchange:
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
         reply = decode((yield Ask(self._keys["hello"], payload, timeout_s or self._timeout_s)))
-        self._note(reply)
+        self._check_instance(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
             if self.replica is None:
@@ -210,7 +210,7 @@ class Exchange:
                 raise ServerUnavailable(message.reason)
         self.replica_age_s = None
         if self.reads_may_be_old and type(message.get("seq")) is int:
-            self.seen.note_server(wire.text(message, "instance"), message["seq"], seen)
+            self.seen.record_server(wire.text(message, "instance"), message["seq"], seen)
             if self.replica is not None:
                 self.seen.await_replica()
         yield from self._keep_in_touch()
@@ -270,7 +270,7 @@ class Exchange:
         state = wire.parse_replica(reply)
         self.replica_age_s = None if state is None else state[1] / 1e9
         if state and self.seen.is_news(instance, state[2]) and not wire.is_behind(reply):
-            self.seen.note_read(wire.text(reply, "instance"), state[2])
+            self.seen.record_read(wire.text(reply, "instance"), state[2])
         if type(instance) is str and instance != replica.server.instance:  # it follows another one
             self.replica = replace(replica, server=replace(replica.server, instance=instance))
         if time.monotonic() >= self._next_greeting_s:
@@ -313,7 +313,7 @@ class Exchange:
                 if reply.at_once:
                     yield from self._check_denied(request, server.instance)
                 raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
-        self.seen.note_write(reply)
+        self.seen.record_write(reply)
         if self.replica is not None:
             self.seen.await_replica()
         if "error" in reply:
@@ -350,10 +350,10 @@ class Exchange:
     def _until_served(
         self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float
     ) -> Steps[wire.Message | NoReply]:
-        """Take the reply to a query; send the query again as long as the server is busy and the
+        """Return the reply to a query; send the query again as long as the server is busy and the
         time is not over."""
         while True:
-            self._note(reply)
+            self._check_instance(reply)
             if isinstance(reply, NoReply) or "error" not in reply:
                 return reply
             error = wire.decode_error(reply["error"])
@@ -378,7 +378,7 @@ class Exchange:
             and reply.get("instance") == server.instance
         )
 
-    def _note(self, reply: wire.Message | NoReply) -> None:
+    def _check_instance(self, reply: wire.Message | NoReply) -> None:
         """Forget the server if another one replied, or none."""
         server = self.server
         if server is not None and (

@@ -144,7 +144,7 @@ class LocalRequests:
             for header, name in REQUEST_TYPES.items()
             if on
         }
-        #: Connections that no call uses. Taken and put back without a lock.
+        #: Connections that no call uses. Borrowed and put back without a lock.
         self._idle: list[_Peer] = []
         self._lock = threading.Lock()
         # Guarded by the lock.
@@ -168,7 +168,7 @@ class LocalRequests:
         ):
             return self._queries.ask(key, payload, timeout_s)
         header = self._headers.get(key)
-        peer = None if header is None else self._take(server, server.offer)
+        peer = None if header is None else self._acquire(server, server.offer)
         if header is None or peer is None:
             return self._queries.ask(key, payload, timeout_s)
         deadline_s = time.monotonic() + timeout_s
@@ -210,7 +210,7 @@ class LocalRequests:
                 peer.shut()
         self._drop_idle()
 
-    def _take(self, server: ServerInfo, offer: handover.Offer) -> _Peer | None:
+    def _acquire(self, server: ServerInfo, offer: handover.Offer) -> _Peer | None:
         """A connection that no other call uses. None: ask over Zenoh."""
         while True:
             try:

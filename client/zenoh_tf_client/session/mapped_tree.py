@@ -146,8 +146,8 @@ class MappedTree:
         tree = self.tree
         return read_tree(tree, tree.instance, request)
 
-    def note(self, why: AskServer) -> None:
-        """Let the thread look for the tree of a new server, if there is one."""
+    def request_update(self, why: AskServer) -> None:
+        """Let the thread map the tree of a new server, if there is one."""
         if self._is_on and (
             why is AskServer.LAPSED or self._connection.known_instance != self._settled
         ):

@@ -20,7 +20,7 @@ from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
-from .calls import OPENING, note_zenoh_use
+from .calls import OPENING, record_zenoh_use
 
 #: The first attempt's time; the others take longer, for slow networks.
 _FIRST_ATTEMPT_S: Final = 1.0
@@ -47,7 +47,7 @@ def open_session(
         AccessDenied: The server does not let this client in, or cannot be trusted.
         InvalidArgumentException: `endpoint` or `credentials` is invalid.
     """
-    note_zenoh_use()
+    record_zenoh_use()
     deadline_s = time.monotonic() + timeout_s
     attempt_s = _FIRST_ATTEMPT_S
     while True:
@@ -89,7 +89,7 @@ def _attempt(config: zenoh.Config) -> zenoh.Session:
     try:
         return opened.result()
     except BaseException:
-        opened.cancel()  # the caller was interrupted: nobody takes the session
+        opened.cancel()  # the caller was interrupted: nobody uses the session
         raise
 
 

@@ -42,21 +42,21 @@ class SeenStates:
         least = self.least
         return least is None or seq > least.seq or instance != least.instance
 
-    def note_read(self, instance: str, seq: int) -> None:
+    def record_read(self, instance: str, seq: int) -> None:
         """Accept that a read has seen at most `seq` of an instance."""
         with self._lock:
             if self.is_news(instance, seq):
                 self.least = Receipt(instance, seq)
 
-    def note_server(self, instance: str, seq: int, before: Receipt | None) -> None:
+    def record_server(self, instance: str, seq: int, before: Receipt | None) -> None:
         """Accept the number of a read by the server itself, which was sent after `before` was
         seen. A higher one is forged: the server knows best."""
         with self._lock:
             if before is self.least and before is not None and before.instance == instance:
                 self.least = Receipt(instance, seq)
-        self.note_read(instance, seq)
+        self.record_read(instance, seq)
 
-    def note_write(self, reply: wire.Message) -> None:
+    def record_write(self, reply: wire.Message) -> None:
         """Accept the reply to a write."""
         with self._lock:
             self.last_receipt = written = later(self.last_receipt, reply)

@@ -1,4 +1,4 @@
-"""The steps of an exchange: what to do next, for whoever takes them."""
+"""The steps of an exchange: what to do next, for a connection that runs them."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ class TransformFilter:
         self.close()
 
     def connectInput(self, input_filter: Any) -> None:
-        """Take the messages of another filter.
+        """Receive the messages of another filter.
 
         Args:
             input_filter: An object with ``registerCallback``.
@@ -233,7 +233,7 @@ class TransformFilter:
                 self._forget(held)
 
     def close(self) -> None:
-        """Drop all messages held, and take no more. May be called again."""
+        """Drop all messages held, and accept no more. May be called again."""
         with self._changed:
             self._closed = True
             self._changed.notify()

@@ -1,4 +1,4 @@
-"""Takes the steps of an exchange on an event loop, without a task of its own.
+"""Runs the steps of an exchange on an event loop, without a task of its own.
 
 A loop that is closed in the middle has nothing to clean up. A task would have.
 """
@@ -17,7 +17,7 @@ from .transport import Outcome, SentQuery, Transport
 
 
 class Drive(ABC):
-    """Takes the steps of one exchange."""
+    """Runs the steps of one exchange."""
 
     __slots__ = ("_query", "_steps", "_timeout_s", "_timer", "_transport")
 
@@ -33,7 +33,7 @@ class Drive(ABC):
         """Use the result or the error."""
 
     def start(self) -> None:
-        """Take the first steps, up to a query or a pause."""
+        """Run the first steps, up to a query or a pause."""
         self._continue(None)
 
     def end(self, reason: str) -> None:

@@ -84,7 +84,7 @@ class Message(Drive):
             operation.message = self
 
     def cancel_one(self) -> None:
-        """Note that the caller of an operation has gone. Nobody waits after the last one."""
+        """Record that the caller of an operation has gone. Nobody waits after the last one."""
         self._left -= 1
         if self._left == 0:
             self._cancel()

@@ -30,7 +30,7 @@ class SharedReads:
         try:
             return await self._connection.call(request)
         finally:
-            self.mapped.note(why)
+            self.mapped.request_update(why)
 
     async def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""

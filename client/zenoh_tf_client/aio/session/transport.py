@@ -23,8 +23,8 @@ from .threads import Worker
 from .wake import Wake
 from .zenoh_threads import keep_thread_state
 
-#: A thread sends what is more than this beyond what the server is known to have taken. Zenoh blocks
-#: its caller when its own queue and the sockets' are full, as happens with a server that was
+#: A thread sends what is more than this beyond what the server is known to have received. Zenoh
+#: blocks its caller when its own queue and the sockets' are full, as happens with a server that was
 #: stopped. They hold more than that.
 _DIRECT_BYTES: Final = 1 << 16
 
@@ -44,9 +44,9 @@ class Transport:
         self.worker = Worker()
         self.is_closed = False
         self._sent_bytes = 0  # by all queries so far
-        self._taken_bytes = 0  # of them: up to the latest query that the server has answered
+        self._received_bytes = 0  # of them: up to the latest query that the server has answered
         self._arrivals: deque[tuple[SentQuery, _Arrival]] = deque()
-        self._wake = Wake(loop, self._take)
+        self._wake = Wake(loop, self._deliver)
 
     def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> SentQuery:
         """Send a query. The loop calls `arrived` with its outcome, unless it is cancelled."""
@@ -54,11 +54,11 @@ class Transport:
         query = SentQuery(self, step, arrived, self._sent_bytes)
         if self.is_closed:
             error = ServerUnavailable("the connection is closed")
-            self.loop.call_soon(query.take, error)
-        elif self._sent_bytes - self._taken_bytes <= _DIRECT_BYTES and not self.worker.is_busy:
+            self.loop.call_soon(query.accept, error)
+        elif self._sent_bytes - self._received_bytes <= _DIRECT_BYTES and not self.worker.is_busy:
             query.send()
         else:
-            # Zenoh's own time-out begins when it takes the query.
+            # Zenoh's own time-out begins when it accepts the query.
             query.timer = self.loop.call_later(step.timeout_s, query.time_out)
             self.worker.start(query.send)
         return query
@@ -70,19 +70,19 @@ class Transport:
             self._wake.close()
 
     def hand_over(self, query: SentQuery, arrival: _Arrival) -> None:
-        """Let the loop take what has arrived. Thread safety: any thread."""
+        """Let the loop receive what has arrived. Thread safety: any thread."""
         self._arrivals.append((query, arrival))
         self._wake.send()
 
-    def note_answer(self, sent_bytes: int) -> None:
-        """The server has taken all queries up to this many bytes."""
-        self._taken_bytes = max(self._taken_bytes, sent_bytes)
+    def record_answer(self, sent_bytes: int) -> None:
+        """The server has received all queries up to this many bytes."""
+        self._received_bytes = max(self._received_bytes, sent_bytes)
 
-    def _take(self) -> None:
+    def _deliver(self) -> None:
         arrivals = self._arrivals
         while arrivals:
             query, arrival = arrivals.popleft()
-            query.take(arrival)
+            query.accept(arrival)
 
 
 class SentQuery:
@@ -143,7 +143,7 @@ class SentQuery:
             self.cancel()
             arrived(ZENOH_TIMEOUT)
 
-    def take(self, arrival: _Arrival) -> None:
+    def accept(self, arrival: _Arrival) -> None:
         """Report the outcome, if `arrival` completes it."""
         arrived = self._arrived
         if arrived is None:
@@ -154,7 +154,7 @@ class SentQuery:
             if outcome is None:
                 return
             if outcome != ZENOH_TIMEOUT:
-                self._transport.note_answer(self._sent_bytes)
+                self._transport.record_answer(self._sent_bytes)
         else:
             outcome = arrival
         self._finish()
