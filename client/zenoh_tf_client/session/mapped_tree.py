@@ -95,8 +95,9 @@ class MappedTree:
         self.tree: SharedTree = NO_TREE
         self._connection = connection
         self._clients: weakref.WeakSet[Reader] = weakref.WeakSet()
-        # Without a lock, as a forked child may inherit one locked. A lost count does no harm.
-        self._asked = dict.fromkeys(AskServer, 0)
+        #: By reason, how often a lookup asked the server. Without a lock, as a forked child may
+        #: inherit one locked. A lost count does no harm.
+        self.asked = dict.fromkeys(AskServer, 0)
         self._refused = dict.fromkeys(REASONS, 0)
         self._mapped = 0
         #: The server whose tree is mapped, or for good cannot be.
@@ -137,10 +138,6 @@ class MappedTree:
         """How a lookup would be answered now."""
         return "shared" if self.tree.lease_left_s > 0 else "query"
 
-    def count(self, why: AskServer) -> None:
-        """Count a lookup that asks the server."""
-        self._asked[why] += 1
-
     def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T] | AskServer:
         """Look up as a part of a transaction."""
         tree = self.tree
@@ -157,7 +154,7 @@ class MappedTree:
     def stats(self) -> dict[str, int]:
         """The counters of this client: how it reads, how often not so, and why."""
         counts = {"shared": int(self.in_use == "shared"), "mapped": self._mapped}
-        counts |= {f"asked_{why.name.lower()}": count for why, count in self._asked.items()}
+        counts |= {f"asked_{why.name.lower()}": count for why, count in self.asked.items()}
         counts |= {f"refused_{why}": count for why, count in self._refused.items()}
         return {f"reads_{name}": count for name, count in counts.items()}
 

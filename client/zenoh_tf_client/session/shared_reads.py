@@ -28,11 +28,12 @@ class SharedReads:
 
     def ask(self, why: Any, request: Request[T]) -> T:
         """Ask the server, because the tree in memory has returned an AskServer."""
-        self.mapped.count(why)
+        mapped = self.mapped
+        mapped.asked[why] += 1
         try:
             return self._connection.call(request)
         finally:
-            self.mapped.request_update(why)
+            mapped.request_update(why)
 
     def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""
