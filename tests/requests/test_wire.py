@@ -21,6 +21,7 @@ from zenoh_tf.errors import (
     LimitExceeded,
     LookupException,
     ProtocolError,
+    TimeoutException,
     TransformException,
 )
 
@@ -135,6 +136,18 @@ def test_every_error_survives_with_its_facts(code: int) -> None:
     assert type(again) is type(error) is BY_CODE[code]
     assert (str(again), again.facts) == (str(error), facts)
     assert pickle.loads(pickle.dumps(again)).facts == facts
+
+
+@pytest.mark.parametrize(
+    ("kind", "base"), [(InvalidArgumentException, ValueError), (TimeoutException, TimeoutError)]
+)
+def test_errors_that_are_also_pythons_own(
+    kind: type[TransformException], base: type[Exception]
+) -> None:
+    with pytest.raises(base, match="why") as caught:
+        raise kind("why", field="stamp_ns")
+    assert isinstance(caught.value, TransformException)
+    assert caught.value.facts == {"field": "stamp_ns"}
 
 
 def test_errors_of_a_newer_server_stay_understandable() -> None:
