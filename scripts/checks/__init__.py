@@ -21,7 +21,8 @@ from .repository import Repository, Violation
 CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     docstrings.docstrings,
     *(source_rules.imports, source_rules.sizes, source_rules.actors, source_rules.configurations),
-    *(source_rules.words, source_rules.lock_order, core_rooms.core_rooms, made_files.made_files),
+    *(source_rules.functions, source_rules.words, source_rules.lock_order),
+    *(core_rooms.core_rooms, made_files.made_files),
     *(packaging.make_targets, packaging.readme, packaging.metadata, packaging.extras),
     *(pages.links, pages.named_files, pages.architecture, pages.shown_examples),
     *(pages.api_reference, pages.made_pages, pages.measured_numbers, pages.documented_calls),
@@ -29,5 +30,3 @@ CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     *(documented.flags, documented.limits, documented.defaults, documented.enumerations),
     *(suite.conformance, clocks.clocks),
 )
-#: Rules whose findings are still being mended; ``python -m scripts.checks --pending`` prints them.
-PENDING: tuple[Callable[[Repository], Iterator[Violation]], ...] = (source_rules.functions,)

@@ -152,34 +152,37 @@ def wait_until_quiet(tf: TransformClient) -> None:
         time.sleep(0.3)
 
 
+NUMBERED = [f"frame{i}" for i in range(8)]
+
+
+def numbered(number: int) -> list[StampedTransform]:
+    return [StampedTransform("map", n, number, Transform((number, 0, 0))) for n in NUMBERED]
+
+
+def count_up(tf: TransformClient, by_seq: dict[int, int]) -> None:
+    """Commit numbers, each the successor of the one that is read."""
+    for _ in range(150):
+        written: list[int] = []
+
+        def step(tx: object, written: list[int] = written) -> None:
+            newest = tx.lookup_latest_transform_xact("map", "frame0")  # type: ignore[attr-defined]
+            written[:] = [newest.stamp_ns + 1]
+            for one in numbered(written[0]):
+                tx.set_transform(one)  # type: ignore[attr-defined]
+
+        tf.run_transaction(step, attempts=1000)
+        assert tf.last_receipt is not None
+        by_seq[tf.last_receipt.seq] = written[0]
+
+
 def test_reads_are_a_prefix_in_order(server: ServerProcess) -> None:
     """Two clients write one sequence of numbers by turns: each commit has all frames and numbers,
     and reads them back, so the numbers are the serial order. Readers of mirrors must see whole
     commits, never an older one after a newer one, and none before the number of `seq`."""
-    frames = [f"frame{i}" for i in range(8)]
-
-    def stampeds(number: int) -> list[StampedTransform]:
-        return [StampedTransform("map", n, number, Transform((number, 0, 0))) for n in frames]
-
     writers = [server.connect(20) for _ in range(2)]
-    writers[0].set_transforms_xact(stampeds(1))
+    writers[0].set_transforms_xact(numbered(1))
     by_seq: dict[int, int] = {}  # the number of each commit, by its receipt
     done = threading.Event()
-
-    def write(tf: TransformClient) -> None:
-        for _ in range(150):
-            written: list[int] = []
-
-            def step(tx: object, written: list[int] = written) -> None:
-                newest = tx.lookup_latest_transform_xact("map", "frame0")  # type: ignore[attr-defined]
-                written[:] = [newest.stamp_ns + 1]
-                for one in stampeds(written[0]):
-                    tx.set_transform(one)  # type: ignore[attr-defined]
-
-            tf.run_transaction(step, attempts=1000)
-            assert tf.last_receipt is not None
-            by_seq[tf.last_receipt.seq] = written[0]
-
     seen: list[tuple[int, int, int]] = []
     failures: list[str] = []
 
@@ -187,7 +190,7 @@ def test_reads_are_a_prefix_in_order(server: ServerProcess) -> None:
         last = 0
         while not done.is_set():
             before = m.seq
-            found = m.lookup_latest_transforms_xact([("map", name) for name in frames])
+            found = m.lookup_latest_transforms_xact([("map", name) for name in NUMBERED])
             numbers = {one.stamp_ns for one in found}
             number = found[0].stamp_ns
             if len(numbers) != 1:
@@ -200,7 +203,7 @@ def test_reads_are_a_prefix_in_order(server: ServerProcess) -> None:
 
     mirrors = [server.connect(20).mirror() for _ in range(2)]
     readers = [threading.Thread(target=read, args=(m,)) for m in mirrors]
-    writing = [threading.Thread(target=write, args=(tf,)) for tf in writers]
+    writing = [threading.Thread(target=count_up, args=(tf, by_seq)) for tf in writers]
     for thread in (*readers, *writing):
         thread.start()
     for thread in writing:
