@@ -3,7 +3,7 @@
 #include <map>
 
 #include "fixture.hpp"
-#include "replication/change_batch.hpp"
+#include "replication/change_replay.hpp"
 #include "replication/snapshot.hpp"
 #include "thread_group.hpp"
 
@@ -38,12 +38,7 @@ void load_snapshot(Tree& from, Tree& to, const std::function<void()>& pause = []
   if (plan.ever_reparented) replay.set_ever_reparented();
   for (std::size_t i = 1; i < plan.bounds.size(); ++i) {
     pause();
-    const SnapshotPiece piece = reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20);
-    const std::vector<std::string_view> names(piece.names.begin(), piece.names.end());
-    const std::vector<std::string_view> authorities(piece.authorities.begin(),
-                                                    piece.authorities.end());
-    replay.load({names, authorities, piece.frame, piece.authority, piece.count, piece.version,
-                 piece.is_static, piece.stamp, piece.parent, piece.pose});
+    replay.load(reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20).frames.view());
   }
 }
 
@@ -119,7 +114,7 @@ TEST(a_name_that_was_removed_is_never_found_in_a_mirror) {
   const std::vector<Stamp> stamp{1};
   const std::vector<Pose> pose{at_x(1)};
   yield_hook = &look;
-  replay.apply({names, authorities, kind, frame, version, parent, authority, stamp, pose, {}, 1});
+  replay.apply({names, authorities, kind, frame, version, parent, authority, stamp, pose, {}}, 1);
   yield_hook = nullptr;
   CHECK(looked > 2);
   CHECK_EQ(mirror.tree.parent(mirror.id("child"), kNoStamp), FrameId{2});
@@ -143,7 +138,7 @@ TEST(a_change_that_the_snapshot_has_is_not_applied_again) {
   const Version base = version("base"), full = version("full");
   ChangeLog::Taken taken = log.take(1 << 20);
   CHECK(taken.first == start + 1 && !taken.lost);
-  ChangeReplay(mirror.tree.state()).apply(ChangeBatch(taken.entries).columns(taken.last));
+  ChangeReplay(mirror.tree.state()).apply(changes_of(taken.entries).view(), taken.last);
   CHECK(version("base") == base && version("full") == full);
   for (const char* frame : {"base", "full"}) {
     const FrameInfo theirs = w.tree.info(w.id(frame)), ours = mirror.tree.info(mirror.id(frame));
@@ -185,7 +180,7 @@ TEST(a_mirror_changes_at_one_instant) {
   std::thread consumer([&] {
     ChangeReplay replay(mirror.tree.state());
     follow(log, start, done, [&](const std::vector<LogEntryPtr>& entries, Seq last) {
-      replay.apply(ChangeBatch(entries).columns(last));
+      replay.apply(changes_of(entries).view(), last);
     });
   });
   threads.join();
@@ -249,9 +244,9 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
   for (const auto& mirror : mirrors) {
     ChangeReplay replay(mirror->tree.state());
     for (const auto& [entries, last] : taken) {
-      const ChangeBatch batch(entries);
-      orphans += batch.lost.size();
-      replay.apply(batch.columns(last));
+      const ChangeTable changes = changes_of(entries);
+      orphans += changes.lost.size();
+      replay.apply(changes.view(), last);
     }
     for (const char* frame : {"map", "odom", "a", "b", "c", "d"}) {
       const FrameId theirs = w.id(frame), ours = mirror->id(frame);

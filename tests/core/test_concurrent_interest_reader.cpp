@@ -1,5 +1,5 @@
 // Mirrors of some frames beside writers: each read is of one instant, and so is each lookup in the
-// mirror, also while frames leave the ways and come back.
+// mirror, also while frames leave the paths and come back.
 #include "fixture.hpp"
 #include "replication/change_replay.hpp"
 #include "replication/interest_reader.hpp"
@@ -12,15 +12,11 @@ namespace {
 constexpr std::uint64_t kLogBytes = 1 << 20;
 constexpr std::size_t kMany = 4096;
 
-void apply(ChangeReplay& replay, const ChangeRows& rows, Seq seq) {
-  if (rows.kind.empty()) return;
-  const std::vector<std::string_view> names(rows.names.begin(), rows.names.end());
-  const std::vector<std::string_view> authorities(rows.authorities.begin(), rows.authorities.end());
-  replay.apply({names, authorities, rows.kind, rows.frame, rows.version, rows.parent,
-                rows.authority, rows.stamp, rows.pose, rows.lost, seq});
+void apply(ChangeReplay& replay, const ChangeTable& changes, Seq seq) {
+  if (!changes.kind.empty()) replay.apply(changes.view(), seq);
 }
 
-// The chain of commit n: three links of length n, on the left of two places or on the right.
+// The chain of commit n: three links of length n, to the left of two places or on the right.
 std::vector<Set> chain(int n) {
   const double x = n;
   return {

@@ -232,8 +232,8 @@ FAULTS = [
         "a mirror applies a message in two halves",
         EVERYWHERE,
         "replication/change_replay.cpp",
-        "void ChangeReplay::apply(const ChangeColumns& changes) {\n",
-        """void ChangeReplay::apply(const ChangeColumns& changes) {
+        "void ChangeReplay::apply(const ChangeColumns& changes, Seq last) {\n",
+        """void ChangeReplay::apply(const ChangeColumns& changes, Seq last) {
   thread_local bool is_half = false;
   if (const std::size_t n = changes.kind.size() / 2; n > 0 && !is_half) {
     ChangeColumns half = changes;
@@ -241,7 +241,7 @@ FAULTS = [
     half.frame = half.frame.first(n);
     half.version = half.version.first(n);
     is_half = true;
-    apply(half);
+    apply(half, last);
     is_half = false;
   }
 """,
@@ -252,7 +252,7 @@ FAULTS = [
         EVERYWHERE,
         "replication/change_replay.cpp",
         "    find_names(changes.names);\n",
-        "    tree_.replayed.store(changes.last, std::memory_order_release);\n"
+        "    tree_.replayed.store(last, std::memory_order_release);\n"
         "    find_names(changes.names);\n",
         "mirror",
     ),

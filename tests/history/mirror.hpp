@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "replication/change_batch.hpp"
+#include "replication/change_replay.hpp"
 #include "replication/snapshot.hpp"
 #include "tree.hpp"
 
@@ -52,12 +52,7 @@ class Mirror {
     ChangeReplay replay(copy_.state());
     const SnapshotPlan plan = reader.plan(1 << 20);
     for (std::size_t i = 1; i < plan.bounds.size(); ++i) {
-      const SnapshotPiece piece = reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20);
-      const std::vector<std::string_view> names(piece.names.begin(), piece.names.end());
-      const std::vector<std::string_view> authorities(piece.authorities.begin(),
-                                                      piece.authorities.end());
-      replay.load({names, authorities, piece.frame, piece.authority, piece.count, piece.version,
-                   piece.is_static, piece.stamp, piece.parent, piece.pose});
+      replay.load(reader.read(plan.bounds[i - 1], plan.bounds[i], 1 << 20).frames.view());
     }
   }
 
@@ -72,7 +67,7 @@ class Mirror {
       }
       if (taken.last == position_) continue;
       position_ = taken.last;
-      replay.apply(ChangeBatch(taken.entries).columns(taken.last));
+      replay.apply(changes_of(taken.entries).view(), taken.last);
     }
   }
 

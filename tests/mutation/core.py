@@ -206,7 +206,7 @@ MUTANTS = (
     replay("a removed frame stays live", "      target.is_live = false;\n", ""),
     replay(
         "the replay's number comes late",
-        "tree_.replayed.store(changes.last, std::memory_order_release);",
-        "tree_.replayed.store(changes.last - 1, std::memory_order_release);",
+        "tree_.replayed.store(last, std::memory_order_release);",
+        "tree_.replayed.store(last - 1, std::memory_order_release);",
     ),
 )

@@ -3,6 +3,8 @@
 
 namespace ztf {
 
+nb::str str_of(std::string_view text) { return nb::str(text.data(), text.size()); }
+
 std::string quoted(std::string_view name) { return std::string("'").append(name).append("'"); }
 
 std::string_view text_of(nb::handle name, const char* field) {
@@ -84,6 +86,15 @@ nb::object doubles_of(nb::handle values, const char* field) {
   }
   if (!real) raise_invalid(std::string(field) + " must be an array of real numbers", field);
   return numpy.attr("ascontiguousarray")(array, float64);
+}
+
+std::uint32_t checked(std::uint32_t index, std::size_t size, const char* field) {
+  if (index >= size)
+    throw Rejected{.code = Code::invalid_argument,
+                   .message = std::string(field) + " has the index " + std::to_string(index) +
+                              ", but its list has " + std::to_string(size) + " entries",
+                   .field = field};
+  return index;
 }
 
 nb::tuple tuple_of(nb::handle sequence) {

@@ -10,6 +10,7 @@
 #include <nanobind/stl/string_view.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -59,6 +60,15 @@ nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle ta
 std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
+// Runs body(), and raises what it throws as Rejected.
+template <class Body>
+auto rejected_as_error(Body&& body) {
+  try {
+    return body();
+  } catch (const Rejected& rejected) {
+    raise(make_error(rejected));
+  }
+}
 
 // --- the GIL
 
@@ -75,6 +85,14 @@ class GilReleased {
  private:
   PyThreadState* const state_;
 };
+
+// Runs body(), without the GIL if that is long enough to pay.
+template <class Body>
+auto without_gil_if(bool is_long, Body&& body) {
+  std::optional<GilReleased> released;
+  if (is_long) released.emplace();
+  return body();
+}
 
 // Keeps the GIL in its scope unless the core waits for long, and has it again afterwards. It costs
 // a few nanoseconds. The scope must hold one call of the core, or several that use no Python.
@@ -113,6 +131,7 @@ Query lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_n
 
 // --- arguments; `field` names the argument in InvalidArgumentException
 
+nb::str str_of(std::string_view text);
 // "'name'"
 std::string quoted(std::string_view name);
 // A str's UTF-8; valid as long as the str.
@@ -138,12 +157,42 @@ Pose pose_of(nb::handle translation, nb::handle rotation);
 nb::object doubles_of(nb::handle values, const char* field);
 // PySequence_Tuple, which keeps the items alive and unchanged.
 nb::tuple tuple_of(nb::handle sequence);
+// Calls body(stamped) for each item, which must be a StampedTransform.
+template <class Body>
+void for_each_stamped(const nb::tuple& items, Body&& body) {
+  for (const nb::handle item : items) {
+    if (!nb::isinstance<StampedTransform>(item))
+      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
+    body(nb::cast<const StampedTransform&>(item));
+  }
+}
+// `index`, which must be below the size of the list that it refers to: else throws Rejected. Needs
+// no GIL.
+std::uint32_t checked(std::uint32_t index, std::size_t size, const char* field);
 
 // --- arrays
 
 template <class T>
 using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using PoseColumn = nb::ndarray<const double, nb::shape<-1, 7>, nb::c_contig, nb::device::cpu>;
+
+template <class T>
+std::span<const T> span_of(const Column<T>& column) {
+  return {column.data(), column.shape(0)};
+}
+inline std::span<const Pose> span_of(const PoseColumn& poses) {
+  static_assert(sizeof(Pose) == 7 * sizeof(double));
+  return {reinterpret_cast<const Pose*>(poses.data()), poses.shape(0)};
+}
+
+// Raises unless the column has n rows, as those before it.
+template <class AnyColumn>
+void fit(const AnyColumn& column, std::size_t n, const char* field) {
+  if (column.shape(0) != n)
+    raise_invalid(std::string(field) + " has " + std::to_string(column.shape(0)) +
+                      " rows, but the columns before it have " + std::to_string(n),
+                  field);
+}
 
 // A numpy array that owns `storage`.
 template <class T, std::size_t N>
@@ -164,7 +213,33 @@ nb::object make_array(const std::size_t (&shape)[N], Fill&& fill) {
   return array_of(std::move(storage), shape);
 }
 
+template <class T>
+nb::object array_of(const std::vector<T>& values) {
+  return make_array<T>({values.size()},
+                       [&](T* out) { std::copy(values.begin(), values.end(), out); });
+}
+
 // --- the tree
+
+template <auto function>
+struct MethodOf {
+  static constexpr auto* value = function;
+};
+template <class Result, class... Args, Result (*function)(const SharedTree&, Args...)>
+struct MethodOf<function> {
+  static nb::object call(const SharedTree& tree, Args... args) {
+    try {
+      return nb::cast(function(tree, args...));
+    } catch (const Unanswered& unanswered) {
+      return nb::cast(unanswered.reason);
+    }
+  }
+  static constexpr auto* value = &call;
+};
+// A function of a tree as a method of its class. That of a tree in another process returns a member
+// of AskServer if the function throws Unanswered.
+template <auto function>
+constexpr auto* method = MethodOf<function>::value;
 
 // Tree::commit, with Rejected raised as its Python error.
 void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
@@ -181,26 +256,36 @@ void bind_transform_rows(nb::module_& m);
 void bind_apply(nb::class_<Pose>& transform);
 void bind_stamped(nb::module_& m);
 void bind_tree(nb::module_& m);
-void bind_lookup_columns(nb::class_<Tree>& tree);
-void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree);
 void bind_commit(nb::class_<Tree>& tree);
 void bind_parked_lookups(nb::module_& m);
-void bind_introspection(nb::class_<Tree>& tree);
-void bind_velocity(nb::class_<Tree>& tree);
 void bind_deskew(nb::module_& m);
-void bind_deskew(nb::class_<Tree>& tree);
 void bind_change_log(nb::module_& m);
 void bind_change_replay(nb::module_& m);
 void bind_interest_reader(nb::module_& m);
-void bind_lookups(nb::class_<Tree>& tree);
-
-// The same of a tree in another process: each method returns AskServer if it cannot answer.
+void bind_operations(nb::module_& m);
 void bind_shared_tree(nb::module_& m);
-void bind_lookups(nb::class_<SharedTree>& tree);
-void bind_lookup_columns(nb::class_<SharedTree>& tree);
-void bind_read_rows(nb::class_<SharedTree>& tree);
-void bind_introspection(nb::class_<SharedTree>& tree);
-void bind_velocity(nb::class_<SharedTree>& tree);
-void bind_deskew(nb::class_<SharedTree>& tree);
+
+// What a tree of this process has, and one of another.
+template <class AnyTree>
+void bind_lookups(nb::class_<AnyTree>& tree);
+template <class AnyTree>
+void bind_lookup_columns(nb::class_<AnyTree>& tree);
+template <class AnyTree>
+void bind_read_rows(nb::class_<AnyTree>& tree);
+template <class AnyTree>
+void bind_introspection(nb::class_<AnyTree>& tree);
+template <class AnyTree>
+void bind_velocity(nb::class_<AnyTree>& tree);
+template <class AnyTree>
+void bind_deskew(nb::class_<AnyTree>& tree);
+template <class AnyTree>
+void bind_reads(nb::class_<AnyTree>& tree) {
+  bind_lookups(tree);
+  bind_lookup_columns(tree);
+  bind_read_rows(tree);
+  bind_introspection(tree);
+  bind_velocity(tree);
+  bind_deskew(tree);
+}
 
 }  // namespace ztf

@@ -2,7 +2,6 @@
 // links.
 #include <algorithm>
 
-#include "bindings/reads/ask_server.hpp"
 #include "bindings/reads/budget.hpp"
 #include "replication/change_replay.hpp"
 
@@ -32,8 +31,7 @@ FrameInfo info_holding_gil(const AnyTree& tree, FrameId id) {
 template <class AnyTree>
 nb::object name_or_none(const AnyTree& tree, FrameId id) {
   if (id == 0) return nb::none();
-  const std::string name = tree.name(id);
-  return nb::str(name.data(), name.size());
+  return str_of(tree.name(id));
 }
 
 template <class AnyTree>
@@ -64,13 +62,11 @@ nb::tuple frames_page(const Tree& tree, std::uint64_t after, std::uint64_t most,
     const std::string name = tree.name(id);
     bytes += name.size() + 5;
     if (bytes > budget.reply_bytes.left()) budget.reply_bytes.exhausted();
-    out.append(nb::str(name.data(), name.size()));
+    out.append(str_of(name));
   }
   while (id < n && tree.removed(id + 1)) ++id;
   return nb::make_tuple(out, id < n ? nb::object(nb::int_(id)) : nb::none());
 }
-
-nb::object text(std::string_view value) { return nb::str(value.data(), value.size()); }
 
 template <class AnyTree>
 nb::object last_change(const AnyTree& tree, const FrameInfo& info) {
@@ -81,7 +77,7 @@ nb::object last_change(const AnyTree& tree, const FrameInfo& info) {
                 : info.change == Change::switched ? "switched"
                                                   : "authority";
   out["stamp_ns"] = info.change_stamp;
-  out["authority"] = text(tree.authority(info.change_authority));
+  out["authority"] = str_of(tree.authority(info.change_authority));
   out["parent_before"] = name_or_none(tree, info.parent_before);
   out["static_before"] = info.static_before;
   return out;
@@ -103,7 +99,7 @@ nb::dict record_of(const AnyTree& tree, nb::object name, FrameId id, const Frame
   nb::dict out;
   out["name"] = name;
   out["parent"] = name_or_none(tree, info.parent);
-  out["authority"] = text(tree.authority(info.authority));
+  out["authority"] = str_of(tree.authority(info.authority));
   out["static"] = has_data && info.is_static;
   out["samples"] = has_data ? (info.is_static ? 1 : info.samples) : 0;
   out["oldest_stamp_ns"] = stamp(info.is_static ? info.newest : info.oldest);
@@ -168,7 +164,7 @@ nb::list authority_records(const Tree& tree) {
     if (tree.forgotten(id)) continue;
     const AuthorityCounts counts = tree.authority_counts(id);
     nb::dict record;
-    record["name"] = text(tree.authority(id));
+    record["name"] = str_of(tree.authority(id));
     record["frames"] = frames[id];
     record["commits"] = counts.commits;
     record["stored"] = counts.stored;
@@ -260,10 +256,10 @@ nb::tuple take_events(Tree& tree) {
   };
   // An authority of a commit that was rejected may have no name.
   const auto authority = [&](AuthorityId id) {
-    return text(id <= tree.authorities() ? tree.authority(id) : std::string_view());
+    return str_of(id <= tree.authorities() ? tree.authority(id) : std::string_view());
   };
   const auto name_or_none = [](const std::string& name) {
-    return name.empty() ? nb::none() : text(name);
+    return name.empty() ? nb::none() : nb::object(str_of(name));
   };
   nb::list out;
   for (const auto& [event, frame, parent, parent_before] : events) {
@@ -287,33 +283,26 @@ nb::tuple take_events(Tree& tree) {
 
 }  // namespace
 
-void bind_introspection(nb::class_<Tree>& tree) {
-  tree.def("frames", &frames<Tree>, ZTF_DOC(Tree_frames))
-      .def("parent", &parent<Tree>, ZTF_DOC(Tree_parent), nb::arg("frame"),
+template <class T>
+void bind_introspection(nb::class_<T>& tree) {
+  tree.def("frames", method<&frames<T>>, ZTF_DOC(Tree_frames))
+      .def("parent", method<&parent<T>>, ZTF_DOC(Tree_parent), nb::arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", &chain<Tree>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
+      .def("chain", method<&chain<T>>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("stats", &stats, ZTF_DOC(Tree_stats))
-      .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("whole"),
-           nb::arg("budget"))
-      .def("_frame_count", [](const Tree& t) { return t.size(); })
-      .def("_links", &links, nb::arg("frames"))
-      .def("_frame_record", &frame_record<Tree>, nb::arg("name"))
-      .def("_ancestor_records", &ancestor_records<Tree>, nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none())
-      .def("_authority_records", &authority_records)
-      .def("_take_events", &take_events);
+      .def("_frame_record", method<&frame_record<T>>, nb::arg("name"))
+      .def("_ancestor_records", method<&ancestor_records<T>>, nb::arg("target"), nb::arg("source"),
+           nb::arg("stamp_ns").none() = nb::none());
+  if constexpr (std::is_same_v<T, Tree>)
+    tree.def("stats", &stats, ZTF_DOC(Tree_stats))
+        .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("whole"),
+             nb::arg("budget"))
+        .def("_frame_count", [](const Tree& t) { return t.size(); })
+        .def("_links", &links, nb::arg("frames"))
+        .def("_authority_records", &authority_records)
+        .def("_take_events", &take_events);
 }
-
-void bind_introspection(nb::class_<SharedTree>& tree) {
-  tree.def("frames", or_ask_server<&frames<SharedTree>>)
-      .def("parent", or_ask_server<&parent<SharedTree>>, nb::arg("frame"),
-           nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", or_ask_server<&chain<SharedTree>>, nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none())
-      .def("_frame_record", or_ask_server<&frame_record<SharedTree>>, nb::arg("name"))
-      .def("_ancestor_records", or_ask_server<&ancestor_records<SharedTree>>, nb::arg("target"),
-           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none());
-}
+template void bind_introspection(nb::class_<Tree>&);
+template void bind_introspection(nb::class_<SharedTree>&);
 
 }  // namespace ztf

@@ -10,6 +10,7 @@ NB_MODULE(_core, m) {
   ztf::bind_transform_rows(m);
   ztf::bind_deskew(m);
   ztf::bind_budget(m);
+  ztf::bind_operations(m);
   ztf::bind_tree(m);
   ztf::bind_shared_tree(m);
   ztf::bind_parked_lookups(m);

@@ -42,15 +42,12 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
   std::vector<Row> rows;
   names.reserve(items.size() * 2);
   rows.reserve(items.size());
-  for (const nb::handle item : items) {
-    if (!nb::isinstance<StampedTransform>(item))
-      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
-    const auto& s = nb::cast<const StampedTransform&>(item);
+  for_each_stamped(items, [&](const StampedTransform& s) {
     const auto at = static_cast<std::uint32_t>(names.size());
     names.push_back(text_of(s.parent_frame, "parent_frame"));
     names.push_back(text_of(s.child_frame, "child_frame"));
     rows.push_back({at, at + 1, s.stamp, s.pose});
-  }
+  });
   std::vector<std::uint8_t> stored(rows.size());
   commit(tree, {.names = names, .rows = rows, .authority = authority, .is_static = is_static},
          stored, true);
@@ -59,12 +56,10 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
 // Runs a write without the interpreter lock.
 template <class Write>
 void run_released(Write write) {
-  try {
+  rejected_as_error([&] {
     const GilReleased released;
     write();
-  } catch (const Rejected& rejected) {
-    raise(make_error(rejected));
-  }
+  });
 }
 
 void clear(Tree& tree, bool keep_static, std::int64_t expires_ns) {
@@ -176,7 +171,7 @@ void bind_writes(nb::class_<Tree>& tree) {
 
 void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
             bool release_gil) {
-  try {
+  rejected_as_error([&] {
     if (release_gil) {
       const GilReleased released;
       tree.commit(request, stored);
@@ -184,9 +179,7 @@ void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> st
       const GilReleasedOnWait released;
       tree.commit(request, stored);
     }
-  } catch (const Rejected& rejected) {
-    raise(make_error(rejected));
-  }
+  });
 }
 
 void bind_tree(nb::module_& m) {
@@ -207,13 +200,8 @@ void bind_tree(nb::module_& m) {
           nb::arg("duration_s"))
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
-  bind_lookups(tree);
-  bind_lookup_columns(tree);
-  bind_read_rows(m, tree);
   bind_commit(tree);
-  bind_introspection(tree);
-  bind_velocity(tree);
-  bind_deskew(tree);
+  bind_reads(tree);
 }
 
 }  // namespace ztf

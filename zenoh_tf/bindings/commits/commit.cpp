@@ -1,8 +1,6 @@
 // Tree._commit_rows: a transaction of many rows.
 //
 // GIL: commits release it.
-#include <algorithm>
-
 #include "bindings/commits/transform_rows.hpp"
 #include "bindings/reads/read_rows.hpp"
 
@@ -19,8 +17,7 @@ nb::object commit_rows(Tree& tree, const TransformRows& rows, std::string_view a
   const std::vector<nb::object> read_objects = names_of(tree, read_names, read_texts, "read_names");
   if ((read_versions ? read_versions->shape(0) : 0) != read_texts.size())
     raise_invalid("read_versions must have as many rows as read_names", "read_versions");
-  const std::size_t n = rows.rows().size();
-  std::vector<std::uint8_t> stored(n);
+  std::vector<std::uint8_t> stored(rows.rows().size());
   CommitRequest request{.names = rows.texts(),
                         .rows = rows.rows(),
                         .authority = authority,
@@ -31,8 +28,7 @@ nb::object commit_rows(Tree& tree, const TransformRows& rows, std::string_view a
   if (expires) request.expires_ns = *expires;
   if (max_stamp) request.max_stamp = *max_stamp;
   commit(tree, request, stored, true);
-  return make_array<std::uint8_t>(
-      {n}, [&](std::uint8_t* d) { std::copy(stored.begin(), stored.end(), d); });
+  return array_of(stored);
 }
 
 }  // namespace

@@ -24,14 +24,13 @@ constexpr std::size_t kReleaseFrom = 10'000;  // rows whose columns take long to
 // A message's columns are little-endian, and are copied as they are.
 static_assert(std::endian::native == std::endian::little);
 static_assert(sizeof(Row) == 2 * sizeof(std::uint32_t) + sizeof(Stamp) + sizeof(Pose));
-static_assert(sizeof(Pose) == 7 * sizeof(double));
 
 // Calls copy(i) for each row.
 template <class Copy>
 void for_each_row(std::size_t rows, Copy&& copy) {
-  std::optional<GilReleased> released;
-  if (rows >= kReleaseFrom) released.emplace();
-  for (std::size_t i = 0; i < rows; ++i) copy(i);
+  without_gil_if(rows >= kReleaseFrom, [&] {
+    for (std::size_t i = 0; i < rows; ++i) copy(i);
+  });
 }
 
 TransformRows from_arrays(nb::handle names, const Column<std::uint32_t>& parent,
@@ -40,7 +39,7 @@ TransformRows from_arrays(nb::handle names, const Column<std::uint32_t>& parent,
   const std::size_t n = parent.shape(0);
   fit(child, n, "child");
   fit(stamp, n, "stamp_ns");
-  if (pose.shape(0) != n) raise_invalid("pose must have as many rows as parent", "pose");
+  fit(pose, n, "pose");
   nb::list list;
   for (const nb::handle name : tuple_of(names)) list.append(name);
   const std::size_t count = list.size();
@@ -50,7 +49,7 @@ TransformRows from_arrays(nb::handle names, const Column<std::uint32_t>& parent,
       rows[i].parent = checked(parent(i), count, "parent");
       rows[i].child = checked(child(i), count, "child");
       rows[i].stamp = stamp(i);
-      std::memcpy(&rows[i].pose, pose.data() + 7 * i, sizeof(Pose));
+      rows[i].pose = span_of(pose)[i];
     });
   });
   return {std::move(list), std::move(rows)};
@@ -100,13 +99,10 @@ TransformRows of(nb::handle stampeds) {
   MessageNames names;
   std::vector<Row> rows;
   rows.reserve(items.size());
-  for (const nb::handle item : items) {
-    if (!nb::isinstance<StampedTransform>(item))
-      raise_invalid("stampeds must hold StampedTransforms", "stampeds");
-    const auto& s = nb::cast<const StampedTransform&>(item);
+  for_each_stamped(items, [&](const StampedTransform& s) {
     const std::uint32_t parent = names.index_of(s.parent_frame);
     rows.push_back({parent, names.index_of(s.child_frame), s.stamp, s.pose});
-  }
+  });
   return {names.list(), std::move(rows)};
 }
 

@@ -151,19 +151,13 @@ bool append_names(const Scan& scan, nb::list& names) {
 nb::object decode_tf_message(const nb::bytes& message, nb::handle rename) {
   Scan scan;
   std::optional<Malformed> fault;
-  const auto run = [&] {
+  without_gil_if(message.size() >= kReleaseFrom, [&] {
     try {
       scan.run({message.c_str(), message.size()});
     } catch (const Malformed& malformed) {
       fault = malformed;
     }
-  };
-  if (message.size() < kReleaseFrom) {
-    run();
-  } else {
-    const GilReleased released;
-    run();
-  }
+  });
   if (fault) return nb::make_tuple(fault->field, fault->expected);
   nb::list names;
   if (!append_names(scan, names)) return nb::make_tuple("frame_id", "UTF-8");

@@ -1,7 +1,6 @@
 // columns_of_pairs: the arguments of a lookup as the columns of a message.
 //
 // GIL: kept.
-#include <algorithm>
 #include <string>
 
 #include "bindings/messages/message_names.hpp"
@@ -10,16 +9,11 @@ namespace ztf {
 
 namespace {
 
-nb::object column(const std::vector<std::uint32_t>& values) {
-  return make_array<std::uint32_t>(
-      {values.size()}, [&](std::uint32_t* d) { std::copy(values.begin(), values.end(), d); });
-}
-
 // A name for all rows, or a sequence of names.
 nb::object index_column(MessageNames& names, nb::handle given, std::size_t rows,
                         const char* field) {
   if (PyUnicode_Check(given.ptr()))
-    return column(std::vector<std::uint32_t>(rows, names.index_of(given)));
+    return array_of(std::vector<std::uint32_t>(rows, names.index_of(given)));
   const nb::tuple items = tuple_of(given);
   if (items.size() != rows)
     raise_invalid(std::string(field) + " has " + std::to_string(items.size()) + " names for " +
@@ -32,7 +26,7 @@ nb::object index_column(MessageNames& names, nb::handle given, std::size_t rows,
     values.push_back(item.ptr() == last ? values.back() : names.index_of(item));
     last = item.ptr();
   }
-  return column(values);
+  return array_of(values);
 }
 
 nb::tuple columns_of_pairs(nb::handle targets, nb::handle sources, std::size_t rows) {

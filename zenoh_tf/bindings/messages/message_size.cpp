@@ -145,9 +145,7 @@ class Scan {
 
 std::int64_t decoded_size(const nb::bytes& message) {
   const std::string_view data(message.c_str(), message.size());
-  if (data.size() < kReleaseFrom) return Scan(data).run();
-  const GilReleased released;
-  return Scan(data).run();
+  return without_gil_if(data.size() >= kReleaseFrom, [&] { return Scan(data).run(); });
 }
 
 }  // namespace

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "bindings/reads/ask_server.hpp"
+#include "bindings/bindings.hpp"
 #include "reads/sample_block.hpp"
 
 namespace ztf {
@@ -216,14 +216,12 @@ nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handl
 
 }  // namespace
 
-void bind_lookup_columns(nb::class_<Tree>& tree) {
-  tree.def("_lookup_columns", &lookup_columns<Tree>, nb::arg("targets"), nb::arg("sources"),
+template <class T>
+void bind_lookup_columns(nb::class_<T>& tree) {
+  tree.def("_lookup_columns", method<&lookup_columns<T>>, nb::arg("targets"), nb::arg("sources"),
            nb::arg("stamps_ns").none());
 }
-
-void bind_lookup_columns(nb::class_<SharedTree>& tree) {
-  tree.def("_lookup_columns", or_ask_server<&lookup_columns<SharedTree>>, nb::arg("targets"),
-           nb::arg("sources"), nb::arg("stamps_ns").none());
-}
+template void bind_lookup_columns(nb::class_<Tree>&);
+template void bind_lookup_columns(nb::class_<SharedTree>&);
 
 }  // namespace ztf

@@ -3,7 +3,7 @@
 // GIL: as in tree.cpp.
 #include <chrono>
 
-#include "bindings/reads/ask_server.hpp"
+#include "bindings/bindings.hpp"
 
 namespace ztf {
 
@@ -197,40 +197,26 @@ std::optional<Stamp> latest_common_time(const AnyTree& tree, nb::handle a, nb::h
 
 }  // namespace
 
-void bind_lookups(nb::class_<Tree>& tree) {
-  tree.def("lookup_transform", &lookup<Tree>, ZTF_DOC(Tree_lookup_transform), nb::arg("target"),
-           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_transform_full", &lookup_full<Tree>, ZTF_DOC(Tree_lookup_transform_full),
+template <class T>
+void bind_lookups(nb::class_<T>& tree) {
+  tree.def("lookup_transform", method<&lookup<T>>, ZTF_DOC(Tree_lookup_transform),
+           nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(),
+           nb::arg("timeout_s") = 0.0)
+      .def("lookup_transform_full", method<&lookup_full<T>>, ZTF_DOC(Tree_lookup_transform_full),
            nb::arg("target"), nb::arg("target_stamp_ns").none(), nb::arg("source"),
            nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
-      .def("can_transform", &can<Tree>, ZTF_DOC(Tree_can_transform), nb::arg("target"),
+      .def("can_transform", method<&can<T>>, ZTF_DOC(Tree_can_transform), nb::arg("target"),
            nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_latest_transform", &latest<Op::latest, Tree>,
+      .def("lookup_latest_transform", method<&latest<Op::latest, T>>,
            ZTF_DOC(Tree_lookup_latest_transform), nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transform_xact", &latest<Op::latest_xact, Tree>,
+      .def("lookup_latest_transform_xact", method<&latest<Op::latest_xact, T>>,
            ZTF_DOC(Tree_lookup_latest_transform_xact), nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transforms_xact", &latest_all<Tree>,
+      .def("lookup_latest_transforms_xact", method<&latest_all<T>>,
            ZTF_DOC(Tree_lookup_latest_transforms_xact), nb::arg("pairs"))
-      .def("latest_common_time", &latest_common_time<Tree>, ZTF_DOC(Tree_latest_common_time),
+      .def("latest_common_time", method<&latest_common_time<T>>, ZTF_DOC(Tree_latest_common_time),
            nb::arg("a"), nb::arg("b"));
 }
-
-void bind_lookups(nb::class_<SharedTree>& tree) {
-  tree.def("lookup_transform", or_ask_server<&lookup<SharedTree>>, nb::arg("target"),
-           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_transform_full", or_ask_server<&lookup_full<SharedTree>>, nb::arg("target"),
-           nb::arg("target_stamp_ns").none(), nb::arg("source"), nb::arg("source_stamp_ns").none(),
-           nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
-      .def("can_transform", or_ask_server<&can<SharedTree>>, nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
-      .def("lookup_latest_transform", or_ask_server<&latest<Op::latest, SharedTree>>,
-           nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transform_xact", or_ask_server<&latest<Op::latest_xact, SharedTree>>,
-           nb::arg("target"), nb::arg("source"))
-      .def("lookup_latest_transforms_xact", or_ask_server<&latest_all<SharedTree>>,
-           nb::arg("pairs"))
-      .def("latest_common_time", or_ask_server<&latest_common_time<SharedTree>>, nb::arg("a"),
-           nb::arg("b"));
-}
+template void bind_lookups(nb::class_<Tree>&);
+template void bind_lookups(nb::class_<SharedTree>&);
 
 }  // namespace ztf

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 
-#include "bindings/reads/ask_server.hpp"
 #include "replication/change_replay.hpp"
 
 namespace ztf {
@@ -49,10 +48,7 @@ nb::object versions_of(const AnyTree& tree, const ReadRows& rows,
     budget->reply_bytes.take(bytes);
   }
   nb::list read_names;
-  for (const ReadVersion& r : read_set) {
-    const std::string name = tree.name(r.frame);
-    read_names.append(nb::str(name.data(), name.size()));
-  }
+  for (const ReadVersion& r : read_set) read_names.append(str_of(tree.name(r.frame)));
   std::size_t unknown = 0;
   for (std::size_t i = 0; i < rows.frames.size(); ++i)
     if (rows.frames[i].id == 0 && !rows.invalid_name[i]) {
@@ -186,14 +182,6 @@ void check_name_bytes(const AnyTree& tree, std::span<const std::string_view> nam
       raise_too_long(tree, name);
 }
 
-std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field) {
-  if (index >= names)
-    throw malformed(std::string(field) + " has the index " + std::to_string(index) +
-                        ", but there are " + std::to_string(names) + " names",
-                    field);
-  return index;
-}
-
 template <class AnyTree>
 ReadRows::ReadRows(const AnyTree& tree, nb::handle name_list, const ReadColumns& columns)
     : name_objects(names_of(tree, name_list, texts, "names")), invalid_name(name_objects.size()) {
@@ -314,7 +302,7 @@ nb::object ReadRows::name_error(const AnyTree& tree, std::size_t row) const {
   return nb::object();
 }
 
-void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
+void bind_operations(nb::module_& m) {
   m.attr("OP_AT") = static_cast<int>(Op::at);
   m.attr("OP_COMMON") = static_cast<int>(Op::latest_common);
   m.attr("OP_LATEST") = static_cast<int>(Op::latest);
@@ -322,21 +310,18 @@ void bind_read_rows(nb::module_& m, nb::class_<Tree>& tree) {
   m.attr("OP_COMMON_TIME") = static_cast<int>(Op::common_time);
   m.attr("OP_FULL") = static_cast<int>(Op::full);
   m.attr("NO_STAMP") = kNoStamp;
+}
 
-  tree.def("_read_rows", &read_rows<Tree>, nb::arg("names"), nb::arg("op"), nb::arg("target"),
+template <class T>
+void bind_read_rows(nb::class_<T>& tree) {
+  tree.def("_read_rows", method<&read_rows<T>>, nb::arg("names"), nb::arg("op"), nb::arg("target"),
            nb::arg("source"), nb::arg("stamp_ns"), nb::arg("fixed").none() = nb::none(),
            nb::arg("source_stamp_ns").none() = nb::none(), nb::kw_only(), nb::arg("atomic") = false,
            nb::arg("versions") = false, nb::arg("errors") = true,
            nb::arg("budget").none() = nb::none());
 }
-
-void bind_read_rows(nb::class_<SharedTree>& tree) {
-  tree.def("_read_rows", or_ask_server<&read_rows<SharedTree>>, nb::arg("names"), nb::arg("op"),
-           nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
-           nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
-           nb::kw_only(), nb::arg("atomic") = false, nb::arg("versions") = false,
-           nb::arg("errors") = true, nb::arg("budget").none() = nb::none());
-}
+template void bind_read_rows(nb::class_<Tree>&);
+template void bind_read_rows(nb::class_<SharedTree>&);
 
 // What the other files use.
 template void check_name_bytes(const Tree&, std::span<const std::string_view>);

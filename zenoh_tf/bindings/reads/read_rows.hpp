@@ -16,26 +16,6 @@ std::vector<nb::object> names_of(const AnyTree& tree, nb::handle names,
 // Raises LimitExceeded for a name that is too long for the tree, and quotes only its beginning.
 template <class AnyTree>
 void check_name_bytes(const AnyTree& tree, std::span<const std::string_view> names);
-// `index`, which must be below the number of names: else throws Rejected. Needs no GIL.
-std::uint32_t checked(std::uint32_t index, std::size_t names, const char* field);
-
-template <class T>
-void fit(const Column<T>& column, std::size_t n, const char* field) {
-  if (column.shape(0) != n)
-    raise_invalid(std::string(field) + " has " + std::to_string(column.shape(0)) +
-                      " rows, but the columns before it have " + std::to_string(n),
-                  field);
-}
-
-// Runs `body`, and raises what it throws as Rejected.
-template <class Body>
-void rejected_as_error(Body&& body) {
-  try {
-    body();
-  } catch (const Rejected& rejected) {
-    raise(make_error(rejected));
-  }
-}
 
 // The columns of a lookup, as they were sent.
 struct ReadColumns {

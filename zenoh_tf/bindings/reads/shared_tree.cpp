@@ -2,7 +2,7 @@
 //
 // GIL: as in tree.cpp.
 #include "base/host.hpp"
-#include "bindings/reads/ask_server.hpp"
+#include "bindings/bindings.hpp"
 #include "records/layout.hpp"
 #include "shared/lease.hpp"
 
@@ -44,12 +44,7 @@ void bind_shared_tree(nb::module_& m) {
       .def_prop_ro("max_name_bytes", [](const SharedTree& t) { return t.options().max_name_bytes; })
       .def_prop_ro("max_depth", [](const SharedTree& t) { return t.options().max_depth; })
       .def_prop_ro("lease_left_s", &lease_left_s);
-  bind_lookups(tree);
-  bind_lookup_columns(tree);
-  bind_read_rows(tree);
-  bind_introspection(tree);
-  bind_velocity(tree);
-  bind_deskew(tree);
+  bind_reads(tree);
 }
 
 }  // namespace ztf

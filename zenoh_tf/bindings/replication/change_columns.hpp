@@ -8,14 +8,9 @@
 #include <vector>
 
 #include "bindings/bindings.hpp"
-#include "replication/change_replay.hpp"
+#include "replication/columns.hpp"
 
 namespace ztf {
-
-template <class T>
-nb::object array_of(const std::vector<T>& values) {
-  return make_array<T>({values.size()}, [&](T* d) { std::copy(values.begin(), values.end(), d); });
-}
 
 inline nb::object kinds_of(const std::vector<ChangeKind>& kinds) {
   return make_array<std::uint8_t>({kinds.size()}, [&](std::uint8_t* d) {
@@ -29,21 +24,26 @@ inline nb::object poses_of(const std::vector<Pose>& poses) {
   });
 }
 
-template <class Text>
-nb::list texts_of(const std::vector<Text>& texts) {
+inline nb::list texts_of(std::span<const std::string_view> texts) {
   nb::list out;
-  for (const Text& text : texts) out.append(nb::str(text.data(), text.size()));
+  for (const std::string_view text : texts) out.append(str_of(text));
   return out;
 }
 
-// (names, authorities, kind, frame, version, parent, authority, stamp, pose, lost): what
-// ChangeReplay applies. The batch has the other columns.
-template <class Batch, class Texts>
-nb::object changes_of(const Batch& batch, const Texts& names, const Texts& authorities) {
-  return nb::make_tuple(texts_of(names), texts_of(authorities), kinds_of(batch.kind),
-                        array_of(batch.frame), array_of(batch.version), array_of(batch.parent),
-                        array_of(batch.authority), array_of(batch.stamp), poses_of(batch.pose),
-                        array_of(batch.lost));
+// What ChangeReplay::apply() takes: (names, authorities, kind, frame, version, parent, authority,
+// stamp, pose, lost).
+inline nb::object python_of(const ChangeTable& t) {
+  return nb::make_tuple(texts_of(t.names), texts_of(t.authorities), kinds_of(t.kind),
+                        array_of(t.frame), array_of(t.version), array_of(t.parent),
+                        array_of(t.authority), array_of(t.stamp), poses_of(t.pose),
+                        array_of(t.lost));
+}
+
+// What ChangeReplay::load() takes.
+inline nb::object python_of(const FrameTable& t) {
+  return nb::make_tuple(texts_of(t.names), texts_of(t.authorities), array_of(t.frame),
+                        array_of(t.version), array_of(t.is_static), array_of(t.authority),
+                        array_of(t.count), array_of(t.stamp), array_of(t.parent), poses_of(t.pose));
 }
 
 }  // namespace ztf

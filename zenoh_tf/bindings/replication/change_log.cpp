@@ -2,7 +2,6 @@
 //
 // GIL: waiting, and reading a snapshot, release it.
 #include "bindings/replication/change_columns.hpp"
-#include "replication/change_batch.hpp"
 #include "replication/snapshot.hpp"
 
 namespace ztf {
@@ -31,14 +30,14 @@ class Consumer {
   // (first, last, lost, changes): None if nothing has changed.
   nb::tuple take(std::size_t most_bytes) {
     std::optional<ChangeLog::Taken> taken;
-    std::optional<ChangeBatch> batch;
+    ChangeTable changes;
     {
       const GilReleased released;
       taken = log_->take(most_bytes);
-      batch.emplace(taken->entries);
+      changes = changes_of(taken->entries);
     }
     nb::object found = nb::none();
-    if (!taken->entries.empty()) found = changes_of(*batch, batch->names(), batch->authorities());
+    if (!taken->entries.empty()) found = python_of(changes);
     return nb::make_tuple(taken->first, taken->last, taken->lost, found);
   }
 
@@ -59,12 +58,7 @@ class Consumer {
       const GilReleased released;
       piece = SnapshotReader(tree_.state()).read(after, last, most_bytes);
     }
-    return nb::make_tuple(
-        piece->reached,
-        nb::make_tuple(texts_of(piece->names), texts_of(piece->authorities), array_of(piece->frame),
-                       array_of(piece->version), array_of(piece->is_static),
-                       array_of(piece->authority), array_of(piece->count), array_of(piece->stamp),
-                       array_of(piece->parent), poses_of(piece->pose)));
+    return nb::make_tuple(piece->reached, python_of(piece->frames));
   }
 
  private:

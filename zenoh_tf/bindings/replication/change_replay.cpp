@@ -14,24 +14,13 @@ namespace ztf {
 
 namespace {
 
-static_assert(sizeof(Pose) == 7 * sizeof(double));
-
-std::span<const Pose> span_of(const PoseColumn& poses) {
-  return {reinterpret_cast<const Pose*>(poses.data()), poses.shape(0)};
-}
-template <class T>
-std::span<const T> span_of(const Column<T>& column) {
-  return {column.data(), column.shape(0)};
-}
-
 // `none`: an index that refers to nothing.
-void check_indexes(const Column<std::uint32_t>& column, std::size_t names, const char* field,
+void check_indexes(const Column<std::uint32_t>& column, std::size_t size, const char* field,
                    std::optional<std::uint32_t> none = {}) {
-  for (const std::uint32_t index : span_of(column))
-    if (index >= names && index != none)
-      raise_invalid(std::string(field) + " has the index " + std::to_string(index) +
-                        ", but the list that it refers to has " + std::to_string(names),
-                    field);
+  rejected_as_error([&] {
+    for (const std::uint32_t index : span_of(column))
+      if (index != none) checked(index, size, field);
+  });
 }
 
 // A version that is not one would leave a frame locked, or without a name.
@@ -60,16 +49,6 @@ struct Texts {
   std::vector<nb::object> name_objects, authority_objects;
 };
 
-template <class Body>
-void replay(Body&& body) {
-  try {
-    const GilReleased released;
-    body();
-  } catch (const Rejected& rejected) {
-    raise(make_error(rejected));
-  }
-}
-
 class Replay {
  public:
   explicit Replay(Tree& tree) : tree_(tree), replay_(tree.state()) {}
@@ -96,23 +75,18 @@ class Replay {
     fit(parent, samples, "parent");
     fit(authority, samples, "authority");
     fit(stamp, samples, "stamp");
-    if (pose.shape(0) != samples) raise_invalid("pose must have a row for each sample", "pose");
+    fit(pose, samples, "pose");
     fit(lost, orphaned, "lost");
     check_indexes(parent, texts.names.size(), "parent", kNoParent);
     check_indexes(lost, texts.names.size(), "lost", kNoParent);
     check_indexes(authority, texts.authorities.size(), "authority");
-    const ChangeColumns columns{texts.names,
-                                texts.authorities,
-                                kinds,
-                                span_of(frame),
-                                span_of(version),
-                                span_of(parent),
-                                span_of(authority),
-                                span_of(stamp),
-                                span_of(pose),
-                                span_of(lost),
-                                last};
-    replay([&] { replay_.apply(columns); });
+    const ChangeColumns columns{
+        texts.names,     texts.authorities,  kinds,          span_of(frame), span_of(version),
+        span_of(parent), span_of(authority), span_of(stamp), span_of(pose),  span_of(lost)};
+    rejected_as_error([&] {
+      const GilReleased released;
+      replay_.apply(columns, last);
+    });
   }
 
   void load(nb::handle names, nb::handle authorities, const Column<std::uint32_t>& frame,
@@ -137,11 +111,14 @@ class Replay {
     }
     fit(stamp, samples, "stamp");
     fit(parent, samples, "parent");
-    if (pose.shape(0) != samples) raise_invalid("pose must have a row for each sample", "pose");
+    fit(pose, samples, "pose");
     const FrameColumns columns{
-        texts.names,      texts.authorities,  span_of(frame), span_of(authority), span_of(count),
-        span_of(version), span_of(is_static), span_of(stamp), span_of(parent),    span_of(pose)};
-    replay([&] { replay_.load(columns); });
+        texts.names,        texts.authorities, span_of(frame), span_of(version), span_of(is_static),
+        span_of(authority), span_of(count),    span_of(stamp), span_of(parent),  span_of(pose)};
+    rejected_as_error([&] {
+      const GilReleased released;
+      replay_.load(columns);
+    });
   }
 
   void set_ever_reparented() { replay_.set_ever_reparented(); }

@@ -3,6 +3,8 @@
 // GIL: what may wait, for changes or for a read in progress, releases it.
 #include "replication/interest_reader.hpp"
 
+#include <nanobind/stl/pair.h>
+
 #include <chrono>
 #include <thread>
 
@@ -12,25 +14,20 @@ namespace ztf {
 
 namespace {
 
-std::string text_of(nb::handle object) { return nb::cast<std::string>(object); }
-
 class Interest {
  public:
-  Interest(Tree& tree, const nb::list& pairs, bool newest_only)
-      : reader_(checked(tree), pairs_of(pairs), newest_only) {}
+  Interest(Tree& tree, InterestReader::Pairs pairs, bool newest_only)
+      : reader_(checked(tree), std::move(pairs), newest_only) {}
 
   // (seq, ever_reparented, changes, all)
   nb::tuple read(bool with_all, std::size_t max_frames) {
-    std::optional<InterestReader::Result> result;
-    try {
+    const InterestReader::Result result = rejected_as_error([&] {
       const GilReleased released;
-      result.emplace(reader_.read(with_all, max_frames));
-    } catch (const Rejected& rejected) {
-      raise(make_error(rejected));
-    }
-    return nb::make_tuple(result->seq, result->ever_reparented,
-                          result->changes.kind.empty() ? nb::none() : columns(result->changes),
-                          with_all ? columns(result->all) : nb::none());
+      return reader_.read(with_all, max_frames);
+    });
+    return nb::make_tuple(result.seq, result.ever_reparented,
+                          result.changes.kind.empty() ? nb::none() : python_of(result.changes),
+                          with_all ? python_of(result.all) : nb::none());
   }
   [[nodiscard]] bool has_changed() const { return reader_.has_changed(); }
   [[nodiscard]] std::size_t frames() const { return reader_.frames(); }
@@ -40,21 +37,14 @@ class Interest {
     if (!tree.change_log()) raise_invalid("the tree has no change log (max_log_bytes)", "tree");
     return tree.state();
   }
-  static InterestReader::Pairs pairs_of(const nb::list& list) {
-    InterestReader::Pairs pairs;
-    for (const nb::handle pair : list) pairs.emplace_back(text_of(pair[0]), text_of(pair[1]));
-    return pairs;
-  }
-  static nb::object columns(const ChangeRows& rows) {
-    return changes_of(rows, rows.names, rows.authorities);
-  }
 
   InterestReader reader_;
 };
 
 // Returns the indices of those that have changed, at once or as soon as there is one; none when the
 // time is up. It compares the frames' versions once every `period_s`, so commits need not notify.
-nb::list wait_for_changes(const nb::list& interests, double period_s, double timeout_s) {
+std::vector<std::size_t> wait_for_changes(const nb::list& interests, double period_s,
+                                          double timeout_s) {
   using Seconds = std::chrono::duration<double>;
   std::vector<const Interest*> watched;
   for (const nb::handle one : interests) watched.push_back(nb::cast<const Interest*>(one));
@@ -70,16 +60,14 @@ nb::list wait_for_changes(const nb::list& interests, double period_s, double tim
       std::this_thread::sleep_for(std::min(left, Seconds(period_s)));
     }
   }
-  nb::list found;
-  for (const std::size_t i : changed) found.append(i);
-  return found;
+  return changed;
 }
 
 }  // namespace
 
 void bind_interest_reader(nb::module_& m) {
   nb::class_<Interest>(m, "InterestReader", "Reads what an interested mirror has of a tree.")
-      .def(nb::init<Tree&, const nb::list&, bool>(), nb::arg("tree"), nb::arg("pairs"),
+      .def(nb::init<Tree&, InterestReader::Pairs, bool>(), nb::arg("tree"), nb::arg("pairs"),
            nb::arg("newest_only"), nb::keep_alive<1, 2>())
       .def("read", &Interest::read, nb::arg("with_all"), nb::arg("max_frames"))
       .def("has_changed", &Interest::has_changed, nb::call_guard<nb::gil_scoped_release>())

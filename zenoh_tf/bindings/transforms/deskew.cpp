@@ -4,7 +4,6 @@
 // the points, if there are many.
 #include "geometry/deskew.hpp"
 
-#include "bindings/reads/ask_server.hpp"
 #include "bindings/transforms/points.hpp"
 #include "reads/motion.hpp"
 
@@ -95,10 +94,7 @@ void deskew_by_samples(const AnyConstArray& points, const StampGrid& stamps, con
     raise_invalid("poses must have a row for each time", "poses");
   Pose X_fixed_source;
   numbers_of(at, &X_fixed_source.x, 7, "at");
-  static_assert(sizeof(Pose) == 7 * sizeof(double));
-  const SampledMotion motion({times.data(), times.shape(0)},
-                             {reinterpret_cast<const Pose*>(poses.data()), poses.shape(0)},
-                             X_fixed_source);
+  const SampledMotion motion(span_of(times), span_of(poses), X_fixed_source);
   sweep.compensate(motion);
 }
 
@@ -107,8 +103,7 @@ void map_rows_by_poses(const PoseColumn& poses, const AnyConstArray& points, con
   const PointArray in = checked_points(points, "points");
   const PointArray to = checked_output(out, in);
   if (poses.shape(0) != in.rows) raise_invalid("poses must have a row for each of points", "poses");
-  const std::span rows(reinterpret_cast<const Pose*>(poses.data()), poses.shape(0));
-  without_gil_if_long(3 * in.rows * in.columns, [&] { map_rows(rows, in, to); });
+  without_gil_if_long(3 * in.rows * in.columns, [&] { map_rows(span_of(poses), in, to); });
 }
 
 }  // namespace
@@ -119,15 +114,12 @@ void bind_deskew(nb::module_& m) {
   m.def("map_rows", &map_rows_by_poses, nb::arg("poses"), nb::arg("points"), nb::arg("out"));
 }
 
-void bind_deskew(nb::class_<Tree>& tree) {
-  tree.def("_deskew", &deskew_by_tree<Tree>, nb::arg("points"), nb::arg("stamps_ns"),
+template <class T>
+void bind_deskew(nb::class_<T>& tree) {
+  tree.def("_deskew", method<&deskew_by_tree<T>>, nb::arg("points"), nb::arg("stamps_ns"),
            nb::arg("out"), nb::arg("source"), nb::arg("fixed_frame"), nb::arg("at_ns"));
 }
-
-void bind_deskew(nb::class_<SharedTree>& tree) {
-  tree.def("_deskew", or_ask_server<&deskew_by_tree<SharedTree>>, nb::arg("points"),
-           nb::arg("stamps_ns"), nb::arg("out"), nb::arg("source"), nb::arg("fixed_frame"),
-           nb::arg("at_ns"));
-}
+template void bind_deskew(nb::class_<Tree>&);
+template void bind_deskew(nb::class_<SharedTree>&);
 
 }  // namespace ztf

@@ -8,21 +8,15 @@
 
 namespace ztf {
 
-// Below this many numbers (some 10 us of work) releasing the GIL costs more than it gives to
-// other threads.
-constexpr std::size_t kReleaseFrom = 10'000;
+// Runs body(), without the GIL if it works on so many numbers that this pays: some 10 us of work.
+template <class Body>
+void without_gil_if_long(std::size_t numbers, Body&& body) {
+  without_gil_if(numbers >= 10'000, std::forward<Body>(body));
+}
 
 // Arrays of any type and strides, in which only the types below mean something.
 using AnyArray = nb::ndarray<nb::device::cpu>;
 using AnyConstArray = nb::ndarray<nb::ro, nb::device::cpu>;
-
-// Runs body(), without the GIL if it works on that many numbers.
-template <class Body>
-void without_gil_if_long(std::size_t numbers, Body&& body) {
-  std::optional<GilReleased> released;
-  if (numbers >= kReleaseFrom) released.emplace();
-  body();
-}
 
 // Returns an array of floats or doubles with the shape (..., 3) as points. nullopt if it is none,
 // or has more than three axes that are not contiguous.

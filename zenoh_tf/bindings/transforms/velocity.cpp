@@ -3,7 +3,7 @@
 // GIL: kept, as by every single lookup.
 #include <cmath>
 
-#include "bindings/reads/ask_server.hpp"
+#include "bindings/bindings.hpp"
 
 namespace ztf {
 
@@ -64,18 +64,14 @@ nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle ob
 
 }  // namespace
 
-void bind_velocity(nb::class_<Tree>& tree) {
-  tree.def("_velocity_record", &velocity_record<Tree>, nb::arg("tracking_frame"),
+template <class T>
+void bind_velocity(nb::class_<T>& tree) {
+  tree.def("_velocity_record", method<&velocity_record<T>>, nb::arg("tracking_frame"),
            nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
            nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
            nb::arg("reference_point"), nb::arg("reference_point_frame").none());
 }
-
-void bind_velocity(nb::class_<SharedTree>& tree) {
-  tree.def("_velocity_record", or_ask_server<&velocity_record<SharedTree>>,
-           nb::arg("tracking_frame"), nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
-           nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
-           nb::arg("reference_point"), nb::arg("reference_point_frame").none());
-}
+template void bind_velocity(nb::class_<Tree>&);
+template void bind_velocity(nb::class_<SharedTree>&);
 
 }  // namespace ztf

@@ -10,7 +10,7 @@
 
 namespace ztf {
 
-void ChangeReplay::apply(const ChangeColumns& changes) {
+void ChangeReplay::apply(const ChangeColumns& changes, Seq last) {
   {
     const auto topology = lock_announced(tree_.topology);
     find_names(changes.names);
@@ -31,7 +31,7 @@ void ChangeReplay::apply(const ChangeColumns& changes) {
     });
     give_back();
   }
-  tree_.replayed.store(changes.last, std::memory_order_release);
+  tree_.replayed.store(last, std::memory_order_release);
   tree_.commit_count.add();
   WaitList& list = tree_.wait_list;
   if (list.size() == 0) return;

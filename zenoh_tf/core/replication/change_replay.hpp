@@ -34,6 +34,7 @@
 #include <vector>
 
 #include "histories/draft.hpp"
+#include "replication/columns.hpp"
 #include "tree_state.hpp"
 
 namespace ztf {
@@ -41,40 +42,13 @@ namespace ztf {
 // The bits of a mirror's version that are the original's.
 constexpr Version kServerVersion = (Version{1} << 48) - 1;
 
-// Changes as columns. Frames and parents are indices into `names`.
-struct ChangeColumns {
-  std::span<const std::string_view> names, authorities;
-  // By change.
-  std::span<const ChangeKind> kind;
-  std::span<const std::uint32_t> frame;
-  std::span<const Version> version;
-  // By sample or static link, in the order of the changes.
-  std::span<const std::uint32_t> parent, authority;  // kNoParent: it was removed
-  std::span<const Stamp> stamp;
-  std::span<const Pose> pose;
-  // By change of the kind `orphaned`: the parent that samples lost, or kNoParent.
-  std::span<const std::uint32_t> lost;
-  Seq last;  // the number after which the original was so
-};
-
-// A piece of a snapshot as columns (replication/snapshot.hpp).
-struct FrameColumns {
-  std::span<const std::string_view> names, authorities;
-  std::span<const std::uint32_t> frame, authority, count;
-  std::span<const Version> version;
-  std::span<const std::uint8_t> is_static;
-  std::span<const Stamp> stamp;
-  std::span<const std::uint32_t> parent;
-  std::span<const Pose> pose;
-};
-
 class ChangeReplay {
  public:
   explicit ChangeReplay(TreeState& tree) noexcept : tree_(tree) {}
 
-  // Applies the changes at one instant. Requires valid columns of fitting lengths. Throws Rejected
-  // and bad_alloc; then nothing is changed.
-  void apply(const ChangeColumns& changes);
+  // Applies the changes at one instant. `last`: the original was so after this number. Requires
+  // valid columns of fitting lengths. Throws Rejected and bad_alloc; then nothing is changed.
+  void apply(const ChangeColumns& changes, Seq last);
   // Adds the frames. Throws Rejected and bad_alloc; then some may be missing.
   void load(const FrameColumns& frames);
   // Says that frames may have samples of several parents (SnapshotPlan::ever_reparented). Requires

@@ -1,13 +1,25 @@
 // How the frames on the paths are found.
+#include "replication/interest_paths.hpp"
+
 #include <algorithm>
 #include <unordered_set>
-
-#include "replication/interest_reader.hpp"
+#include <utility>
 
 namespace ztf {
 
-// Lists the frames on the paths, until there are more than that.
-void InterestReader::find_frames(std::size_t max_frames) {
+namespace {
+
+constexpr auto kAcquire = std::memory_order_acquire;
+
+}  // namespace
+
+void InterestPaths::find(std::size_t max_frames) {
+  ids_freed_ = tree_.ids_freed.load(kAcquire);
+  links_.clear();
+  wanted_.clear();
+  frames_.clear();
+  reads_.clear();
+  refs_.clear();
   if (pairs_.empty()) {
     size_ = tree_.names.size();
     for (FrameId id = 1; id <= size_; ++id) {
@@ -18,18 +30,48 @@ void InterestReader::find_frames(std::size_t max_frames) {
     return;
   }
   for (const auto& [target, source] : pairs_) {
-    new_refs_.push_back(tree_.names.find_ref(target));
-    new_refs_.push_back(tree_.names.find_ref(source));
+    refs_.push_back(tree_.names.find_ref(target));
+    refs_.push_back(tree_.names.find_ref(source));
   }
-  for (std::size_t i = 0; i < new_refs_.size() && frames_.size() <= max_frames; i += 2)
-    add_paths(new_refs_[i].id, new_refs_[i + 1].id);
+  for (std::size_t i = 0; i < refs_.size() && frames_.size() <= max_frames; i += 2)
+    add_paths(refs_[i].id, refs_[i + 1].id);
   for (const FrameId id : frames_) link(id);  // also of one whose partner does not exist
   // Those above the common ancestors and the removed past parents, too: that they do not lead to
   // more frames must be the tree's state at the same instant.
   for (const auto& [id, link] : links_) reads_.push_back({id, link.version});
 }
 
-void InterestReader::add_paths(FrameId a, FrameId b) {
+bool InterestPaths::is_valid() const {
+  for (const ReadVersion& read : reads_)
+    if (tree_.version(read.frame) != read.version) return false;
+  if (tree_.ids_freed.load(kAcquire) != ids_freed_) return false;
+  if (pairs_.empty()) return tree_.names.size() == size_;
+  for (std::size_t i = 0; i < refs_.size(); ++i)
+    if (!(tree_.names.find_ref(name(i)) == refs_[i])) return false;
+  return true;
+}
+
+void InterestPaths::keep() {
+  kept_refs_ = refs_;
+  watched_.clear();
+  for (const auto& [id, link] : links_)
+    if (!wanted_.contains(id)) watched_.emplace_back(id, link);
+}
+
+bool InterestPaths::may_differ() const {
+  if (kept_refs_.empty()) return true;
+  for (const auto& [id, before] : watched_) {
+    const Link now = read_link(id);
+    if (now.parent != before.parent || now.has_several_parents != before.has_several_parents ||
+        now.is_removed != before.is_removed)
+      return true;
+  }
+  for (std::size_t i = 0; i < kept_refs_.size(); ++i)
+    if (kept_refs_[i].id == 0 && tree_.names.find(name(i)) != 0) return true;
+  return false;
+}
+
+void InterestPaths::add_paths(FrameId a, FrameId b) {
   const auto add = [&](FrameId id) {
     if (wanted_.try_emplace(id, false).second) frames_.push_back(id);
   };
@@ -64,7 +106,7 @@ void InterestReader::add_paths(FrameId a, FrameId b) {
 }
 
 // Adds a frame and its ancestors at all times.
-void InterestReader::add_all_ancestors(FrameId start) {
+void InterestPaths::add_all_ancestors(FrameId start) {
   std::vector<FrameId> open{start};
   while (!open.empty()) {
     const FrameId id = open.back();
@@ -76,9 +118,8 @@ void InterestReader::add_all_ancestors(FrameId start) {
     if (found.parent != 0) open.push_back(found.parent);
     if (!found.has_several_parents) continue;
     const Frame& frame = tree_.frames[id];
-    const Ring ring = frame.ring.load(std::memory_order_acquire);
-    const std::uint32_t first = frame.first.load(std::memory_order_acquire),
-                        count = frame.count.load(std::memory_order_acquire);
+    const Ring ring = frame.ring.load(kAcquire);
+    const std::uint32_t first = frame.first.load(kAcquire), count = frame.count.load(kAcquire);
     if (!ring) continue;  // a torn read, as is an id below that no frame has
     std::unordered_set<FrameId> parents;
     for (std::uint32_t i = 0; i < std::min(count, ring.capacity()); ++i)
@@ -91,24 +132,23 @@ void InterestReader::add_all_ancestors(FrameId start) {
 }
 
 // The frame's newest link, read once.
-const InterestReader::Link& InterestReader::link(FrameId id) {
+const InterestPaths::Link& InterestPaths::link(FrameId id) {
   const auto [at, is_new] = links_.try_emplace(id);
   if (is_new) at->second = read_link(id);
   return at->second;
 }
 
-InterestReader::Link InterestReader::read_link(FrameId id) const {
+InterestPaths::Link InterestPaths::read_link(FrameId id) const {
   const Frame& frame = tree_.frames[id];
   return frame.version.read_consistent([&](Version version) noexcept {
-    return Link{version, frame.parent.load(std::memory_order_acquire),
-                frame.count.load(std::memory_order_acquire) > 1 &&
-                    frame.parent_changes.load(std::memory_order_acquire) != 0,
+    return Link{version, frame.parent.load(kAcquire),
+                frame.count.load(kAcquire) > 1 && frame.parent_changes.load(kAcquire) != 0,
                 tree_.removed(id)};  // a frame that gets or loses its name gets a version
   });
 }
 
 // Lists a frame and its ancestors along the newest links.
-void InterestReader::list_path(FrameId id, std::vector<FrameId>& path) {
+void InterestPaths::list_path(FrameId id, std::vector<FrameId>& path) {
   // A frame that moves meanwhile may be met twice, so the length is bounded.
   for (std::size_t left = tree_.options.max_path() + std::size_t{1}; id != 0 && left > 0; --left) {
     path.push_back(id);

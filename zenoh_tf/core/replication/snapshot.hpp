@@ -10,26 +10,17 @@
 // topology mutex if it adds or removes names.
 #pragma once
 
-#include <string>
-#include <unordered_map>
 #include <vector>
 
+#include "replication/columns.hpp"
+#include "replication/frame_copy.hpp"
 #include "tree_state.hpp"
 
 namespace ztf {
 
-// Some frames as columns. Frames and parents are indices into `names`.
 struct SnapshotPiece {
   FrameId reached;  // the last id that was read
-  std::vector<std::string> names, authorities;
-  // By frame. A frame with a static link has one sample.
-  std::vector<std::uint32_t> frame, authority, count;
-  std::vector<Version> version;
-  std::vector<std::uint8_t> is_static;
-  // By sample, of all frames in turn. kNoParent: the parent was removed.
-  std::vector<Stamp> stamp;
-  std::vector<std::uint32_t> parent;
-  std::vector<Pose> pose;
+  FrameTable frames;
 };
 
 struct SnapshotPlan {
@@ -52,31 +43,11 @@ class SnapshotReader {
   [[nodiscard]] SnapshotPiece read(FrameId after, FrameId last, std::size_t most_bytes);
 
  private:
-  // What is read at one instant, beside the samples.
-  struct FrameState {
-    Version version;
-    FrameId parent;
-    AuthorityId authority;
-    std::uint32_t count;
-    bool is_static;
-    bool fits;
-  };
-  struct CopiedSample {
-    Stamp stamp;
-    FrameId parent;
-    Pose pose;
-  };
-
   [[nodiscard]] SnapshotPiece read_once(FrameId after, FrameId last, std::size_t most_bytes);
-  [[nodiscard]] FrameState copy(const Frame& frame);
-  void add_frame(FrameId id, SnapshotPiece& piece);
-  std::uint32_t name_of(FrameId id, SnapshotPiece& piece);
-  std::uint32_t authority_of(AuthorityId id, SnapshotPiece& piece);
+  void add_frame(FrameId id, FrameTable& frames);
 
   TreeState& tree_;
-  std::vector<CopiedSample> samples_;
-  std::unordered_map<FrameId, std::uint32_t> names_;
-  std::unordered_map<AuthorityId, std::uint32_t> authorities_;
+  FrameCopy copy_;
 };
 
 }  // namespace ztf
