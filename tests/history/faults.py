@@ -153,11 +153,11 @@ FAULTS = [
         "a reader whose optimistic attempts failed reads on without locks",
         ("optimistic",),
         "modes/optimistic.hpp",
-        """    for (int i = 0; i < kAttempts; ++i) {
+        """    const bool is_read = retry(kAttempts, [&] {
       OptimisticGuard guard(tree.frames, reads);
-      if (attempt(guard)) return;
-      count_retry();
-    }
+      return attempt(guard);
+    });
+    if (is_read) return;
     SmallVector<FrameId, 64> wanted;
 """,
         """    SmallVector<FrameId, 64> wanted;

@@ -66,16 +66,15 @@ auto one_of(const SharedTree& tree) {
 std::size_t lookup_block(const TreeState& tree, std::span<const Query> queries,
                          std::span<Answer> answers) {
   SampleBlock block(queries, answers);
-  bool valid = false;
+  bool valid = true;
   if (allows_optimistic_reads(tree)) {
-    for (int i = 0; i < kBlockAttempts && !valid; ++i) {
+    valid = retry(kBlockAttempts, [&] {
       WalkGuard guard;
-      valid = reader_of(tree, guard).answer_block(block);
-    }
+      return reader_of(tree, guard).answer_block(block);
+    });
   } else {
     ReadSet reads;
     read(tree, reads, [&](auto& reader) { return reader.answer_block(block); });
-    valid = true;
   }
   return complete_block(one_of(tree), block, valid, queries, answers);
 }
@@ -96,16 +95,10 @@ void SharedTree::lookup_batch(std::span<const Query> queries, std::span<Answer> 
 std::size_t SharedTree::lookup_block(std::span<const Query> queries,
                                      std::span<Answer> answers) const {
   SampleBlock block(queries, answers);
-  Patience patience;
-  bool valid = false;
-  for (int i = 0; i < kBlockAttempts && !valid; ++i) {
-    Attempt attempt(memory_, names_);
+  const bool valid = try_read(kBlockAttempts, [&](const MappedFrames& frames, Patience& patience) {
     PatientWalkGuard guard(patience);
-    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
-    valid = reader.answer_block(block);
-    if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
-  }
-  if (valid) check_lease();
+    return reader_of(frames, guard).answer_block(block);
+  });
   return complete_block(one_of(*this), block, valid, queries, answers);
 }
 

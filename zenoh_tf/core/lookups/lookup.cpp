@@ -18,12 +18,12 @@ ZTF_MULTIVERSION void lookup(const TreeState& tree, const Query& query, Answer& 
   // A `full` lookup takes two walks one after the other, which a WalkGuard cannot validate
   // together.
   if (allows_optimistic_reads(tree) && query.op != Op::full) [[likely]] {
-    for (int i = 0; i < Optimistic::kAttempts; ++i) {
+    const auto attempt = [&]() __attribute__((always_inline)) {
       WalkGuard guard;
-      if (reader_of(tree, guard).answer(query, answer)) [[likely]]
-        return;
-      count_retry();
-    }
+      return reader_of(tree, guard).answer(query, answer);
+    };
+    if (retry(Optimistic::kAttempts, attempt)) [[likely]]
+      return;
   }
   lookup_guarded(tree, query, answer);
 }

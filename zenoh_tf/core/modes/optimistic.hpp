@@ -20,11 +20,11 @@ struct Optimistic {
   // Runs attempt(guard) until it returns true.
   template <class Attempt>
   static void read(const TreeState& tree, ReadSet& reads, Attempt&& attempt) {
-    for (int i = 0; i < kAttempts; ++i) {
+    const bool is_read = retry(kAttempts, [&] {
       OptimisticGuard guard(tree.frames, reads);
-      if (attempt(guard)) return;
-      count_retry();
-    }
+      return attempt(guard);
+    });
+    if (is_read) return;
     SmallVector<FrameId, 64> wanted;
     for (const ReadVersion& read : reads) wanted.push_back(read.frame);
     for (;;) {

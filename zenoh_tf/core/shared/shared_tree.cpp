@@ -51,18 +51,12 @@ ZTF_MULTIVERSION void SharedTree::lookup(const Query& query, Answer& answer) con
     ReadSet reads;
     return read(reads, [&](auto& reader) { return reader.answer(query, answer); });
   }
-  Patience patience;
-  for (int i = 0; i < kSharedAttempts && !patience.is_exhausted(); ++i) {
-    Attempt attempt(memory_, names_);
-    PatientWalkGuard guard(patience);
-    Reader reader(MappedFrames(frames_, attempt), guard, max_depth_, ever_reparented_, ids_freed_);
-    const bool valid = reader.answer(query, answer);
-    if (attempt.is_unreadable) throw Unanswered{Unanswered::Reason::unreadable};
-    if (valid) [[likely]]
-      return check_lease();
-    count_retry();
-  }
-  throw Unanswered{Unanswered::Reason::busy};
+  const auto attempt = [&](const MappedFrames& frames, Patience& patience)
+                           __attribute__((always_inline)) {
+                             PatientWalkGuard guard(patience);
+                             return reader_of(frames, guard).answer(query, answer);
+                           };
+  if (!try_read(kSharedAttempts, attempt)) throw Unanswered{Unanswered::Reason::busy};
 }
 
 void SharedTree::lookup_transaction(std::span<const Query> queries, std::span<Answer> answers,
@@ -85,13 +79,13 @@ std::vector<NamedInfo> SharedTree::ancestors(std::span<const FrameId> starts, St
 }
 
 FrameId SharedTree::parent(FrameId id, Stamp stamp) const {
-  return read_frame(id, [&](const MappedFrames& frames, const Frame& frame, Version) {
+  return read_frame<FrameId>(id, [&](const MappedFrames& frames, const Frame& frame, Version) {
     return parent_of(frames, frame, stamp);
   });
 }
 
 FrameInfo SharedTree::info(FrameId id) const {
-  return read_frame(id, [&](const MappedFrames&, const Frame& frame, Version version) {
+  return read_frame<FrameInfo>(id, [&](const MappedFrames&, const Frame& frame, Version version) {
     return info_of(frame, events_[id], version);
   });
 }

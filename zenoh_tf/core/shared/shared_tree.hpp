@@ -67,6 +67,8 @@ class MappedRegion {
 };
 
 class Motion;
+template <class Guard, class Access>
+class Reader;
 
 class SharedTree {
  public:
@@ -133,12 +135,19 @@ class SharedTree {
   static std::string name_in(const Names& names, NameId id);
   static Names checked(const MappedRegion& region, const NameRoot& root, std::uint32_t max_names,
                        const MappedMemory& memory);
+  // The loop of all reads: runs body(frames, patience) until it returns true, which says that what
+  // it has read was the tree's state at one instant. Returns false if it never did. Throws
+  // Unanswered if an attempt was unreadable, or the lease has lapsed.
+  template <class Body>
+  bool try_read(int attempts, Body&& body) const;
+  template <class Guard>
+  Reader<Guard, MappedFrames> reader_of(const MappedFrames& frames, Guard& guard) const noexcept;
   // Runs body(reader) until all that it read was the tree's state at one instant.
   template <class Body>
   void read(ReadSet& reads, Body&& body) const;
   // Runs body(frames, frame, version) until the frame did not change during the call.
-  template <class Body>
-  auto read_frame(FrameId id, Body&& body) const;
+  template <class Result, class Body>
+  Result read_frame(FrameId id, Body&& body) const;
   std::size_t lookup_block(std::span<const Query> queries, std::span<Answer> answers) const;
 
   const MappedRegion region_;
