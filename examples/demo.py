@@ -170,7 +170,6 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
         [
             ("how it reads", "pairs read", "torn"),
             ("two lookups, one after the other", f"{reads['separate']:,}", f"{torn['separate']:,}"),
-            ("one lookup, link by link", f"{reads['links']:,}", f"{torn['links']:,}"),
             ("one transactional lookup", f"{reads['transaction']:,}", f"{torn['transaction']:,}"),
         ]
     )
@@ -179,10 +178,6 @@ def _together(moved: dict[str, Any], seen: dict[str, Any]) -> None:
     if torn["transaction"]:
         raise ChildFailed("a transactional read was torn")
     page.prose(page.good("The transactional reader never saw only one of them moved."))
-    page.prose(
-        """A lookup link by link may be torn as well, but seldom, as it reads the links within
-        nanoseconds."""
-    )
 
 
 def _methods(seen: dict[str, Any]) -> None:

@@ -84,7 +84,7 @@ def move_together(tf: TransformClient, seconds: float) -> dict[str, object]:
 
 
 def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
-    """Look up where the object is in the gripper, over and over, by three methods.
+    """Look up where the object is in the gripper, over and over, by two methods.
 
     Any result but GRIP_M is torn: the tree never held such a pair.
     """
@@ -96,13 +96,10 @@ def watch_pairs(tf: TransformClient, seconds: float) -> dict[str, object]:
         lifts.add(round(float(gripper.translation[0]), 6))
         return float(held.translation[0] - gripper.translation[0])
 
-    def link_by_link() -> float:
-        return float(tf.lookup_latest_transform("gripper", "object").transform.translation[0])
-
     def transactionally() -> float:
         return float(tf.lookup_latest_transform_xact("gripper", "object").transform.translation[0])
 
-    methods = {"separate": separately, "links": link_by_link, "transaction": transactionally}
+    methods = {"separate": separately, "transaction": transactionally}
     reads = dict.fromkeys(methods, 0)
     torn = dict.fromkeys(methods, 0)
     while not tf.can_transform("wrist", "gripper"):
