@@ -24,9 +24,8 @@ from zenoh_tf.text import quoted
 
 from ..ingest.clock_offsets import ClockOffsets
 from ..limits import Limits
-from ..requests.counters import RequestCounters
 from ..requests.guard import RequestGuard
-from ..requests.handler import ReplyCallback, ReplyWithField
+from ..requests.handler import Handler, ReplyCallback, ReplyWithField
 from ..requests.info import InfoRequests
 from ..requests.service import Service
 from .copies import SharedCopies
@@ -41,7 +40,7 @@ _MAX_PAST: Final = 16
 _MAX_AGE_S: Final = 1e9
 
 
-class ReplicaService:
+class ReplicaService(Handler):
     """Serves reads from copies of a tree."""
 
     def __init__(
@@ -53,10 +52,7 @@ class ReplicaService:
         copies: SharedCopies,
     ) -> None:
         """`own_id`: what `hello` calls this replica. `copies` makes the trees."""
-        self.name = name
-        self.limits = limits
-        self.guard = RequestGuard()
-        self.requests = RequestCounters()
+        super().__init__(name, limits, RequestGuard())
         #: What the clients may do, as the reply to `hello` says it; None: everything.
         self.access: Callable[[], dict[str, Any] | None] = lambda: None
         #: Whether a client's token is there.
@@ -64,7 +60,6 @@ class ReplicaService:
         self._own_id = own_id
         self._copies = copies
         self._loop = loop
-        self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._feed: MirrorFeed | None = None
         #: By copy; besides the current one, the one before it for a moment.
         self._services: dict[TransformTree, Service] = {}
@@ -106,7 +101,6 @@ class ReplicaService:
     def handle(
         self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
-        """Reply to one request. Never raises: an error is the reply."""
         state = self.state  # before the read, which may see more
         service = None if state.tree is None else self._services.get(state.tree)
         if service is None:
@@ -115,31 +109,18 @@ class ReplicaService:
             dated = ReplyWithField(reply_to, wire.REPLICA, lambda: self._dates(state))
             service.handle(request_type, payload, dated, chunk)
 
-    def error(self, error: Exception) -> bytes:
-        """The bytes of the reply to a request that failed as a whole."""
-        typed = wire.as_transform_exception(error)
-        self.requests.failed(type(typed).__name__)
-        return wire.pack(wire.error_reply(self.instance, typed))
-
     def client_gone(self, client: str) -> None:
-        """Release what a client holds that is not connected any more."""
         for service in list(self._services.values()):
             service.client_gone(client)
 
-    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
-        """Let `stats` have the counters of another part of the server too."""
-        self._more_counters.append(counters)
-
-    # --- what metrics read
+    # --- what metrics read, of the current copy
 
     @property
     def info_requests(self) -> InfoRequests:
-        """Those of the current copy."""
         return self._current.info_requests
 
     @property
     def clocks(self) -> ClockOffsets:
-        """Those of the current copy's clients."""
         return self._current.clocks
 
     def authorities(self) -> list[str]:
@@ -147,7 +128,6 @@ class ReplicaService:
         return [record["name"] for record in self.info_requests.authorities()]
 
     def stats(self) -> dict[str, int]:
-        """The counters of the tree and of the server."""
         return self._current.stats()
 
     # --- copies
@@ -182,15 +162,13 @@ class ReplicaService:
 
     def _counters(self) -> dict[str, Any]:
         feed = self._feed
-        counters: dict[str, Any] = {
+        return {
             "replica_age_s": self.age_s,
             "replica_seq": self.state.seq,
             "replica_snapshots": 0 if feed is None else feed.snapshots,
             "replica_contradictions": 0 if feed is None else feed.contradictions,
+            **self._added_counters(),
         }
-        for more in self._more_counters:
-            counters |= more()
-        return counters
 
     def _age_s(self, state: State) -> float:
         feed = self._feed

@@ -32,7 +32,7 @@ NO_ROOM: Final = wire.pack(
 _SHORT: Final = "no room for details (--limit error_bytes=N)"
 #: Most operations of a batch.
 _MAX_OPERATIONS: Final = 25_000
-#: Rows after which other threads get their turn.
+#: After so many rows, other threads may run.
 _SLICE_ROWS: Final = 1000
 #: Long enough for a thread that waits for the interpreter to get it, which a yield alone is not.
 _PAUSE_S: Final = 20e-6
@@ -83,7 +83,8 @@ class Batch:
         self._instance = instance
         self._reads = reads
         self._operations = operations
-        self._budget = limits.budget()
+        #: What is left for this message.
+        self.budget = limits.budget()
         self._error_bytes = limits.error_bytes
         self._rows = 0
         self._replies: list[bytes] = []
@@ -91,12 +92,7 @@ class Batch:
         self.waiting: dict[int, wire.Lookup] = {}
         #: How many of the operations write.
         self.commits = sum(request_type == "commit" for request_type, _ in self._list)
-        self._budget.take_reply(len(self._list) * len(NO_ROOM))
-
-    @property
-    def budget(self) -> Budget:
-        """What is left for this message."""
-        return self._budget
+        self.budget.take_reply(len(self._list) * len(NO_ROOM))
 
     @property
     def most_outcome_bytes(self) -> int:
@@ -155,7 +151,7 @@ class Batch:
                 elif request_type == "commit":
                     reply = commit(body)
                 else:
-                    reply = self._operations.info(body, self._budget)
+                    reply = self._operations.info(body, self.budget)
             except Exception as error:
                 reply = self._failure(error)
             self._replies.append(self._fit(reply))
@@ -166,13 +162,13 @@ class Batch:
 
     def _lookup(self, body: wire.Message) -> wire.Message:
         one = wire.parse_one_read(body)
-        if one is not None and (found := self._reads.one(*one, self._budget)):
+        if one is not None and (found := self._reads.one(*one, self.budget)):
             self._count(1)
             return found
         lookup = wire.parse_lookup(body)
         self._count(lookup.rows)
         if not lookup.timeout_ns:
-            return self._reads.rows(lookup, self._budget)
+            return self._reads.rows(lookup, self.budget)
         if self.commits:
             raise InvalidArgumentException(
                 "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
@@ -197,7 +193,7 @@ class Batch:
         extra = len(data) - len(NO_ROOM)
         if extra > 0:
             try:
-                self._budget.take_reply(extra)
+                self.budget.take_reply(extra)
             except LimitExceeded:
                 return NO_ROOM
         return data

@@ -8,7 +8,6 @@ on another thread.
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 import weakref
 from collections.abc import Callable
@@ -30,9 +29,8 @@ from ..state.static_links import NO_TICKET, StaticLinks
 from ..state.tree_commits import apply
 from .admin import AdminRequests
 from .batches import Batch
-from .counters import RequestCounters
 from .guard import RequestGuard
-from .handler import ReplyCallback, ReplyWithField
+from .handler import Handler, ReplyCallback, ReplyWithField, typed_error
 from .info import InfoRequests
 from .reads import Reads
 from .reply_cache import ReplyCache
@@ -42,10 +40,8 @@ from .writes import Writes
 if TYPE_CHECKING:
     from zenoh_tf._core import Budget, Rows
 
-log = logging.getLogger("zenoh_tf.server")
 
-
-class Service:
+class Service(Handler):
     """Serves the requests of one tree; see the module."""
 
     def __init__(
@@ -59,28 +55,24 @@ class Service:
         guard: RequestGuard | None = None,
         future: FutureStamps | None = None,
     ) -> None:
-        self.guard = guard or RequestGuard()
+        super().__init__(name, limits, guard or RequestGuard())
         self.tree = tree
-        self.instance = instance
-        self.limits = limits
+        self._instance = instance
         self.waiters = Waiters(tree, limits, loop)
         self._reads = Reads(tree, limits)
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
-        self.clocks = ClockOffsets()
+        self._clocks = ClockOffsets()
         counters = _counters_of(self)
-        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, counters)
+        self._info_requests = InfoRequests(tree, limits, self.refusals, self._clocks, counters)
         self._future = future or FutureStamps()
         self._reply_cache = ReplyCache(limits)
         self._writes = Writes(instance, self._reply_cache)
-        self.name = name
         #: Number of the tree's last commit, for the replies to writes.
         self.last_seq: Callable[[], int] | None = None
         #: Called with each commit that the tree has applied, and what became of its rows.
         self.on_commit: Callable[[wire.Commit, Any], None] | None = None
-        self.requests = RequestCounters()
-        self._more_counters: list[Callable[[], dict[str, int]]] = []
         self._links = links or StaticLinks(tree, limits, None, Stored())
         self._admin_requests = AdminRequests(self._links, limits)
         #: Where clients of this host can map the tree; the server that shares it sets it.
@@ -102,17 +94,25 @@ class Service:
             "hello": Service._reply_to_hello,
         }
 
+    @property
+    def instance(self) -> str:
+        return self._instance
+
+    @property
+    def clocks(self) -> ClockOffsets:
+        return self._clocks
+
+    @property
+    def info_requests(self) -> InfoRequests:
+        return self._info_requests
+
     def handle(
         self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
-        """Reply to one request. Never raises: an error is the reply.
-
-        `chunk` is what stands behind the request type in the query's key.
-        """
         counts = self.requests.begin()
         try:
             if request_type == "lookup":
-                reply = reply_to_lookup(self.tree, payload, self.instance)
+                reply = reply_to_lookup(self.tree, payload, self._instance)
                 if reply is not None:  # the common case
                     reply_to(reply, False)
                     counts.end(request_type)
@@ -136,25 +136,15 @@ class Service:
             return reply_to
         return ReplyWithField(reply_to, "seq", self.last_seq)
 
-    def error(self, error: Exception) -> bytes:
-        """The bytes of the reply to a request that failed as a whole."""
-        typed = self._typed(error)
-        self.requests.failed(type(typed).__name__)
-        reply = wire.error_reply(self.instance, typed)
-        if isinstance(typed, TransactionConflict):
-            self._add_seq(reply)
-        return wire.pack(reply)
+    def _error_reply(self, error: TransformException) -> wire.Message:
+        reply = super()._error_reply(error)
+        return self._add_seq(reply) if isinstance(error, TransactionConflict) else reply
 
     def close(self) -> None:
         self.waiters.close()
 
     def stats(self) -> dict[str, int]:
-        """The counters of the tree and of the server; `metric_table` declares each key."""
         return self.tree.stats() | self._counters()
-
-    def add_counters(self, counters: Callable[[], dict[str, int]]) -> None:
-        """Let `stats` have the counters of another part of the server too."""
-        self._more_counters.append(counters)
 
     def add_reads(self, reads: dict[str, Callable[[wire.Message, str], wire.Message]]) -> None:
         """Serve more types of requests: each function makes the fields of a reply to a client."""
@@ -167,20 +157,13 @@ class Service:
 
             self._handlers[request_type] = reply
 
-    @staticmethod
-    def _typed(error: Exception) -> TransformException:
-        if not isinstance(error, (TransformException, TypeError, ValueError, OverflowError)):
-            log.exception("internal error while serving a request", exc_info=error)
-        return wire.as_transform_exception(error)
-
     def client_gone(self, client: str) -> None:
-        """Release what a client holds that is not connected any more."""
         self.waiters.client_gone(client)
         self.clocks.client_gone(client)
 
     def _pack(self, reply: wire.Message) -> bytes:
         reply["v"] = wire.VERSION
-        reply["instance"] = self.instance
+        reply["instance"] = self._instance
         return wire.pack_in_steps(reply)
 
     def _pack_within(self, reply: wire.Message) -> bytes:
@@ -302,7 +285,7 @@ class Service:
 
     def failure(self, error: Exception) -> wire.Message:
         """The error as the reply to an operation of a batch has it."""
-        return {"error": wire.encode_error(self._typed(error))}
+        return {"error": wire.encode_error(typed_error(error))}
 
     def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         what = message.get("what")
@@ -326,10 +309,7 @@ class Service:
 
     def _counters(self) -> dict[str, int]:
         counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
-        counters |= self._links.counters()
-        for more in self._more_counters:
-            counters |= more()
-        return counters
+        return counters | self._links.counters() | self._added_counters()
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)

@@ -28,70 +28,69 @@ _MESSAGES: Final = (
 )
 
 
+#: What the clients of a rule may do, over these protocols only if there are any.
+_Grant = tuple[AccessRule, list[dict[str, Any]], Sequence[str]]
+
+
 def zenoh_settings(tree: str, rules: Sequence[AccessRule]) -> dict[str, Any]:
     """The value of `access_control`. Without rules, a client that is let in may do everything."""
-    builder = _Builder(tree)
-    builder.add(AccessRule(), _for_all(tree))
+    grants: list[_Grant] = [(AccessRule(), _for_all(tree), ())]
     for rule in rules or [EVERYTHING]:
-        builder.add(rule, _rights(tree, rule, keyed=bool(rules)))
-    return builder.settings()
+        grants.append((rule, _rights(tree, rule, keyed=bool(rules)), ()))
+    return _settings(grants)
 
 
 def replica_settings(tree: str, rule: AccessRule) -> dict[str, Any]:
     """The same of a replica's router for clients. `rule`: what each of them may do."""
-    builder = _Builder(tree)
-    builder.add(AccessRule(), [*_for_all(tree), *_rights(tree, rule, keyed=True)])
     replica = {name: keys.replica_request(tree, "*", name) for name in keys.REPLICA_REQUEST_TYPES}
     queries = [replica.pop("hello")]
     if "read" in rule.may:
         queries += replica.values()
     if rule == EVERYTHING:  # the primary may have no rules, and so accept writes on plain keys
         queries += (keys.request(tree, request_type) for request_type in KEYED)
-    builder.add(AccessRule(), [_right("ingress", ["query"], queries)])
+    rights = [*_for_all(tree), *_rights(tree, rule, keyed=True)]
     everything = [_right(flow, _MESSAGES, ["**"]) for flow in ("ingress", "egress")]
-    builder.add(AccessRule(), everything, [PRIMARY_PROTOCOL])
-    return builder.settings()
+    return _settings(
+        [
+            (AccessRule(), [*rights, _right("ingress", ["query"], queries)], ()),
+            (AccessRule(), everything, [PRIMARY_PROTOCOL]),
+        ]
+    )
 
 
-class _Builder:
-    """Collects rules, subjects and policies under ids of their own."""
-
-    def __init__(self, tree: str) -> None:
-        self._rules: list[dict[str, Any]] = []
-        self._subjects: list[dict[str, Any]] = []
-        self._policies: list[dict[str, Any]] = []
-
-    def add(
-        self, rule: AccessRule, rights: Sequence[dict[str, Any]], protocols: Sequence[str] = ()
-    ) -> None:
-        """Allow the rights to the clients of a rule, if not empty only with these protocols."""
-        subject: dict[str, Any] = {"id": f"subject {len(self._subjects)}"}
-        if rule.users:
-            subject["usernames"] = list(rule.users)
-        if protocols:
-            subject["link_protocols"] = list(protocols)
-        if rule.certificates:
-            subject["cert_common_names"] = list(rule.certificates)
-        ids = []
-        for right in rights:
-            ids.append(f"right {len(self._rules)}")
-            self._rules.append(right | {"id": ids[-1], "permission": "allow"})
-        if ids:
-            self._subjects.append(subject)
-            self._policies.append({"rules": ids, "subjects": [subject["id"]]})
-
-    def settings(self) -> dict[str, Any]:
-        return {
-            "enabled": True,
-            "default_permission": "deny",
-            "rules": self._rules,
-            "subjects": self._subjects,
-            "policies": self._policies,
+def _settings(grants: Sequence[_Grant]) -> dict[str, Any]:
+    rules: list[dict[str, Any]] = []
+    subjects: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for rule, rights, protocols in grants:
+        if not rights:
+            continue
+        selectors = {
+            "usernames": rule.users,
+            "link_protocols": protocols,
+            "cert_common_names": rule.certificates,
         }
+        subject = {name: list(values) for name, values in selectors.items() if values}
+        ids = [f"right {number}" for number in range(len(rules), len(rules) + len(rights))]
+        rules += (right | {"id": id_} for right, id_ in zip(rights, ids, strict=True))
+        subjects.append(subject | {"id": f"subject {len(subjects)}"})
+        policies.append({"rules": ids, "subjects": [subjects[-1]["id"]]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
 
 
 def _right(flow: str, messages: Sequence[str], key_exprs: Sequence[str]) -> dict[str, Any]:
-    return {"flows": [flow], "messages": list(messages), "key_exprs": list(key_exprs)}
+    return {
+        "permission": "allow",
+        "flows": [flow],
+        "messages": list(messages),
+        "key_exprs": list(key_exprs),
+    }
 
 
 def _for_all(tree: str) -> list[dict[str, Any]]:
