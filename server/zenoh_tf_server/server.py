@@ -7,6 +7,7 @@ import functools
 import secrets
 import time
 from contextlib import ExitStack, closing
+from typing import Any
 
 from zenoh_tf import TransformTree
 from zenoh_tf._net import keys
@@ -38,30 +39,18 @@ class Server:
 
     def __init__(self, settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> None:
         self.instance = secrets.token_hex(8)
+        #: The key of a request type.
+        self.key = functools.partial(keys.request, settings.tree)
         limits = settings.limits
-        make_tree = functools.partial(
-            TransformTree,
-            settings.cache_time_s,
-            settings.concurrency,
-            max_frames=limits.frames,
-            max_samples_per_frame=limits.samples_per_frame,
-            max_name_bytes=limits.name_bytes,
-            max_depth=limits.depth,
-            max_memory_bytes=limits.memory,
-            one_authority_per_frame=settings.one_authority_per_frame,
-            time_jump=settings.time_jump,
-            max_log_bytes=limits.change_log_bytes,
-        )
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
-            shared = Sharing(
-                settings.sharing, settings.tree, self.instance, joined=bool(settings.connect)
-            )
+            joined = bool(settings.connect)
+            shared = Sharing(settings.sharing, settings.tree, self.instance, joined=joined)
             stack.callback(shared.close)
-            tree = shared.make_tree(make_tree)
+            tree = shared.make_tree(functools.partial(_make_tree, settings))
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
-            session = network.open_session(
+            self.session = session = network.open_session(
                 settings.listen,
                 settings.connect,
                 limits,
@@ -73,30 +62,11 @@ class Server:
             listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
             claim = stack.enter_context(closing(Claim(session, settings.tree, self.instance)))
-            self.session = session
-            #: The key of a request type.
-            self.key = functools.partial(keys.request, settings.tree)
-            guard = RequestGuard(
-                settings.security.rules,
-                admin=settings.security.admin,
-                certificate_of=network.certificates(session),
-            )
-            self.service = service = Service(
-                tree,
-                settings.tree,
-                self.instance,
-                limits,
-                loop,
-                state.links,
-                guard,
-                settings.future,
-            )
-            service.info_requests.addresses = network.addresses(session)
-            clients, replies = open_replies(session, service, stack)
-            self.clients = clients
+            self.service = service = self._make_service(settings, loop, tree, state)
+            self.clients, replies = open_replies(session, service, stack)
             self._start_stream(settings, stack)
             stack.callback(service.close)
-            service.waiters.is_connected = clients.is_connected
+            service.waiters.is_connected = self.clients.is_connected
             ingest = Ingest(
                 service.commit,
                 service.puts,
@@ -107,26 +77,49 @@ class Server:
             )
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
-            workers = Workers(service, clients, replies, settings.workers)
-            local = stack.enter_context(
-                closing(LocalRequests(service, clients, workers.shares, settings.workers))
-            )
+            workers = Workers(service, self.clients, replies, settings.workers)
+            local = LocalRequests(service, self.clients, workers.shares, settings.workers)
+            stack.callback(local.close)
             # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
-            service.offer = shared.start(
-                tree, limits.as_dict(), None if settings.security.authenticates else local.take
-            )
+            serve = None if settings.security.authenticates else local.take
+            service.offer = shared.start(tree, limits.as_dict(), serve)
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
             federation.start(settings.federation, settings.security, limits, service, ingest, stack)
             self._start_upkeep(settings, ingest, stack)
-            clients.start(session, settings.tree)
+            self.clients.start(session, settings.tree)
             stack.callback(workers.close)
             workers.start(session, self.key)
             # Withdrawn first when it closes, so that clients learn of it.
             stack.callback(claim.close)
             claim.serve()
             self._stack = stack.pop_all()
+
+    def _make_service(
+        self,
+        settings: ServerSettings,
+        loop: asyncio.AbstractEventLoop,
+        tree: TransformTree,
+        state: State,
+    ) -> Service:
+        guard = RequestGuard(
+            settings.security.rules,
+            admin=settings.security.admin,
+            certificate_of=network.certificates(self.session),
+        )
+        service = Service(
+            tree,
+            settings.tree,
+            self.instance,
+            settings.limits,
+            loop,
+            state.links,
+            guard,
+            settings.future,
+        )
+        service.info_requests.addresses = network.addresses(self.session)
+        return service
 
     def _start_stream(self, settings: ServerSettings, stack: ExitStack) -> None:
         """Publish what commits change, and answer what mirrors ask."""
@@ -158,3 +151,20 @@ class Server:
 
     def close(self) -> None:
         self._stack.close()
+
+
+def _make_tree(settings: ServerSettings, **options: Any) -> TransformTree:
+    limits = settings.limits
+    return TransformTree(
+        settings.cache_time_s,
+        settings.concurrency,
+        max_frames=limits.frames,
+        max_samples_per_frame=limits.samples_per_frame,
+        max_name_bytes=limits.name_bytes,
+        max_depth=limits.depth,
+        max_memory_bytes=limits.memory,
+        one_authority_per_frame=settings.one_authority_per_frame,
+        time_jump=settings.time_jump,
+        max_log_bytes=limits.change_log_bytes,
+        **options,
+    )

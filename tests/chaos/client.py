@@ -65,11 +65,11 @@ class Client:
         """Do what comes before the first transaction."""
 
     def _attempt(self, tf: TransformClient, body: Callable[[Transaction], None]) -> str:
-        """Run one transaction. Returns the way in which it could read."""
-        way = tf.reads
+        """Run one transaction. Returns the kind of read that it could use."""
+        kind = tf.reads
         with tf.transaction() as transaction:
             body(transaction)
-        return way
+        return kind
 
     def _write(self, **record: Any) -> None:
         os.write(self._file, json.dumps(record).encode() + b"\n")
@@ -107,9 +107,9 @@ class Client:
             if writes:
                 transaction.set_transforms_xact(links.rows(written, version))
 
-        outcome, way = "committed", ""
+        outcome, kind = "committed", ""
         try:
-            way = self._attempt(tf, body)
+            kind = self._attempt(tf, body)
         except TransactionConflict:
             outcome = "conflict"
         except OutcomeUnknown:
@@ -120,7 +120,7 @@ class Client:
             outcome = f"inconsistent: {error}"
         if outcome != "committed" and not self._reads_now:
             reads.clear()
-        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=reads, way=way)
+        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=reads, kind=kind)
         return outcome
 
 
@@ -174,7 +174,7 @@ class FollowerClient(MirrorClient):
     def _read(
         self, tf: TransformClient, pairs: list[tuple[str, str]]
     ) -> tuple[list[LatestTransform], str]:
-        """Look up together; return the way as well."""
+        """Look up together; return the kind of read as well."""
         return self._mirror.lookup_latest_transforms_xact(pairs), "follower"
 
     def _wait(self, tf: TransformClient) -> None:
@@ -186,9 +186,9 @@ class FollowerClient(MirrorClient):
         before_ns = time.monotonic_ns()
         self._write(invoked=before_ns, version=0, written=[])
         reads: list[tuple[int, int, links.Seen]] = []
-        outcome, way = "committed", ""
+        outcome, kind = "committed", ""
         try:
-            found, way = self._read(tf, [("root", f"link{end}") for end in ends])
+            found, kind = self._read(tf, [("root", f"link{end}") for end in ends])
             after_ns = time.monotonic_ns()
             for end, one in zip(ends, found, strict=True):
                 reads.append((before_ns, after_ns, links.decode(end, one.transform)))
@@ -197,7 +197,7 @@ class FollowerClient(MirrorClient):
         except ValueError as error:
             outcome = f"inconsistent: {error}"
         after_ns = time.monotonic_ns()
-        self._write(responded=after_ns, outcome=outcome, reads=reads, way=way, is_copy=True)
+        self._write(responded=after_ns, outcome=outcome, reads=reads, kind=kind, is_copy=True)
         return outcome
 
     def _write_and_wait(self, tf: TransformClient) -> str:

@@ -57,9 +57,7 @@ FAULTS = [
         ".start(), __import__('numpy').ones(len(a[0]), 'uint8'))[1])(",
     ),
     Fault(
-        "a lease outlives its server",
-        "self._keeper = LeaseKeeper(tree)",
-        "tree._begin_lease(60.0)",
+        "a lease outlives its server", "self._keeper = LeaseKeeper(tree)", "tree._begin_lease(60.0)"
     ),
     Fault(
         "a snapshot has a number of its future",

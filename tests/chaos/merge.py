@@ -34,7 +34,7 @@ class _Call:
     version: int = 0  # that it writes; 0: none
     written: list[int] = field(default_factory=list)
     reads: list[tuple[int, int, links.Seen]] = field(default_factory=list)
-    way: str = ""  # in which it could read
+    kind: str = ""  # of reads that it could use
     waited: bool = False  # for its own write, where it reads
     is_copy: bool = False  # it read a mirror or a replica, which may be old
 
@@ -53,7 +53,7 @@ class Merged:
     history: History
     outcomes: dict[str, int]  # how many transactions had each
     complaints: list[str]  # what clients themselves found inconsistent
-    ways: dict[str, int]  # how many committed transactions could read in which way
+    kinds: dict[str, int]  # how many committed transactions could use which kind of read
 
 
 def link_number(epoch: int, link: int) -> int:
@@ -71,17 +71,17 @@ def merge(files: list[Path], starts: list[Start]) -> Merged:
         builder.add(-1, start.invoked_ns, start.responded_ns, COMMITTED, [], accesses)
     outcomes: dict[str, int] = {}
     complaints = []
-    ways: dict[str, int] = {}
+    kinds: dict[str, int] = {}
     for call in calls:
         outcome = call.outcome
         if outcome.startswith("inconsistent"):
             complaints.append(f"client {call.client}: {outcome}")
             outcome = "inconsistent"
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
-        if call.way and outcome == "committed":
-            ways[call.way] = ways.get(call.way, 0) + 1
+        if call.kind and outcome == "committed":
+            kinds[call.kind] = kinds.get(call.kind, 0) + 1
         _add(builder, call, outcome, seen_in)
-    return Merged(builder.history(), outcomes, complaints, ways)
+    return Merged(builder.history(), outcomes, complaints, kinds)
 
 
 def _all_links() -> range:
@@ -110,7 +110,7 @@ def _calls(client: int, path: Path) -> Iterator[_Call]:
             begun["version"],
             begun["written"],
             reads,
-            record.get("way", ""),
+            record.get("kind", ""),
             record.get("waited", False),
             record.get("is_copy", False),
         )

@@ -37,7 +37,7 @@ _YEAR_NS = 365 * 86_400 * 10**9
 
 
 #: How transactions read.
-WAYS = ("query", "shared", "mirror", "follower", "replica")
+READ_KINDS = ("query", "shared", "mirror", "follower", "replica")
 
 
 class Slot:
@@ -127,7 +127,7 @@ class Chaos:
 
     def run(self, transactions: int, pause_s: float = 1.0) -> Merged:
         """Run so many transactions at least, and each kind of fault, and return the history."""
-        readers = itertools.islice(itertools.cycle(WAYS), self._clients - 2)
+        readers = itertools.islice(itertools.cycle(READ_KINDS), self._clients - 2)
         kinds = [*readers, "blind", "repeater"]
         with contextlib.ExitStack() as stack:
             stack.callback(self._end)

@@ -19,7 +19,7 @@ from tests.support.seed import seed
 
 from .faults import FAULTS, Fault, faulty_server, faulty_text
 from .merge import Merged
-from .run import WAYS, Chaos
+from .run import READ_KINDS, Chaos
 
 LONG = int(os.environ.get("CHAOS", "0"))
 SEED = seed(LONG)
@@ -57,7 +57,7 @@ def test_transactions_under_faults_are_strictly_serializable(tmp_path: Path) -> 
     merged = chaos.run(LONG) if LONG else chaos.run(SHORT, pause_s=0.1)
     seen = liveliness(merged.history)
     answered = merged.outcomes.get("committed", 0) + merged.outcomes.get("conflict", 0)
-    print(f"{answered} transactions: {merged.outcomes}; {merged.ways}; {seen}")
+    print(f"{answered} transactions: {merged.outcomes}; {merged.kinds}; {seen}")
     print(f"faults: {dict(chaos.faults)}")
     found = anomaly_in(merged)
     assert found is None, f"SEED={SEED}\n{found}"
@@ -65,7 +65,7 @@ def test_transactions_under_faults_are_strictly_serializable(tmp_path: Path) -> 
     assert proves_something(seen, answered), (seen, merged.outcomes)
     assert len(chaos.faults) == KINDS, chaos.faults
     least = LONG // 200 or 1  # a short run may have few of the slower clients
-    assert all(merged.ways.get(way, 0) >= least for way in WAYS), merged.ways
+    assert all(merged.kinds.get(kind, 0) >= least for kind in READ_KINDS), merged.kinds
 
 
 def test_a_history_of_one_client_proves_nothing() -> None:

@@ -256,7 +256,7 @@ def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformCli
 # --- clients on the replica's host
 
 
-def way(tf: TransformClient) -> str:
+def reads_of(tf: TransformClient) -> str:
     """How a lookup would be answered now, which may change at any time."""
     return tf.reads
 
@@ -267,12 +267,12 @@ def test_a_client_on_the_host_reads_the_replicas_memory(
 ) -> None:
     replica = start_replica(primary, flags=("--share-dir", str(socket_folder)))
     with primary.connect(10) as far, replica.connect(10, reads="shared") as tf:
-        assert way(tf) == "shared"
+        assert reads_of(tf) == "shared"
         for stamp in range(1, 50):
             tf.set_transforms_xact(step(stamp))
-            assert way(tf) == "query"  # until the replica is known to have it
+            assert reads_of(tf) == "query"  # until the replica is known to have it
             assert seen(tf) == stamp
-            assert way(tf) == "shared"
+            assert reads_of(tf) == "shared"
             assert tf.lookup_transform("map", FRAMES[0]).stamp_ns == stamp
         asked = tf.stats()["reads_asked_absent"]
         far.set_transforms_xact(step(50))
@@ -286,9 +286,9 @@ def test_a_client_on_the_host_reads_the_replicas_memory(
         assert seen(tf) == 51
         primary.kill()
         assert seen(tf) == 51
-        assert way(tf) == "shared"
+        assert reads_of(tf) == "shared"
         replica.kill()
-        wait_until(lambda: way(tf) == "query", "it reads a dead replica's memory")
+        wait_until(lambda: reads_of(tf) == "query", "it reads a dead replica's memory")
         with pytest.raises(ServerUnavailable):
             seen(tf)
 
@@ -311,7 +311,7 @@ def test_a_new_copy_has_memory_of_its_own(
 
         def is_new() -> bool:
             tf.can_transform("map", "base")
-            return way(tf) == "shared" and tf.frames() == []
+            return reads_of(tf) == "shared" and tf.frames() == []
 
         wait_until(is_new, "the new copy is not read")
         tf.set_transforms_xact(step(1))

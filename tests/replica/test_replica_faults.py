@@ -136,7 +136,7 @@ def test_a_restarted_replica(
     near: TransformClient,
     start_replica: StartServer,
 ) -> None:
-    """Its clients go on, and find it under its new key."""
+    """Its clients continue, and find it under its new key."""
     near.set_transforms_xact(step(1))
     assert seen(near) == 1
     replica.kill()

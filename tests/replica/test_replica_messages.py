@@ -50,10 +50,7 @@ def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> Non
         hello = ask("hello", {"v": 1, "what": "hello"})["value"]
         assert hello["instance"] == tf.instance
         assert hello["replica"] != tf.instance
-        for least in (
-            wire.least(tf.instance, receipt.seq + 1),
-            wire.least("of another server", 0),
-        ):
+        for least in (wire.least(tf.instance, receipt.seq + 1), wire.least("of another server", 0)):
             error = wire.decode_error(ask("lookup", body | least)["error"])
             assert isinstance(error, ReplicaBehind)
         for malformed in ({"least_seq": 1}, {"least_seq": -1, "least_instance": "x"}):

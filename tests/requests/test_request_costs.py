@@ -52,7 +52,7 @@ def test_frames_of_a_large_tree(server: ServerProcess, wires: Raw) -> None:
     frames = 250_000
     fill_star(wires, frames)
     with cost_of(server.process.pid) as cost:
-        error = wires.error("info", wire.pack({"v": 1, **info("frames")}))
+        error = wires.error("info", {"v": 1, **info("frames")})
         replies = wires.query("batch", batch_of("frames", 1000), 30.0)["replies"]
     assert isinstance(error, LimitExceeded)
     assert (error.field, error.limit) == ("listed", 100_000)
@@ -62,10 +62,10 @@ def test_frames_of_a_large_tree(server: ServerProcess, wires: Raw) -> None:
         names = tf.frames()
         assert len(names) == len(set(names)) == frames + 1
     # A page ends where the next begins, also after a removal.
-    page = wires.query("info", wire.pack({"v": 1, **info("frames", limit=10)}))
+    page = wires.query("info", {"v": 1, **info("frames", limit=10)})
     assert len(page["value"]) == 10
-    wires.query("admin", wire.pack({"v": 1, **info("remove_frame", name=page["value"][-1])}))
-    rest = wires.query("info", wire.pack({"v": 1, **info("frames", limit=10, after=page["next"])}))
+    wires.query("admin", {"v": 1, **info("remove_frame", name=page["value"][-1])})
+    rest = wires.query("info", {"v": 1, **info("frames", limit=10, after=page["next"])})
     assert not set(page["value"]) & set(rest["value"])
 
 
@@ -86,15 +86,15 @@ def test_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
     ends = (f"a{DEPTH}", f"b{DEPTH}")
     with cost_of(server.process.pid) as cost:
         for more in ({}, {"versions": True}, {"atomic": True}):
-            error = wires.error("lookup", wire.pack(lookup(100_000, *ends) | more))
+            error = wires.error("lookup", lookup(100_000, *ends) | more)
             assert isinstance(error, LimitExceeded)
             assert (error.field, error.limit) == ("links", 10_000_000)
-        error = wires.error("lookup", wire.pack(lookup(2000, *ends, atomic=True)))
+        error = wires.error("lookup", lookup(2000, *ends, atomic=True))
         assert isinstance(error, LimitExceeded)
         assert (error.field, error.limit) == ("read_set", 1 << 19)
         split = wire.batch_body([("lookup", lookup(1000, *ends))] * 20)
-        replies = wires.query("batch", wire.pack(split), 30.0)["replies"]
-        read = wires.query("lookup", wire.pack(lookup(2000, *ends, versions=True)), 30.0)
+        replies = wires.query("batch", split, 30.0)["replies"]
+        read = wires.query("lookup", lookup(2000, *ends, versions=True), 30.0)
     assert [error_of(reply).field for reply in replies if "error" in reply] == ["links"] * 16
     # Each frame once, in whatever many rows.
     assert len(read["read_names"]) == len(set(read["read_names"])) >= 2 * DEPTH
@@ -112,13 +112,13 @@ def test_a_name_that_no_frame_can_have(server: ServerProcess, wires: Raw) -> Non
     }
     with cost_of(server.process.pid) as cost:
         for request_type, body in requests.items():
-            error = wires.error(request_type, wire.pack(body))
+            error = wires.error(request_type, body)
             assert isinstance(error, LimitExceeded), request_type
             assert error.field in ("name_bytes", "max_name_bytes")
             assert error.value == 1_000_000
             assert len(str(error)) < 200
         body = wire.batch_body([("lookup", lookup(1000, "map", name))] * 5)
-        for reply in wires.query("batch", wire.pack(body))["replies"]:
+        for reply in wires.query("batch", body)["replies"]:
             assert isinstance(error_of(reply), LimitExceeded)
     assert cost.peak_mb < MOST_MB
 
@@ -129,7 +129,7 @@ def test_errors_of_many_failed_rows(server: ServerProcess, wires: Raw) -> None:
     body["names"] = ["map", *(f"nowhere{row}" for row in range(rows))]
     body["source"] = np.arange(1, rows + 1, dtype=np.uint32).tobytes()
     with cost_of(server.process.pid) as cost:
-        reply = wires.query("lookup", wire.pack(body), 30.0)
+        reply = wires.query("lookup", body, 30.0)
     assert reply["status"] == bytes([LookupException.code]) * rows
     assert 1000 < len(reply["errors"]) < 9000
     assert [row for row, _ in reply["errors"]] == list(range(len(reply["errors"])))
@@ -138,7 +138,7 @@ def test_errors_of_many_failed_rows(server: ServerProcess, wires: Raw) -> None:
     # The same in a batch: the operations share the room for errors.
     one = wire.one_read("map", "nowhere", wire.OP_COMMON, wire.NO_STAMP)
     body = wire.batch_body([("lookup", one)] * 9000)
-    replies = wires.query("batch", wire.pack(body), 30.0)["replies"]
+    replies = wires.query("batch", body, 30.0)["replies"]
     assert all(reply["status"] == bytes([LookupException.code]) for reply in replies)
     assert 1000 < sum(bool(reply["errors"]) for reply in replies) < 9000
 
@@ -147,18 +147,18 @@ def test_a_reply_has_a_limit(start_server: StartServer) -> None:
     server = start_server("--limit", "reply_bytes=10000")
     with raw(server.endpoint) as wires:
         fill_star(wires, 20)
-        hello = wires.query("hello", wire.pack({"v": 1, **info("hello")}))
+        hello = wires.query("hello", {"v": 1, **info("hello")})
         assert hello["value"]["limits"]["reply_bytes"] == 10_000
-        error = wires.error("lookup", wire.pack(lookup(200, "root", "frame1")))
+        error = wires.error("lookup", lookup(200, "root", "frame1"))
         assert isinstance(error, LimitExceeded)
         assert (error.field, error.limit) == ("reply_bytes", 10_000)
         operations = [("lookup", lookup(30, "root", "frame1"))] * 8
-        replies = wires.query("batch", wire.pack(wire.batch_body(operations)))["replies"]
+        replies = wires.query("batch", wire.batch_body(operations))["replies"]
         assert len(replies[0]["status"]) == 30
         error = error_of(replies[-1])
         assert isinstance(error, LimitExceeded) and error.field == "reply_bytes"
         one = wire.one_read("root", "frame1", wire.OP_COMMON, wire.NO_STAMP)
-        error = wires.error("batch", wire.pack(wire.batch_body([("lookup", one)] * 200)))
+        error = wires.error("batch", wire.batch_body([("lookup", one)] * 200))
         assert isinstance(error, LimitExceeded) and error.field == "reply_bytes"
 
 
@@ -195,12 +195,12 @@ def test_messages_that_are_dear_to_decode(
 
 def test_more_operations_than_allowed(wires: Raw) -> None:
     body = wire.batch_body([("info", info("hello"))] * 25_001)
-    error = wires.error("batch", wire.pack(body))
+    error = wires.error("batch", body)
     assert isinstance(error, LimitExceeded)
     assert (error.field, error.limit, error.value) == ("operations", 25_000, 25_001)
 
 
 def test_more_names_than_rows_can_use(wires: Raw) -> None:
     body = lookup(1, "a", "b") | {"names": ["x"] * 300_001}
-    error = wires.error("lookup", wire.pack(body))
+    error = wires.error("lookup", body)
     assert isinstance(error, LimitExceeded) and error.field == "rows"

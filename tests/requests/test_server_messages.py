@@ -52,38 +52,38 @@ def wires(server: ServerProcess) -> Iterator[Raw]:
 
 def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClient) -> None:
     identity = os.urandom(16)
-    first = wires.query("commit", wire.pack(commit(x=1.0, id=identity)))
+    first = wires.query("commit", commit(x=1.0, id=identity))
     assert first["stored"] == b"\1"
-    assert wires.query("commit", wire.pack(commit(x=2.0, id=identity))) == first
+    assert wires.query("commit", commit(x=2.0, id=identity)) == first
     assert client.lookup_transform("map", "base").transform.translation[0] == 1.0
     # An error is remembered as well.
     identity = os.urandom(16)
-    bad = wires.query("commit", wire.pack(commit(child="map", id=identity)))
+    bad = wires.query("commit", commit(child="map", id=identity))
     assert wire.decode_error(bad["error"]).code == InvalidArgumentException.code
-    assert wires.query("commit", wire.pack(commit(x=3.0, id=identity))) == bad
+    assert wires.query("commit", commit(x=3.0, id=identity)) == bad
     # Without an id nothing is remembered.
-    wires.query("commit", wire.pack(commit(x=4.0)))
-    wires.query("commit", wire.pack(commit(x=5.0)))
+    wires.query("commit", commit(x=4.0))
+    wires.query("commit", commit(x=5.0))
     assert client.lookup_transform("map", "base").transform.translation[0] == 5.0
 
 
 def test_replies_to_writes_tell_a_number(wires: Raw) -> None:
-    """Each is above the one before, and conflicts tell what they were in conflict with."""
+    """Each is above the one before. A conflict has the number of the commit that caused it."""
     numbers = []
     for stamp in (1, 2):
-        numbers.append(wires.query("commit", wire.pack(commit(stamp, 1.0)))["seq"])
+        numbers.append(wires.query("commit", commit(stamp, 1.0))["seq"])
     stale: dict[str, Any] = {"read_names": ["base"], "read_versions": struct.pack("<Q", 0)}
-    conflict = wires.query("commit", wire.pack(commit(x=1.0, **stale)))
+    conflict = wires.query("commit", commit(x=1.0, **stale))
     assert isinstance(wire.decode_error(conflict["error"]), TransactionConflict)
     numbers.append(conflict["seq"])
     operations = [["commit", commit(x=2.0)]]
-    batch = wires.query("batch", wire.pack({"v": 1, "operations": operations}))
+    batch = wires.query("batch", {"v": 1, "operations": operations})
     numbers.append(batch["replies"][0]["seq"])
     body = {"v": 1, "what": "remove_frame", "name": "base"}
-    numbers.append(wires.query("admin", wire.pack(body))["seq"])
+    numbers.append(wires.query("admin", body)["seq"])
     assert numbers == sorted(numbers)
     assert numbers[0] < numbers[1] <= numbers[2] < numbers[3] < numbers[4]
-    assert "seq" not in wires.query("commit", wire.pack(commit(child="map")))  # refused
+    assert "seq" not in wires.query("commit", commit(child="map"))  # refused
 
 
 @pytest.mark.own_server
@@ -100,8 +100,8 @@ def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: Transf
 
 def test_batches_and_clear_run_once_too(wires: Raw, client: TransformClient) -> None:
     batch = wire.batch_body([("commit", commit(x=1.0))], {"id": os.urandom(16)})
-    first = wires.query("batch", wire.pack(batch))
-    assert wires.query("batch", wire.pack(batch)) == first
+    first = wires.query("batch", batch)
+    assert wires.query("batch", batch) == first
     clear = wire.pack({**wire.call_body("clear"), "id": os.urandom(16)})
     wires.query("admin", clear)
     client.set_transform(StampedTransform("map", "base", 9, Transform()))
@@ -110,27 +110,27 @@ def test_batches_and_clear_run_once_too(wires: Raw, client: TransformClient) -> 
 
 
 def test_hello_is_no_info(wires: Raw) -> None:
-    error = wires.error("info", wire.pack(wire.call_body("hello")))
+    error = wires.error("info", wire.call_body("hello"))
     assert isinstance(error, InvalidArgumentException)
     assert error.field == "what"
 
 
 def test_expiry_is_in_the_servers_clock(wires: Raw, client: TransformClient) -> None:
-    clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+    clock_ns = wires.query("hello", wire.call_body("hello"))["value"]["clock_ns"]
     identity = os.urandom(16)
-    late = wires.error("commit", wire.pack(commit(id=identity, expires_ns=clock_ns)))
+    late = wires.error("commit", commit(id=identity, expires_ns=clock_ns))
     assert isinstance(late, TimeoutException)
     assert late.field == "expires_ns"
     assert client.frames() == []
     soon = commit(id=identity, expires_ns=clock_ns + 500_000_000)
-    assert wires.query("commit", wire.pack(soon))["stored"] == b"\1"
-    far = wires.error("commit", wire.pack(commit(expires_ns=clock_ns + 700 * 10**9)))
+    assert wires.query("commit", soon)["stored"] == b"\1"
+    far = wires.error("commit", commit(expires_ns=clock_ns + 700 * 10**9))
     assert isinstance(far, LimitExceeded)
     assert (far.field, far.limit) == ("expiry_s", 600)
 
 
 def test_a_write_for_another_instance_is_refused(wires: Raw, client: TransformClient) -> None:
-    error = wires.error("commit", wire.pack(commit(instance="0" * 16)))
+    error = wires.error("commit", commit(instance="0" * 16))
     assert isinstance(error, ServerRestarted)
     assert client.frames() == []
 
@@ -138,19 +138,17 @@ def test_a_write_for_another_instance_is_refused(wires: Raw, client: TransformCl
 def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServer) -> None:
     server = start_server("--limit", "outcomes=4")
     with raw(server.endpoint) as wires, server.connect() as tf:
-        clock_ns = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+        clock_ns = wires.query("hello", wire.call_body("hello"))["value"]["clock_ns"]
         until = clock_ns + 6_000_000_000
         for _ in range(2):
-            wires.query("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))
-        full = wires.error("commit", wire.pack(commit(id=os.urandom(16), expires_ns=until)))
+            wires.query("commit", commit(id=os.urandom(16), expires_ns=until))
+        full = wires.error("commit", commit(id=os.urandom(16), expires_ns=until))
         assert isinstance(full, ServerBusy)
         assert (full.field, full.limit, full.value) == ("outcomes", 4, 3)
         assert full.retry_after_s is not None and 0 < full.retry_after_s <= 6
         # Another client has a share of its own.
         assert tf.set_transform(StampedTransform("map", "base", 5, Transform()))
-        wait_until(
-            lambda: "error" not in wires.query("commit", wire.pack(commit(id=os.urandom(16))))
-        )
+        wait_until(lambda: "error" not in wires.query("commit", commit(id=os.urandom(16))))
 
 
 def test_limits_name_themselves(start_server: StartServer) -> None:
@@ -232,12 +230,8 @@ def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: Transfo
         wires.put("broken", payload)
         wires.put("broken", payload, static=True)
     assert isinstance(wires.error("lookup", None), ProtocolError)
-    assert isinstance(
-        wires.error("admin", wire.pack(wire.call_body("drop"))), InvalidArgumentException
-    )
-    assert isinstance(
-        wires.error("info", wire.pack(wire.call_body("gold"))), InvalidArgumentException
-    )
+    assert isinstance(wires.error("admin", wire.call_body("drop")), InvalidArgumentException)
+    assert isinstance(wires.error("info", wire.call_body("gold")), InvalidArgumentException)
     assert client.lookup_transform("map", "truth").stamp_ns == 1
     assert client.stats()["bad_puts"] > 10
     assert "put of 'broken': ProtocolError" in server.log
@@ -250,7 +244,7 @@ def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: Transfo
 def test_a_bad_put_names_authority_and_field(
     server: ServerProcess, wires: Raw, client: TransformClient
 ) -> None:
-    wires.put("lidar/1", wire.pack(commit() | {"pose": b"short"}))
+    wires.put("lidar/1", commit() | {"pose": b"short"})
     _wait(client, "bad_puts", 1)
     assert "put of 'lidar/1': ProtocolError: field 'pose' must be" in server.log
     wires.session.put("tf/v1/main/set/%2f", wire.pack(commit()))  # not the escape of '/'
@@ -268,13 +262,13 @@ def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient)
         "stamp": struct.pack("<2q", 1, 2),
         "pose": struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1) * 2,
     }
-    wires.put("good", wire.pack(commit()))
-    wires.put("mixed", wire.pack(two_rows))
-    wires.put("mixed", wire.pack(commit(child="arm")))
-    wires.put("mixed", wire.pack(two_rows))
+    wires.put("good", commit())
+    wires.put("mixed", two_rows)
+    wires.put("mixed", commit(child="arm"))
+    wires.put("mixed", two_rows)
     wires.put("mixed", b"garbage")
-    wires.put("bad", wire.pack(two_rows), static=True)
-    wires.put("", wire.pack(two_rows))
+    wires.put("bad", two_rows, static=True)
+    wires.put("", two_rows)
     wires.session.put("tf/v1/main/set/%2f", wire.pack(two_rows))  # not an escaped name
     _wait(client, "bad_puts", 6)
     records = {record.name: record for record in client.authorities()}
@@ -294,7 +288,7 @@ def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient)
 def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartServer) -> None:
     server = start_server("--limit", "refused_authorities=2")
     with raw(server.endpoint) as wires, server.connect() as tf:
-        wires.put("good", wire.pack(commit()))
+        wires.put("good", commit())
         wires.put("good", b"garbage")
         for count, name in enumerate(("a", "b", "a", "c"), 2):
             wires.put(name, b"garbage")
@@ -312,10 +306,10 @@ def test_one_put_is_all_or_nothing(wires: Raw, client: TransformClient) -> None:
         "stamp": struct.pack("<2q", 1, 1),
         "pose": struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1) * 2,
     }
-    wires.put("sensor", wire.pack(two))
+    wires.put("sensor", two)
     _wait(client, "bad_puts", 1)
     assert client.frames() == []
-    wires.put("sensor", wire.pack(two | {"parent": struct.pack("<2I", 0, 1)}))
+    wires.put("sensor", two | {"parent": struct.pack("<2I", 0, 1)})
     _wait(client, "puts", 1)
     assert sorted(client.frames()) == ["a", "b", "map"]
     assert client.frame("a").authority == "sensor"
@@ -324,5 +318,5 @@ def test_one_put_is_all_or_nothing(wires: Raw, client: TransformClient) -> None:
 def test_poses_that_are_no_poses(wires: Raw, client: TransformClient) -> None:
     for values in ((float("nan"),) * 7, (0, 0, 0, 0, 0, 0, 0), (float("inf"), 0, 0, 0, 0, 0, 1)):
         body = commit() | {"pose": struct.pack("<7d", *values)}
-        assert isinstance(wires.error("commit", wire.pack(body)), InvalidArgumentException)
+        assert isinstance(wires.error("commit", body), InvalidArgumentException)
     assert client.frames() == []

@@ -190,6 +190,6 @@ def test_a_raw_client_gets_an_error_for_a_reply_that_is_too_long(server: ServerP
             "source": (b"\x01" + bytes(3)) * rows,
             "stamp": bytes(8 * rows),
         }
-        error = zenoh_client.error("lookup", wire.pack(body))
+        error = zenoh_client.error("lookup", body)
         assert isinstance(error, LimitExceeded)
         assert error.field == "whole_reply_bytes"

@@ -56,7 +56,7 @@ def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
         "stamp": np.ones(DEPTH, np.int64).tobytes(),
         "pose": np.tile([0.0, 0, 0, 0, 0, 0, 1], DEPTH).tobytes(),
     }
-    assert "error" not in wires.query("commit", wire.pack(chain))
+    assert "error" not in wires.query("commit", chain)
     with cost_of(server.process.pid) as cost:
         error = wires.error("lookup", waiting(10_000, f"a{DEPTH}", f"b{DEPTH}", 9.0))
         assert isinstance(error, LimitExceeded)

@@ -46,7 +46,7 @@ def mixed(reads: int, stamp_ns: int, **more: object) -> bytes:
 
 
 def clock_ns(wires: Raw) -> int:
-    value: int = wires.query("hello", wire.pack(wire.call_body("hello")))["value"]["clock_ns"]
+    value: int = wires.query("hello", wire.call_body("hello"))["value"]["clock_ns"]
     return value
 
 
@@ -60,12 +60,12 @@ def test_a_repeated_batch_reads_anew_and_writes_once(wires: Raw) -> None:
     first = wires.query("batch", payload)["replies"]
     assert [reply.get("stored") for reply in first] == [None, None, b"\1", None, None]
     assert first[0]["status"] != b"\0" and first[3]["status"] == b"\0"
-    wires.query("commit", wire.pack(write(9)))
+    wires.query("commit", write(9))
     again = wires.query("batch", payload)["replies"]
     assert again[2] == first[2]
     newest = (9).to_bytes(8, "little")
     assert [again[index]["stamp"] for index in (0, 1, 3, 4)] == [newest] * 4
-    counters = wires.query("info", wire.pack(wire.call_body("stats")))["value"]
+    counters = wires.query("info", wire.call_body("stats"))["value"]
     assert counters["commits"] == 2
 
 
@@ -77,7 +77,7 @@ def test_an_outcome_holds_the_writes_part_only(server: ServerProcess, wires: Raw
         for stamp in range(40):
             big = ("lookup", lookup(25_000, "map", "base"))
             body = wire.batch_body([("commit", write(stamp)), big], {"id": os.urandom(16)})
-            replies = wires.query("batch", wire.pack(body), 30.0)["replies"]
+            replies = wires.query("batch", body, 30.0)["replies"]
             assert replies[0]["stored"] == b"\1"
     assert cost.kept_mb < 60.0
 
@@ -90,7 +90,7 @@ def test_a_greedy_client_exhausts_only_its_own_share(start_server: StartServer) 
         def commit_until_refused() -> TransformException:
             for stamp in range(200):
                 body = write(stamp, id=os.urandom(16), expires_ns=until)
-                reply = wires.query("commit", wire.pack(body))
+                reply = wires.query("commit", body)
                 if "error" in reply:
                     return error_of(reply)
             raise AssertionError("never refused")
@@ -106,11 +106,11 @@ def test_a_greedy_client_exhausts_only_its_own_share(start_server: StartServer) 
 def test_a_write_that_names_no_expiry_has_a_short_one(start_server: StartServer) -> None:
     server = start_server("--limit", "default_expiry_s=1")
     with raw(server.endpoint) as wires:
-        wires.query("commit", wire.pack(write(1, id=os.urandom(16))))
+        wires.query("commit", write(1, id=os.urandom(16)))
         deadline = time.monotonic() + 20
         while True:
-            wires.query("commit", wire.pack(write(2, id=os.urandom(16))))
-            counters = wires.query("info", wire.pack(wire.call_body("stats")))["value"]
+            wires.query("commit", write(2, id=os.urandom(16)))
+            counters = wires.query("info", wire.call_body("stats"))["value"]
             if counters["outcomes"] == 1:  # the one that has just been made
                 break
             assert time.monotonic() < deadline
@@ -122,7 +122,7 @@ def test_a_write_behind_a_stall_does_not_run_after_its_expiry(
     server: ServerProcess, wires: Raw, request_type: str
 ) -> None:
     """The server is frozen for longer than the write may wait. Its repeats do not run either."""
-    wires.query("commit", wire.pack(write(1)))
+    wires.query("commit", write(1))
     more = {"id": os.urandom(16), "expires_ns": clock_ns(wires) + 300_000_000}
     payload = {
         "commit": wire.pack(write(2, **more)),
@@ -140,7 +140,7 @@ def test_a_write_behind_a_stall_does_not_run_after_its_expiry(
         error = error_of(reply)
         assert isinstance(error, TimeoutException)
         assert error.field == "expires_ns"
-    found = wires.query("lookup", wire.pack(READ))
+    found = wires.query("lookup", READ)
     assert found["stamp"] == (1).to_bytes(8, "little")
 
 
@@ -229,16 +229,16 @@ def test_a_write_that_stalls_runs_once_or_never(server: ServerProcess, wires: Ra
                 "stamp": (1 + round_ * 1000 + row).to_bytes(8, "little"),
             }
             if row in stored:
-                assert wires.query("lookup", wire.pack(at))["status"] == b"\0"
+                assert wires.query("lookup", at)["status"] == b"\0"
 
 
 def test_an_id_of_a_write_of_another_kind_is_refused(wires: Raw) -> None:
     used = os.urandom(16)
-    assert wires.query("commit", wire.pack(write(5, id=used)))["stored"] == b"\1"
+    assert wires.query("commit", write(5, id=used))["stored"] == b"\1"
     reply = wires.query("batch", mixed(2, 6, id=used))
     assert "the id is that of another write" in str(error_of(reply))
     assert error_of(reply).field == "id"
     one, two = os.urandom(16), [("commit", write(7)), ("commit", write(8))]
     assert "replies" in wires.query("batch", mixed(1, 6, id=one))
-    more = wires.query("batch", wire.pack(wire.batch_body(two, {"id": one})))
+    more = wires.query("batch", wire.batch_body(two, {"id": one}))
     assert "a batch with 1 transactions" in str(error_of(more))

@@ -98,10 +98,7 @@ def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
 
 
 def connect(
-    server: ServerProcess,
-    credentials: Credentials,
-    timeout_s: float = 10.0,
-    reads: Mode = "query",
+    server: ServerProcess, credentials: Credentials, timeout_s: float = 10.0, reads: Mode = "query"
 ) -> TransformClient:
     return TransformClient.connect(
         server.endpoint, "main", timeout_s, credentials=credentials, reads=reads

@@ -94,7 +94,7 @@ def test_rules_need_to_know_the_clients(files: Files) -> None:
     assert "--connect only" in refused("--user", "a")
 
 
-def test_every_query_family_is_classified() -> None:
+def test_every_request_type_is_classified() -> None:
     """A new request type must be put among the reads or the writes, or nobody may use it."""
     assert {*READS, *KEYED, "hello"} == set(keys.REQUEST_TYPES)
 

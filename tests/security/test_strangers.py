@@ -149,7 +149,7 @@ def test_nothing_listens(files: Files) -> None:
 
 @pytest.fixture
 def silent_port() -> Iterator[str]:
-    """A port that takes connections and ends each after its first message."""
+    """A port that accepts connections and ends each after its first message."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def serve() -> None:
@@ -230,9 +230,7 @@ def test_passwords_are_not_shown(by_user: ServerProcess, files: Files) -> None:
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return forks.run(
-        [sys.executable, "-m", "zenoh_tf_tools", *arguments],
-        timeout=50,
-        env=environment,
+        [sys.executable, "-m", "zenoh_tf_tools", *arguments], timeout=50, env=environment
     )
 
 

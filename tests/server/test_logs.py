@@ -145,7 +145,7 @@ def test_hostile_messages_never_reach_the_log_raw(start_server: StartServer, for
             time.sleep(0.02)
         with raw(server.endpoint) as wires:
             for what in ("remove_frame", HOSTILE):
-                wires.error("admin", wire.pack({"v": 1, "what": what, "name": HOSTILE * 3}))
+                wires.error("admin", {"v": 1, "what": what, "name": HOSTILE * 3})
         tf.clear()
     assert server.stop() == 0
     log = server.log

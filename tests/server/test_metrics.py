@@ -134,7 +134,7 @@ def test_authorities_are_bounded_and_their_names_are_safe(server: ServerProcess)
 
 def test_refused_puts_are_counted_by_authority(server: ServerProcess) -> None:
     with raw(server.endpoint) as wires, server.connect():
-        wires.put("broken", wire.pack({"v": 1, "names": "x"}))
+        wires.put("broken", {"v": 1, "names": "x"})
         samples = until(server, lambda found: value(found, "puts_refused_total") == 1)
     assert value(samples, "authority_transforms_refused_total", authority="broken") == 1
 
@@ -147,7 +147,7 @@ def test_every_value_of_the_server_is_declared(server: ServerProcess) -> None:
     declared = {name for name in metric_table.FROM_STATS if not name.startswith("replica_")}
     assert stats == declared | metric_table.NOT_EXPORTED
     with raw(server.endpoint) as wires:
-        reply = wires.query("info", wire.pack(wire.call_body("authorities")))
+        reply = wires.query("info", wire.call_body("authorities"))
     (record,) = reply["value"]
     declared = metric_table.FROM_AUTHORITIES.keys() | metric_table.AUTHORITY_NOT_EXPORTED
     assert record.keys() == declared
@@ -336,6 +336,6 @@ def test_puts_are_counted_with_their_transforms(server: ServerProcess) -> None:
         "pose": struct.pack("<14d", *[0.0, 0, 0, 0, 0, 0, 1] * 2),
     }
     with raw(server.endpoint) as wires, server.connect():
-        wires.put("lidar", wire.pack(body))
+        wires.put("lidar", body)
         samples = until(server, lambda found: value(found, "puts_total") == 1)
     assert value(samples, "put_transforms_total") == 2

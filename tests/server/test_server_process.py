@@ -39,10 +39,7 @@ UNTIL_TIMEOUT = 7
 
 def refused(*flags: str) -> str:
     """Run a server that must not start. Returns what it wrote to standard error."""
-    done = forks.run(
-        [sys.executable, "-m", "zenoh_tf_server", *flags],
-        timeout=50,
-    )
+    done = forks.run([sys.executable, "-m", "zenoh_tf_server", *flags], timeout=50)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     return done.stderr.strip()
@@ -91,7 +88,7 @@ def test_signals_stop_it_cleanly(server: ServerProcess, number: signal.Signals) 
     assert "Traceback" not in server.log
 
 
-#: A put of 1 MB, as often as the network takes it.
+#: A put of 1 MB, as often as the network accepts it.
 FLOOD = """
 import sys
 import numpy as np
@@ -229,9 +226,7 @@ def test_a_wrong_tree_says_which_trees_there_are(start_server: StartServer) -> N
         assert str(caught.value).endswith("trees served there: 'main', 'robot 2/arm'")
 
 
-def test_a_server_that_exists_but_does_not_answer_is_waited_for(
-    start_server: StartServer,
-) -> None:
+def test_a_server_that_exists_but_does_not_answer_is_waited_for(start_server: StartServer) -> None:
     """Other trees are served too, but the server's token shows that the tree's name is right."""
     router = start_server(tree="main")
     slow = start_server("--connect", router.endpoint, tree="slow", endpoint=router.endpoint)

@@ -153,7 +153,7 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
         wait_until(lambda: not probing.healthy)
         while answered.acquire(timeout=0.2):
             pass
-        assert not probing.healthy  # and the watchdog hears nothing
+        assert not probing.healthy  # and the watchdog gets nothing
         replies.answering.set()
         assert answered.acquire(timeout=20)
         probing.stopping()

@@ -26,10 +26,7 @@ from tests.support.logged_trees import (
 )
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader
-from zenoh_tf.errors import (
-    ExtrapolationException,
-    TransformException,
-)
+from zenoh_tf.errors import ExtrapolationException, TransformException
 
 #: `make test` has the first ones.
 SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
@@ -72,8 +69,7 @@ def paths(tree: State, pairs: list[tuple[str, str]]) -> set[str]:
             (len(one) > 1 and one[-2] in other) or (len(other) > 1 and other[-2] in one)
         ):
             del one[-1], other[-1]
-        way = {*one, *other}
-        found |= way
+        found |= {*one, *other}
     return found
 
 
@@ -348,7 +344,7 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
 
 
 def test_what_is_sent_beside_writers_has_a_new_number() -> None:
-    """A mirror takes changes only under a number that it does not have yet."""
+    """A mirror accepts changes only under a number that it does not have yet."""
     tree, log = logged()
     names = [f"f{i}" for i in range(8)]
 

@@ -23,7 +23,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def compare(clock: ServerClock, here: list[int], there_ms: int, back_ms: int) -> None:
-    """A round trip whose ways take this long."""
+    """A round trip whose two directions last this long."""
     begin = here[0]
     here[0] += there_ms * MS
     server = here[0] + AHEAD_NS

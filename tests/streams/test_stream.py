@@ -87,14 +87,14 @@ class Listener:
     def missed(self) -> list[wire.StreamMessage]:
         """What the server still has of the messages after the last one."""
         request = wire.missed_request(self.instance, self.position + 1)
-        reply = self.client.query("missed", wire.pack(request))
+        reply = self.client.query("missed", request)
         messages, _ = wire.parse_missed_reply(reply)
         return [wire.parse_stream(wire.unpack(data)) for data in messages]
 
 
 def snapshot(client: Raw, tree: TransformTree, replay: ChangeReplay) -> tuple[str, int]:
     """Load a snapshot of the server's tree; return the server's instance and the number."""
-    reply = client.query("snapshot", wire.pack(wire.snapshot_request(None)))
+    reply = client.query("snapshot", wire.snapshot_request(None))
     plan = wire.parse_snapshot_plan(reply)
     if plan.ever_reparented:
         replay.set_ever_reparented()
@@ -103,7 +103,7 @@ def snapshot(client: Raw, tree: TransformTree, replay: ChangeReplay) -> tuple[st
         reached = int(after)
         while reached < until:
             request = wire.SnapshotRequest(instance, piece, reached, int(until))
-            answer = client.query("snapshot", wire.pack(wire.snapshot_request(request)))
+            answer = client.query("snapshot", wire.snapshot_request(request))
             got = wire.parse_snapshot_piece(answer)
             assert got.piece == piece
             replay.load(*got.frames)
@@ -224,7 +224,7 @@ def test_forgotten_messages_are_not_sent(start_server: StartServer) -> None:
             lambda: listener.tree.frames() and listener.tree.frame("base").newest_stamp_ns == 199
         )
         request = wire.missed_request(listener.instance, 1)
-        reply = listener.client.query("missed", wire.pack(request))
+        reply = listener.client.query("missed", request)
         messages, last = wire.parse_missed_reply(reply)
         assert messages == []
         assert last >= 199
@@ -268,7 +268,7 @@ def test_a_restarted_server_is_another_instance(start_server: StartServer) -> No
                 ("snapshot", wire.snapshot_request(request)),
                 ("missed", wire.missed_request(old, 1)),
             ):
-                error = listener.client.error(request_type, wire.pack(body))
+                error = listener.client.error(request_type, body)
                 assert isinstance(error, ServerRestarted)
             listener.load()
             assert listener.instance == message.instance
@@ -276,7 +276,7 @@ def test_a_restarted_server_is_another_instance(start_server: StartServer) -> No
 
 
 def test_a_stopped_listener_harms_nobody(server: ServerProcess) -> None:
-    """One listener takes nothing; writes, lookups and another listener go on."""
+    """One listener reads nothing; writes, lookups and another listener continue."""
     release = threading.Event()
 
     def hold(_: zenoh.Sample) -> None:
@@ -307,13 +307,13 @@ def test_a_snapshot_comes_in_pieces(server: ServerProcess) -> None:
         rows = 2000
         for stamp in range(1, 21):
             tf.set_transforms_xact([stamped(f"frame{i}", stamp) for i in range(rows)])
-        reply = client.query("snapshot", wire.pack(wire.snapshot_request(None)))
+        reply = client.query("snapshot", wire.snapshot_request(None))
         plan = wire.parse_snapshot_plan(reply)
         assert len(plan.bounds) > 3
         assert plan.settings.cache_ns == 10**10
         # A range that is too large is cut short.
         request = wire.SnapshotRequest(reply["instance"], 0, 0, int(plan.bounds[-1]))
-        answer = client.query("snapshot", wire.pack(wire.snapshot_request(request)))
+        answer = client.query("snapshot", wire.snapshot_request(request))
         piece = wire.parse_snapshot_piece(answer)
         assert 0 < piece.reached < plan.bounds[-1]
         tree = TransformTree()
@@ -337,7 +337,7 @@ def test_malformed_requests(
     server: ServerProcess, request_type: str, body: dict[str, Any], field: str
 ) -> None:
     with raw(server.endpoint) as client:
-        error = client.error(request_type, wire.pack(body))
+        error = client.error(request_type, body)
         assert isinstance(error, ProtocolError)
         assert error.field == field
 
@@ -347,8 +347,8 @@ def test_a_piece_that_is_too_large_for_a_reply(start_server: StartServer) -> Non
     with server.connect() as tf, raw(server.endpoint) as client:
         for i in range(100):
             tf.set_transform(stamped(f"frame{i}", 1))
-        reply = client.query("snapshot", wire.pack(wire.snapshot_request(None)))
+        reply = client.query("snapshot", wire.snapshot_request(None))
         request = wire.SnapshotRequest(reply["instance"], 0, 0, 200)
-        error = client.error("snapshot", wire.pack(wire.snapshot_request(request)))
+        error = client.error("snapshot", wire.snapshot_request(request))
         assert isinstance(error, LimitExceeded)
         assert error.field == "reply_bytes"

@@ -153,11 +153,7 @@ def test_replies_survive_the_wire() -> None:
 
 def test_an_error_in_a_reply_is_raised() -> None:
     body = wire.unpack(wire.pack(wire.error_reply("00", ServerBusy("busy"))))
-    for parse in (
-        wire.parse_snapshot_plan,
-        wire.parse_snapshot_piece,
-        wire.parse_missed_reply,
-    ):
+    for parse in (wire.parse_snapshot_plan, wire.parse_snapshot_piece, wire.parse_missed_reply):
         with pytest.raises(ServerBusy):
             parse(body)
 
