@@ -13,13 +13,16 @@ from bench import machine
 from bench.parts import asynchronous, mirrors, native, readers, reads, sensors, service
 from bench.report import Report
 
-PARTS = {
+#: The parts that need no Python package, together named "core".
+CORE = {
     "lookups": native.lookups,
     "paper": native.paper,
     "paper-cached": native.paper_cached,
     "delay": native.delay,
     "staleness": native.staleness,
     "memory": native.memory,
+}
+PARTS = CORE | {
     "embedded": reads.embedded,
     "sensors": sensors.measure,
     "reads": reads.reads,
@@ -36,8 +39,9 @@ MAX_LOAD = 1.0
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
-    names = f"of {', '.join(PARTS)}; none: all"
-    parser.add_argument("parts", nargs="*", metavar="PART", choices=[*PARTS, []], help=names)
+    names = f"of {', '.join(PARTS)}; core: {', '.join(CORE)}; none: all"
+    choices = [*PARTS, "core", []]
+    parser.add_argument("parts", nargs="*", metavar="PART", choices=choices, help=names)
     parser.add_argument("--quick", action="store_true", help="one tiny trial each: does it work?")
     parser.add_argument("--results", type=Path, metavar="FOLDER", help="write a file for each part")
     note = f"write results in spite of a load above {MAX_LOAD:g} or uncommitted changes"
@@ -46,7 +50,8 @@ def main() -> None:
     if args.quick and args.results:
         parser.error("--quick measures nothing that is worth writing: leave out --results")
     header = _conditions(bool(args.results and not args.anyway))
-    for part in args.parts or PARTS:
+    chosen = [part for name in args.parts for part in (CORE if name == "core" else (name,))]
+    for part in chosen or PARTS:
         print(f"\n== {part}", flush=True)
         report, others_s, begun_s = Report(args.quick), machine.others_s(), time.monotonic()
         PARTS[part](report)
