@@ -23,7 +23,8 @@ def lift(tx: Transaction) -> None:
 
 
 with TransformClient.connect(args.connect) as tf:
-    tf.set_transforms_xact([StampedTransform("map", name, 0, Transform()) for name in PAIR])
+    begin_ns = time.time_ns()
+    tf.set_transforms_xact([StampedTransform("map", name, begin_ns, Transform()) for name in PAIR])
     for _ in range(3):
         tf.run_transaction(lift)
     print("object at", tf.lookup_latest_transform_xact("map", "object").transform.translation)

@@ -1,6 +1,7 @@
 """Feeds a mirror: listens to the stream of a tree's server, and asks for what is missing.
 
-Mirrors of clients and replicas of servers share it; each adds a `Source`, which listens and asks.
+Mirrors of clients, replicas of servers and trees of robots share it; each adds a `Source`, which
+listens and asks.
 
 One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.

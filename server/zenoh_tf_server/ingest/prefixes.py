@@ -1,5 +1,7 @@
 """Names of frames: which prefix a robot's frames get (``--ros2-prefix``, ``--ros2-shared``).
 
+Robots whose trees are mirrored get theirs by the same rules (federation/rows.py).
+
 A rule names a robot by its namespace, domain or Zenoh session. Rules for one robot come before
 those for all; among equals the session comes before the namespace, and that before the domain.
 
