@@ -1,6 +1,6 @@
 """A map that holds a limited number of entries.
 
-Thread safety: as a dict.
+Thread safety: none; callers that set from several threads lock.
 """
 
 from __future__ import annotations

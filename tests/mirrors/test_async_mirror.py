@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import threading
 
 import pytest
 
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from tests.support.asynchronous import connected
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import (
     ExtrapolationException,
@@ -176,3 +178,12 @@ def test_it_has_the_methods_of_a_mirror() -> None:
     for name in names:
         is_coroutine = inspect.iscoroutinefunction(getattr(AsyncMirror, name))
         assert is_coroutine == (name in may_wait), name
+
+
+async def test_cancelled_waits_leave_no_thread(server: ServerProcess) -> None:
+    async with await connected(server) as tf, await tf.mirror() as m:
+        before = threading.active_count()
+        for _ in range(3):
+            with pytest.raises(asyncio.TimeoutError):
+                await asyncio.wait_for(m.lookup_transform("map", "nowhere", timeout_s=3600), 0.05)
+        wait_until(lambda: threading.active_count() <= before)

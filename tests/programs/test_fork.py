@@ -12,7 +12,7 @@ from tests.processes.servers import ServerProcess
 SCRIPT = """
 import os, sys
 from zenoh_tf import ServerUnavailable, StampedTransform, Transform
-from zenoh_tf_client import TransformClient
+from zenoh_tf_client import TransformClient, tf2
 
 link = StampedTransform("a", "b", 0, Transform())
 if {connected}:
@@ -20,6 +20,9 @@ if {connected}:
     sensor = tf.broadcaster("sensor")
     sensor.send_static(link)
     mirror = tf.mirror()
+    tf2.connect(sys.argv[1])
+    buffer = tf2.Buffer()
+    buffer.wait_for_transform_async("a", "b", tf2.Time()).result(20)
 child = os.fork()
 if child == 0:
     try:
@@ -65,6 +68,7 @@ def run_in_child(server: ServerProcess, action: str, *, connected: bool) -> str:
         "mirror.lookup_latest_transform('a', 'b')",
         "mirror.wait_for()",
         "tf.mirror()",
+        "buffer.wait_for_transform_async('a', 'b', tf2.Time()).result(20)",
     ],
 )
 def test_calls_in_a_forked_child_say_what_to_do(server: ServerProcess, action: str) -> None:

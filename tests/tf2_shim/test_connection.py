@@ -83,6 +83,10 @@ def test_without_a_server(start_server: Any, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
     buffer = tf2.Buffer()
     tf2.TransformListener(buffer)
+    waiting = buffer.wait_for_transform_async("map", "base", LATEST)
+    assert not waiting.done()  # the caller may be an event loop: it does not connect
+    with pytest.raises(ServerUnavailable):
+        waiting.result(50)
     with pytest.raises(tf2.TransformException) as caught:
         buffer.lookup_transform("map", "base", LATEST)
     assert isinstance(caught.value, ServerUnavailable)

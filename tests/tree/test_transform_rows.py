@@ -30,7 +30,7 @@ def tuples(rows: TransformRows) -> list[Any]:
 def test_of_tuples_and_of_arrays(rows: TransformRows) -> None:
     assert tuples(rows) == LINKS and len(rows) == 5
     assert rows.names == ["map", "f0", "f1", "f2", "f3", "f4"] and rows.newest_stamp == 4
-    assert rows.nbytes == 5 * 72 + len("map") + 5 * len("f0")
+    assert rows.nbytes == 5 * 72 + 6 * 88 + len("map") + 5 * len("f0")
     same = TransformRows(rows.names, rows.parent, rows.child, rows.stamp, rows.pose)
     assert same.columns() == rows.columns()
 

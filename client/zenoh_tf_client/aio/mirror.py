@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import functools
+import time
 from collections.abc import Awaitable, Callable, Sequence
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, TransformArray, wire
+from zenoh_tf.errors import TransformException
 
 from ..mirror.copy import MirrorCopy
 from ..mirror.reads import PLAIN
@@ -23,6 +27,12 @@ from .session.threads import in_thread
 from .transaction import AsyncTransaction, repeat
 
 T = TypeVar("T")
+
+if True:  # asynchronous
+    #: Lookups of one mirror that wait at once, each on a thread; others wait for one of these.
+    _MAX_WAITING: Final = 64
+    #: A thread waits for so long, and then again.
+    _ROUND_S: Final = 1.0
 
 
 class AsyncMirror(MirrorCopy):
@@ -73,6 +83,8 @@ class AsyncMirror(MirrorCopy):
         super().__init__(connection.opened, timeout_s, interest)
         self._connection = connection
         self._reads = reads
+        if True:  # asynchronous
+            self._threads = asyncio.Semaphore(_MAX_WAITING)
 
     async def __aenter__(self) -> Self:
         return self
@@ -117,7 +129,7 @@ class AsyncMirror(MirrorCopy):
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform`."""
         if True:  # asynchronous
-            if timeout_s:
+            if timeout_s > 0:
                 return await self._waited(
                     lambda wait_s: self._tree.lookup_transform(target, source, stamp_ns, wait_s),
                     timeout_s,
@@ -135,7 +147,7 @@ class AsyncMirror(MirrorCopy):
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform_full`."""
         if True:  # asynchronous
-            if timeout_s:
+            if timeout_s > 0:
                 return await self._waited(
                     lambda wait_s: self._tree.lookup_transform_full(
                         target, target_stamp_ns, source, source_stamp_ns, fixed_frame, wait_s
@@ -151,19 +163,30 @@ class AsyncMirror(MirrorCopy):
     ) -> bool:
         """As `TransformTree.can_transform`."""
         if True:  # asynchronous
-            if timeout_s:
-                return self._tree.can_transform(target, source, stamp_ns) or await in_thread(
-                    lambda: self._tree.can_transform(target, source, stamp_ns, timeout_s)
-                )
+            if timeout_s > 0 and not self._tree.can_transform(target, source, stamp_ns):
+                with contextlib.suppress(TransformException):
+                    await self.lookup_transform(target, source, stamp_ns, timeout_s)
+                return self._tree.can_transform(target, source, stamp_ns)
         return self._tree.can_transform(target, source, stamp_ns, timeout_s)
 
     if True:  # asynchronous
 
         async def _waited(self, lookup: Callable[[float], T], timeout_s: float) -> T:
-            """Call `lookup` with its time-out. If it has to wait, a thread does."""
+            """Call `lookup` with its time-out. If it has to wait, a thread does, in rounds, so that
+            a call that is cancelled occupies it for a round at most."""
+            deadline_s = time.monotonic() + timeout_s
             with contextlib.suppress(*lookups.MAY_SUCCEED_LATER):
                 return lookup(0.0)
-            return await in_thread(lambda: lookup(timeout_s))
+            async with self._threads:
+                while True:
+                    begin_s = time.monotonic()
+                    round_s = max(0.0, min(_ROUND_S, deadline_s - begin_s))
+                    try:
+                        return await in_thread(functools.partial(lookup, round_s))
+                    except lookups.MAY_SUCCEED_LATER:
+                        # The tree answers early if no write can make the lookup succeed.
+                        if round_s < _ROUND_S or time.monotonic() - begin_s < _ROUND_S / 2:
+                            raise
 
     # --- lookups that may ask the server
 

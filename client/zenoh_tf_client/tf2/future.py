@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError, Future, InvalidStateError
 from typing import Any
 
 from zenoh_tf import threads
-from zenoh_tf.errors import ServerUnavailable, TransformException
+from zenoh_tf.errors import ServerUnavailable
 
 from .connection import wait_loop
 from .messages import TransformStamped
@@ -33,15 +33,8 @@ class TransformFuture(Future[TransformStamped]):
                 seconds.
         """
         super().__init__()
-        try:
-            loop = wait_loop()
-            waiting = loop.start(loop.look_up(lookup))
-        except TransformException as error:
-            self.set_exception(error)
-            return
-        self.add_done_callback(lambda _: waiting.cancel())
-        # A callback may block, which the loop must not.
-        waiting.add_done_callback(lambda _: threads.start("tf2 wait", self._settle, waiting))
+        # To connect may take seconds, and the caller may be an event loop.
+        threads.start("tf2 wait", self._begin, lookup)
 
     def __await__(self) -> Generator[Any, None, TransformStamped]:
         try:
@@ -51,6 +44,24 @@ class TransformFuture(Future[TransformStamped]):
                 yield
             return self.result()
         return (yield from asyncio.wrap_future(self).__await__())
+
+    def _begin(self, lookup: Lookup) -> None:
+        try:
+            loop = wait_loop()
+            waiting = loop.start(loop.look_up(lookup))
+        except BaseException as error:
+            with contextlib.suppress(InvalidStateError):
+                self.set_exception(error)
+            return
+        self.add_done_callback(lambda _: waiting.cancel())
+        waiting.add_done_callback(self._end)
+
+    def _end(self, waiting: Future[TransformStamped]) -> None:
+        """Settle on a thread: a callback may block, which the loop must not."""
+        try:
+            threads.start("tf2 wait", self._settle, waiting)
+        except RuntimeError:  # the system has no thread left
+            self._settle(waiting)
 
     def _settle(self, waiting: Future[TransformStamped]) -> None:
         with contextlib.suppress(InvalidStateError):  # the future was cancelled meanwhile

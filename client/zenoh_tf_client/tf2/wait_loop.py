@@ -19,6 +19,7 @@ from zenoh_tf_client.aio.client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import Connection
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.requests.lookups import MAY_SUCCEED_LATER
+from zenoh_tf_client.session.calls import is_forked, raise_if_forked
 
 from .messages import TransformStamped, message_of
 
@@ -55,8 +56,11 @@ class WaitLoop:
     def start(self, coroutine: Coroutine[Any, Any, T]) -> Future[T]:
         """Run a coroutine on the loop. The future's `cancel` cancels it.
 
-        Raises ServerUnavailable if the loop is closed.
+        Raises ServerUnavailable if the loop is closed, or its thread is in the parent process.
         """
+        if is_forked():
+            coroutine.close()
+            raise_if_forked()
         with self._lock:
             if not self._closed:
                 return asyncio.run_coroutine_threadsafe(coroutine, self._loop)

@@ -12,13 +12,13 @@
 //    topology mutex is released, no commit adds such an id: it adds only its rows' parents, and
 //    without that mutex only ones that are newest parents already. Those are never removed.
 // 2. Lookups. They compare the generations of their names' ids after the read
-// (NameTable::is_current),
-//    or the counter ids_freed from before it (TreeState::read_names). Both change before the frame
-//    is unlocked with its new version, with release order, and readers load with acquire order. So
-//    a lookup that has seen that version, or anything of the next owner, sees the change, too. One
-//    that has seen nothing of it found the frame as it was removed, and is ordered before.
-//    Failures keep the counter from before they were validated. So whoever names the frames of a
-//    failure, or asks what they may still get, sees whether their ids have passed on.
+//    (NameTable::is_current), or the counter ids_freed from before it (TreeState::read_names). Both
+//    change before the frame is unlocked with its new version, with release order, and readers load
+//    with acquire order. So a lookup that has seen that version, or anything of the next owner,
+//    sees the change, too. One that has seen nothing of it found the frame as it was removed, and
+//    is ordered before. Failures keep the counter from before they were validated. So whoever names
+//    the frames of a failure, or asks what they may still get, sees whether their ids have passed
+//    on.
 // 3. Commits. Those that hold the topology mutex look their names up again, others compare
 //    ids_freed under their children's locks (commits/names.hpp).
 // 4. Read sets. They hold names and versions. A frame that loses its name gets a version above
