@@ -83,6 +83,18 @@ class Peer:
         self._nodes[name] = Node(self._session, *arguments)
         return str(self._session.zid())
 
+    def forget(self, name: str, detected: bool) -> None:
+        """Let a node's /tf_static keep nothing, though its token says that it does; `detected`: a
+        second token says so, too."""
+        static = self._nodes[name]._static
+        static.publisher.undeclare()
+        if detected:
+            static.publisher = zenoh.ext.declare_advanced_publisher(
+                self._session, static.key, publisher_detection=True
+            )
+        else:
+            static.publisher = self._session.declare_publisher(static.key)
+
     def bridge(self, name: str, namespace: str, history: str = "cache") -> None:
         self._nodes[name] = Bridge(self._session, namespace, history)
 

@@ -57,15 +57,28 @@ def test_publishers_of_tokens() -> None:
     assert found is not None
     assert (found.zid, found.node, found.token) == ("aa11", "/fleet/robot1/nav", TOKEN)
     assert found.topic == Topic("tf", "fleet/robot1", 2)
+    assert found.data == f"2/fleet/robot1/tf/{TYPE}/{NO_HASH}" and not found.is_latched
     longer = keys.parse_publisher(f"{TOKEN}/cpu")  # newer releases append something
     assert longer is not None and longer.topic == found.topic
     within = keys.parse_publisher(f"site/{TOKEN}")
     assert within is not None and within.topic.namespace == "site/fleet/robot1"
     assert within.token == TOKEN  # whose hash the node sends
+    assert within.data == f"site/{found.data}"
     bridge = keys.parse_publisher("@/bb22/@ros2_lv/MP/robot1§tf/tf2_msgs§msg§TFMessage/:1:0:0,1")
     assert bridge is not None
     assert (bridge.zid, bridge.node) == ("bb22", None)
     assert bridge.topic == Topic("tf", "robot1", None)
+    assert bridge.data == "robot1/tf" and not bridge.is_latched
+    for token, latched in (
+        (TOKEN.replace("/1:2:1,9", "/1:1:1,1:,:,:,,"), True),
+        (TOKEN.replace("/1:2:1,9", "/:1:"), True),
+        (TOKEN.replace("/1:2:1,9", "/1::1,1"), False),
+        (TOKEN.replace("/1:2:1,9", "/none"), False),
+        ("@/bb22/@ros2_lv/MP/tf_static/tf2_msgs§msg§TFMessage/:1:1:0,10", True),
+        ("@/bb22/@ros2_lv/MP/tf_static/tf2_msgs§msg§TFMessage/none", False),
+    ):
+        one = keys.parse_publisher(token)
+        assert one is not None and one.is_latched == latched, token
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,8 @@ _HISTORY: Final = "@adv"
 #: A part of a ROS name. It begins with no digit, so a number in a key is the domain.
 _NAME: Final = re.compile(r"[A-Za-z_~][A-Za-z0-9_~]*")
 _DOMAIN: Final = re.compile(r"[0-9]{1,10}")
+#: In the part of a token that has the quality of service.
+_TRANSIENT_LOCAL: Final = "1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,8 @@ class Publisher:
     topic: Topic
     node: str | None  # with its namespace, ``/robot1/nav``; None: the bridge, for nodes behind it
     token: str  # whose hash rmw_zenoh sends along with each message
+    data: str  # the key of its messages
+    is_latched: bool  # it declares to keep messages for late subscribers (transient-local)
 
 
 def rmw_data(topic: str, kind: MessageType) -> str:
@@ -149,6 +153,11 @@ def histories(data: str) -> str:
     return f"{data}/{_HISTORY}/pub/**"
 
 
+def session_histories(data: str, zid: str) -> str:
+    """The key expression on which all publishers of a session that keep messages are asked."""
+    return f"{data}/{_HISTORY}/pub/{zid}/**"
+
+
 def parse_publisher(token: str) -> Publisher | None:
     """The publisher of a token; None if it is not the token of one."""
     if len(token) > _MAX_KEY_BYTES:
@@ -167,7 +176,10 @@ def parse_publisher(token: str) -> Publisher | None:
     if not path or not names or not all(map(_NAME.fullmatch, session + path + names)):
         return None
     topic = Topic(path[-1], "/".join(session + path[:-1]), int(rest[1]))
-    return Publisher(rest[2], topic, "/" + "/".join(session + names), "/".join(rest))
+    node, data = "/" + "/".join(session + names), [*session, rest[1], *path, *rest[10:12]]
+    # reliability:durability:...
+    is_latched = rest[12].split(":")[1:2] == [_TRANSIENT_LOCAL]
+    return Publisher(rest[2], topic, node, "/".join(rest), "/".join(data), is_latched)
 
 
 def _bridge_publisher(chunks: list[str], token: str) -> Publisher | None:
@@ -176,7 +188,10 @@ def _bridge_publisher(chunks: list[str], token: str) -> Publisher | None:
     path = chunks[4].split("§")
     if not all(map(_NAME.fullmatch, path)):
         return None
-    return Publisher(chunks[1], Topic(path[-1], "/".join(path[:-1]), None), None, token)
+    topic = Topic(path[-1], "/".join(path[:-1]), None)
+    # keyless:reliability:durability:...
+    is_latched = chunks[6].split(":")[2:3] == [_TRANSIENT_LOCAL]
+    return Publisher(chunks[1], topic, None, token, "/".join(path), is_latched)
 
 
 def history_publisher(token: str) -> tuple[str, str] | None:

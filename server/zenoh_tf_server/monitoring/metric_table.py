@@ -122,6 +122,10 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "ros2_unanswered": _counter(
         "ros2_unanswered", "times that a publisher did not send its static transforms in time"
     ),
+    "ros2_silent": _gauge(
+        "ros2_silent",
+        "publishers that declare to keep static transforms, and sent none when asked",
+    ),
     "ros2_unpublishable": _counter(
         "ros2_unpublishable", "transforms left out because ROS 2 has no such stamp or name"
     ),

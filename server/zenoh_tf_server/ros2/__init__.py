@@ -48,7 +48,7 @@ def start(
             lambda puts: ingest.add(puts, wait=False),
         )
         statics.attach(session)  # a bridge that is there already is found, and asked, at once
-        publishers.when_found(statics.peer_found)
+        publishers.follow(statics.publisher_found, statics.publisher_gone)
         prefixes = Prefixes(settings.rules, settings.shared)
         incoming = Incoming(ingest, limits, publishers, prefixes, statics)
         stack.callback(publishers.close)

@@ -6,18 +6,23 @@ AdvancedSubscriber would ask all of them in one query, and hold back live messag
 one has answered, or 10 s have passed
 (docs/explanation/decisions/0016-ros2-through-the-put-queues.md).
 
+A publisher may also declare that it keeps messages (transient-local), and keep none. So each one
+that declares it, and has sent nothing when asked, is asked again: some time after it has appeared,
+and after its next live message. While it sends nothing, it is counted as silent.
+
 Thread safety: all methods.
 """
 
 from __future__ import annotations
 
 import heapq
+import itertools
 import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import zenoh
@@ -30,29 +35,52 @@ from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher
 from zenoh_tf.ros2.topics import Received, Reception
 
 from ..rate_limited_log import RateLimitedLog
-from .publishers import MAX_PUBLISHERS
+from .publishers import MAX_PUBLISHERS, NODE
 
 TOPIC: Final = "tf_static"
 _ANSWER_S: Final = 5.0
 #: A publisher that has not answered is asked again after this time, and then after twice as long.
 _RETRY_S: Final = 2.0
 _LONGEST_RETRY_S: Final = 60.0
+#: A publisher that declares to keep messages is asked this long after it has appeared or sent one.
+_CHECK_S: Final = 2.0
 #: Where bridges before 1.5.1 keep messages, by the bridge's Zenoh id.
 _OLD_CACHE: Final = "@ros2_pub_cache"
 #: Replies that wait for this module's thread. If there is no room, the publisher is asked again.
 _MAX_REPLIES: Final = 4096
 _MAX_REPLY_BYTES: Final = 64 << 20
 
+#: The data's key, and the Zenoh id of the session.
+_Identity = tuple[str, str]
+
 
 @dataclass(slots=True, eq=False)
 class _Keeper:
-    """A publisher that keeps messages."""
+    """The publishers of one session on one key that keep messages, or declare to."""
 
-    selectors: list[str]
-    zid: str
+    identity: _Identity
+    tokens: set[str] = field(default_factory=set)  # of those that can be asked
+    #: By their tokens: those that declare to keep messages.
+    declared: dict[str, Publisher] = field(default_factory=dict)
     retry_s: float = _RETRY_S
     asking: int = 0  # queries under way
+    is_due: bool = False  # it is asked again at a time in `Histories._later`
+    failed: bool = False  # the last query
+    answered: bool = False  # some message was there
+    is_silent: bool = False  # it declares to keep messages, and sent none when asked
+    was_checked_again: bool = False  # after a live message
+    was_reported: bool = False
+
+
+@dataclass(slots=True, eq=False)
+class _Question:
+    """A query, or some, to one keeper."""
+
+    keeper: _Keeper
+    is_check: bool  # all of its publishers are asked: no reply means that none keeps a message
+    left: int
     failed: bool = False
+    answered: bool = False
 
 
 class Histories:
@@ -68,8 +96,10 @@ class Histories:
         self._appeared = appeared
         self._vanished = vanished
         self._changed = threading.Condition()
-        self._keepers: dict[str, _Keeper] = {}  # by token
-        self._later: list[tuple[float, str]] = []  # a heap of times and tokens
+        self._keepers: dict[_Identity, _Keeper] = {}
+        self._tokens: set[str] = set()  # of all keepers
+        self._later: list[tuple[float, int, _Keeper]] = []  # a heap of times
+        self._numbers = itertools.count()  # so that no two entries of it are equal
         self._replies: deque[tuple[zenoh.Sample, str]] = deque()  # and the publisher's id
         self._reply_bytes = 0
         self._closing = False
@@ -114,85 +144,181 @@ class Histories:
         """How often a publisher has not answered."""
         return self._failures
 
-    def ask_old_bridge(self, publisher: Publisher) -> None:
-        """Ask a bridge from before there were tokens of publishers that keep messages."""
-        topic = publisher.topic
-        if not topic.is_bridged or topic.name != TOPIC:
-            return
-        key, cache = topic.path[1:], f"{_OLD_CACHE}/{publisher.zid}"
-        self._ask(_Keeper([f"{key}/{cache}", f"{cache}/{key}"], publisher.zid), "")
+    @property
+    def silent(self) -> int:
+        """How many publishers declare to keep messages, and sent none when asked."""
+        with self._changed:
+            return sum(
+                len(keeper.declared) for keeper in self._keepers.values() if keeper.is_silent
+            )
 
-    # --- tokens
+    # --- publishers that declare to keep messages
+
+    def publisher_found(self, publisher: Publisher) -> None:
+        """Follow a publisher that declares to keep messages. A bridge from before there were tokens
+        of those that do is asked at once."""
+        if publisher.topic.name != TOPIC:
+            return
+        identity = (publisher.data, publisher.zid)
+        # A server like this one keeps messages, and sends none before it has any.
+        declares = publisher.is_latched and publisher.node != f"/{NODE}"
+        with self._changed:
+            keeper = self._keepers.get(identity) or _Keeper(identity)
+            if declares:
+                self._keepers[identity] = keeper
+                keeper.declared[publisher.token] = publisher
+                self._ask_later(keeper, _CHECK_S)
+        if publisher.topic.is_bridged:
+            self._ask(keeper, _old_caches(identity))
+
+    def publisher_gone(self, publisher: Publisher) -> None:
+        """Follow a publisher no more."""
+        with self._changed:
+            keeper = self._keepers.get((publisher.data, publisher.zid))
+            if keeper is not None and keeper.declared.pop(publisher.token, None) is not None:
+                self._forget_unused(keeper)
+
+    def has_sent(self, identity: _Identity) -> None:
+        """Ask a silent publisher once more, now that it has sent a message."""
+        keeper = self._keepers.get(identity)
+        if keeper is None or not keeper.is_silent or keeper.was_checked_again:
+            return  # the common case, without the lock
+        with self._changed:
+            keeper.was_checked_again = True
+            self._ask_later(keeper, _CHECK_S)
+
+    # --- tokens of publishers that can be asked
 
     def _token_changed(self, sample: zenoh.Sample) -> None:
         token = str(sample.key_expr)
-        found = keys.history_publisher(token)
-        if found is None or keys.parse_data(found[0], TF_MESSAGE) is None:
+        identity = keys.history_publisher(token)
+        if identity is None or keys.parse_data(identity[0], TF_MESSAGE) is None:
             return
-        if found[1] == self._own_zid:
+        if identity[1] == self._own_zid:
             return  # what this server publishes
         if sample.kind == zenoh.SampleKind.DELETE:
-            with self._changed:
-                gone = self._keepers.pop(token, None)
-                prefix = f"{found[0]}/"
-                is_last = gone is not None and not any(
-                    each.zid == found[1] and other.startswith(prefix)
-                    for other, each in self._keepers.items()
-                )
-            if is_last:
-                self._vanished(*found)
+            if self._remove_token(identity, token):
+                self._vanished(*identity)
             return
         with self._changed:
-            if token in self._keepers:
+            if token in self._tokens:
                 return
-            if len(self._keepers) >= MAX_PUBLISHERS:
+            if len(self._tokens) >= MAX_PUBLISHERS:
                 self._log.warn(
                     "static transforms",
                     f"more than {MAX_PUBLISHERS} publishers keep some: the others are not asked "
                     "for what they sent before",
                 )
                 return
-            keeper = self._keepers[token] = _Keeper([token], found[1])
-        self._appeared(*found)
-        self._ask(keeper, token)
+            self._tokens.add(token)
+            keeper = self._keepers.setdefault(identity, _Keeper(identity))
+            keeper.tokens.add(token)
+        self._appeared(*identity)
+        self._ask(keeper, [token])
+
+    def _remove_token(self, identity: _Identity, token: str) -> bool:
+        """True if the last token of publishers that will send again what they keep has gone. Those
+        that keep nothing would not, so what they sent stays."""
+        with self._changed:
+            keeper = self._keepers.get(identity)
+            if keeper is None or token not in keeper.tokens:
+                return False
+            self._tokens.discard(token)
+            keeper.tokens.discard(token)
+            self._forget_unused(keeper)
+            return not keeper.tokens and not keeper.is_silent
+
+    def _forget_unused(self, keeper: _Keeper) -> None:
+        """Requires the lock."""
+        if not keeper.tokens and not keeper.declared:
+            del self._keepers[keeper.identity]
 
     # --- queries
 
-    def _ask(self, keeper: _Keeper, token: str) -> None:
-        """Ask a publisher. Its own key differs from that of the messages: hence `_anyke`."""
-        keeper.asking, keeper.failed = len(keeper.selectors), False
+    def _ask(self, keeper: _Keeper, selectors: list[str], *, is_check: bool = False) -> None:
+        """Ask publishers. Their own keys differ from that of the messages: hence `_anyke`."""
+        zid = keeper.identity[1]
+        question = _Question(keeper, is_check, len(selectors))
+        with self._changed:
+            keeper.asking += len(selectors)
 
         def reply(reply: zenoh.Reply) -> None:
             # On Zenoh's own thread, which must not wait: for a token, for instance.
-            if reply.ok is None or not self._queue(reply.ok, keeper.zid):
-                keeper.failed = True
+            if reply.ok is None or not self._queue(reply.ok, zid):
+                question.failed = True
+            else:
+                question.answered = True
 
-        def done() -> None:
-            keeper.asking -= 1
-            if keeper.failed and not keeper.asking:
-                self._ask_later(keeper, token)
-
-        for selector in keeper.selectors:
+        for selector in selectors:
             self._session.get(
                 f"{selector}?_anyke",
-                Callback(reply, done, indirect=False),
+                Callback(reply, lambda: self._ended(question), indirect=False),
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=_ANSWER_S,
             )
 
-    def _ask_later(self, keeper: _Keeper, token: str) -> None:
+    def _ended(self, question: _Question) -> None:
+        """One query of a question has ended, after its replies."""
+        keeper = question.keeper
         with self._changed:
-            self._failures += 1
-            if self._keepers.get(token) is not keeper:
+            keeper.asking -= 1
+            question.left -= 1
+            if question.left:
                 return
-            heapq.heappush(self._later, (time.monotonic() + keeper.retry_s, token))
-            keeper.retry_s = min(2 * keeper.retry_s, _LONGEST_RETRY_S)
-            self._changed.notify_all()
-        self._log.warn(
-            token,
-            "this publisher of static transforms does not answer: it is asked again later",
-        )
+            keeper.failed = question.failed
+            keeper.answered |= question.answered
+            if question.failed:
+                self._failures += 1
+                self._ask_later(keeper, keeper.retry_s)
+                keeper.retry_s = min(2 * keeper.retry_s, _LONGEST_RETRY_S)
+            elif question.is_check or keeper.answered:
+                keeper.is_silent = not keeper.answered
+            is_new = keeper.is_silent and not keeper.was_reported
+            keeper.was_reported |= is_new
+            silent = list(keeper.declared.values()) if is_new else []
+        key, zid = keeper.identity
+        if question.failed:
+            self._log.warn(
+                f"{key} of session {zid}",
+                "this publisher of static transforms does not answer: it is asked again later",
+            )
+        for publisher in silent:
+            node = f"node {publisher.node}" if publisher.node else f"bridge {zid}"
+            self._log.warn(
+                f"{publisher.topic.path} of {node}",
+                "it declares to keep its static transforms (transient-local), but sent none when "
+                "asked: those from before this server's start are missing, unless --state-dir has "
+                "kept them",
+            )
+
+    def _ask_later(self, keeper: _Keeper, after_s: float) -> None:
+        """Ask all publishers of a keeper, unless that is to happen anyway. Requires the lock."""
+        if keeper.is_due or self._keepers.get(keeper.identity) is not keeper:
+            return
+        keeper.is_due = True
+        at_s = time.monotonic() + after_s
+        heapq.heappush(self._later, (at_s, next(self._numbers), keeper))
+        self._changed.notify_all()
+
+    def _ask_again(self, keeper: _Keeper) -> None:
+        """Ask publishers whose time has come, unless they are gone or have answered."""
+        with self._changed:
+            keeper.is_due = False
+            if self._keepers.get(keeper.identity) is not keeper:
+                return
+            if keeper.asking:  # the queries' outcome decides
+                self._ask_later(keeper, _CHECK_S)
+                return
+            if keeper.answered and not keeper.failed:
+                return
+            is_check = bool(keeper.declared)
+        key, zid = keeper.identity
+        selectors = [keys.session_histories(key, zid)]
+        topic = keys.parse_data(key, TF_MESSAGE)
+        if topic is not None and topic.is_bridged:
+            selectors += _old_caches(keeper.identity)
+        self._ask(keeper, selectors, is_check=is_check)
 
     def _queue(self, sample: zenoh.Sample, zid: str) -> bool:
         """Hand a reply to this module's thread. False: there is no room."""
@@ -207,18 +333,15 @@ class Histories:
 
     def _run(self) -> None:
         while (found := self._next()) is not None:
-            if isinstance(found, str):
-                with self._changed:
-                    keeper = self._keepers.get(found)
-                if keeper is not None:
-                    self._ask(keeper, found)
+            if isinstance(found, _Keeper):
+                self._ask_again(found)
                 continue
             message = self._reception.message(*found)
             if message is not None:
                 self._receive(message)
 
-    def _next(self) -> tuple[zenoh.Sample, str] | str | None:
-        """Wait for a reply, or for a token whose publisher is to be asked again. None: closing."""
+    def _next(self) -> tuple[zenoh.Sample, str] | _Keeper | None:
+        """Wait for a reply, or for publishers that are to be asked again. None: closing."""
         with self._changed:
             while not self._closing:
                 if self._replies:
@@ -227,6 +350,13 @@ class Histories:
                     return reply
                 now_s = time.monotonic()
                 if self._later and self._later[0][0] <= now_s:
-                    return heapq.heappop(self._later)[1]
+                    return heapq.heappop(self._later)[2]
                 self._changed.wait(self._later[0][0] - now_s if self._later else None)
         return None
+
+
+def _old_caches(identity: _Identity) -> list[str]:
+    """Where a bridge from before there were tokens keeps the messages of a key."""
+    key, zid = identity
+    cache = f"{_OLD_CACHE}/{zid}"
+    return [f"{key}/{cache}", f"{cache}/{key}"]

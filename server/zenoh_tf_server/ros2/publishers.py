@@ -86,7 +86,8 @@ class Publishers:
         self._by_gid: dict[bytes, Publisher] = {}
         self._sources = BoundedMap[tuple[str, bytes | None, str | None], Source](_MAX_SOURCES)
         self._subscribers: list[zenoh.Subscriber[Any]] = []
-        self._listeners: list[Callable[[Publisher], None]] = []
+        self._found: list[Callable[[Publisher], None]] = []
+        self._gone: list[Callable[[Publisher], None]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
 
     def start(self, session: zenoh.Session) -> None:
@@ -106,9 +107,10 @@ class Publishers:
         for subscriber in self._subscribers:
             subscriber.undeclare()
 
-    def when_found(self, call: Callable[[Publisher], None]) -> None:
-        """Call a function with each publisher that appears from now on."""
-        self._listeners.append(call)
+    def follow(self, found: Callable[[Publisher], None], gone: Callable[[Publisher], None]) -> None:
+        """Call functions with each publisher that appears or goes from now on."""
+        self._found.append(found)
+        self._gone.append(gone)
 
     def __len__(self) -> int:
         return len(self._by_token)
@@ -131,24 +133,26 @@ class Publishers:
         gid = None if publisher.topic.is_bridged else attachment.gid_of(publisher.token)
         with self._lock:
             if sample.kind == zenoh.SampleKind.DELETE:
-                self._by_token.pop(token, None)
+                known = self._by_token.pop(token, None)
                 if gid is not None:
                     self._by_gid.pop(gid, None)
+                calls = self._gone if known is not None else []
+            elif token in self._by_token:
                 return
-            if token in self._by_token:
-                return
-            if len(self._by_token) >= MAX_PUBLISHERS:
+            elif len(self._by_token) >= MAX_PUBLISHERS:
                 self._log.warn(
                     "tokens",
                     f"more than {MAX_PUBLISHERS} publishers of ROS 2: the messages of the others "
                     "are named by their topics",
                 )
                 return
-            self._by_token[token] = publisher
-            if gid is not None:
-                self._by_gid[gid] = publisher
-                self._lock.notify_all()
-        for call in self._listeners:
+            else:
+                self._by_token[token] = publisher
+                if gid is not None:
+                    self._by_gid[gid] = publisher
+                    self._lock.notify_all()
+                calls = self._found
+        for call in calls:
             call(publisher)
 
     # --- sources

@@ -116,9 +116,13 @@ class Statics:
         self._histories.close()
         self._thread.close()
 
-    def peer_found(self, peer: Peer) -> None:
-        """Ask a publisher of transforms that has appeared, if it is an old bridge."""
-        self._histories.ask_old_bridge(peer)
+    def publisher_found(self, publisher: Peer) -> None:
+        """Follow a publisher of transforms, if it declares to keep them."""
+        self._histories.publisher_found(publisher)
+
+    def publisher_gone(self, publisher: Peer) -> None:
+        """Follow it no more."""
+        self._histories.publisher_gone(publisher)
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
@@ -126,6 +130,7 @@ class Statics:
             "ros2_static_links": self._links,
             "ros2_statics_dropped": self._dropped,
             "ros2_unanswered": self._histories.failures,
+            "ros2_silent": self._histories.silent,
         }
 
     def record(
@@ -140,6 +145,8 @@ class Statics:
             live: It is sent now. False: kept by its publisher, so it may be from before what
                 other publishers have sent.
         """
+        if live:
+            self._histories.has_sent(source.identity)
         names = rows.names
         columns = (rows.parent, rows.child, rows.stamp, rows.pose)
         with self._lock:
