@@ -30,7 +30,7 @@ from zenoh_tf.gate_queue import (
 log = logging.getLogger("zenoh_tf")
 
 
-class Source(Protocol):
+class GateLookups(Protocol):
     """What a gate looks up in: a tree, a client or a mirror."""
 
     def lookup_transform(
@@ -60,7 +60,12 @@ class Gate:
     """
 
     def __init__(
-        self, source: Source, target: str, queue_size: int, timeout_s: float, on_drop: OnDrop | None
+        self,
+        source: GateLookups,
+        target: str,
+        queue_size: int,
+        timeout_s: float,
+        on_drop: OnDrop | None,
     ) -> None:
         """Use `TransformTree.gate` or `TransformClient.gate` instead.
 

@@ -18,7 +18,7 @@ from foxglove.websocket import ChannelView, Client, ServerListener, StatusLevel,
 
 from zenoh_tf.text import quoted
 from zenoh_tf_tools.errors import CommandError
-from zenoh_tf_tools.viewer.source import Link, Source
+from zenoh_tf_tools.viewer.source import Link, ViewedTree
 
 TOPIC: Final = "/tf"
 #: How often everybody gets all links, in seconds.
@@ -36,7 +36,7 @@ _STAMPS_NS: Final = range(0, 2**32 * 10**9)
 class FoxgloveBridge(ServerListener):
     """A WebSocket server for the Foxglove app. One thread calls its methods."""
 
-    def __init__(self, source: Source, name: str, host: str, port: int) -> None:
+    def __init__(self, source: ViewedTree, name: str, host: str, port: int) -> None:
         """Start to listen.
 
         Args:

@@ -10,7 +10,7 @@ import pytest
 from tests.support.logged_trees import CACHE_S, FEW_FRAMES, Writer, logged, make_tree, state
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import ServerBusy, ServerRestarted
-from zenoh_tf.mirrors.mirroring import Mirroring, Request
+from zenoh_tf.mirrors.mirroring import Mirroring, MirrorRequest
 from zenoh_tf_server.streams.recent_messages import RecentMessages
 
 SETTINGS = wire.TreeSettings(round(CACHE_S * 1e9), 64, 16, 255, 1000)
@@ -48,7 +48,7 @@ class Server:
             self.recent.add(first, last, data)
         return data
 
-    def reply(self, request: Request) -> wire.Message:
+    def reply(self, request: MirrorRequest) -> wire.Message:
         body = wire.unpack(wire.pack(request.body))
         if request.request_type == "missed":
             instance, first, _ = wire.parse_missed_request(body)
@@ -85,7 +85,7 @@ class Network:
         self.random = random.Random(self.seed)
         self.number = 0
         self.states: dict[str, dict[int, object]] = {}
-        self.under_way: list[Request] = []
+        self.under_way: list[MirrorRequest] = []
         self.seen: list[tuple[str, int]] = []
         self.start_server()
 

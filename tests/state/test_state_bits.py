@@ -9,20 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from zenoh_tf_server.state.file import Link, StateError, StateFile, Stored, Table
+from zenoh_tf_server.state.file import StateError, StateFile, Stored, StoredLink, Table
 
 #: Removals are small, and so are their pages: each bit of them is tried.
 REMOVED = {f"gone{number}": number + 1 for number in range(5)}
 
 
-def link(x: float, *, by_call: bool = False) -> Link:
-    return Link("map", 7, (x, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0), "calibration", by_call)
+def link(x: float, *, by_call: bool = False) -> StoredLink:
+    return StoredLink("map", 7, (x, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0), "calibration", by_call)
 
 
 def stored(folder: Path) -> tuple[bytes, Stored]:
     """The bytes of a state, and what it holds."""
     file = StateFile(folder, "main")
-    links: dict[tuple[Table, str], Link | int | None] = {
+    links: dict[tuple[Table, str], StoredLink | int | None] = {
         (Table.STATIC_LINKS, f"child{n}"): link(n, by_call=n % 2 == 0) for n in range(12)
     }
     removed = {(Table.REMOVED_LINKS, name): number for name, number in REMOVED.items()}

@@ -21,7 +21,7 @@ from zenoh_tf.errors import NotDurable, TransformException
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.requests.service import Service
 from zenoh_tf_server.state import writer as state_writer
-from zenoh_tf_server.state.file import Changes, Link, StateFile, Table
+from zenoh_tf_server.state.file import Changes, StateFile, StoredLink, Table
 from zenoh_tf_server.state.state import State, StateSettings
 
 FRAMES = [f"frame {number}" for number in range(6)]
@@ -144,7 +144,7 @@ def test_a_dynamic_commit_right_after_a_static_one(tmp_path: Path) -> None:
 
 def test_a_transaction_is_stored_whole_or_not(tmp_path: Path) -> None:
     file = StateFile(tmp_path, "main")
-    good = Link("map", 1, (0.0,) * 6 + (1.0,), "a")
+    good = StoredLink("map", 1, (0.0,) * 6 + (1.0,), "a")
     file.write({(Table.STATIC_LINKS, "before"): good})
     bad = good._replace(parent=None)  # type: ignore[arg-type]
     with pytest.raises(Exception, match="NoneType"):
@@ -172,7 +172,7 @@ def test_a_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_writer, "WAIT_S", 0.2)
     file: Any = HangingFile()
     writer = state_writer.StateWriter(file)
-    link = Link("map", 1, (0.0,) * 6 + (1.0,), "a")
+    link = StoredLink("map", 1, (0.0,) * 6 + (1.0,), "a")
     tickets = [writer.put({(Table.STATIC_LINKS, name): link}) for name in ("a", "b")]
     with pytest.raises(NotDurable, match=r"the disk did not answer within 0\.2 s"):
         writer.wait(tickets[0])

@@ -38,7 +38,7 @@ from ..errors import (
     TransformException,
 )
 from ..tree import TransformTree
-from .mirroring import MakeTree, Mirroring, Observer, Request, make_tree
+from .mirroring import MakeTree, Mirroring, MirrorRequest, Observer, make_tree
 from .source import Source, State
 from .stream_guard import Alarm, StreamSenders, is_ahead
 
@@ -293,7 +293,7 @@ class MirrorFeed:
             return False
         return True
 
-    def _ask(self, request: Request) -> None:
+    def _ask(self, request: MirrorRequest) -> None:
         """Send a request, and take its reply."""
         is_plan = request.request_type == "snapshot" and "piece" not in request.body
         if is_plan and not self._wait_for_turn(request):
@@ -317,7 +317,7 @@ class MirrorFeed:
                 self._mirroring.restart()
             self._proceed()
 
-    def _wait_for_turn(self, request: Request) -> bool:
+    def _wait_for_turn(self, request: MirrorRequest) -> bool:
         """Wait until the next snapshot may begin. False: this one is of no use any more."""
         while True:
             with self._changed:
@@ -329,7 +329,7 @@ class MirrorFeed:
                     return True
             self._ended.wait(pause_s)
 
-    def _fail(self, request: Request, error: Exception) -> None:
+    def _fail(self, request: MirrorRequest, error: Exception) -> None:
         """Record why a request failed. After a pause it is sent again."""
         if not isinstance(error, TransformException):
             log.error("internal error while a mirror sent a request", exc_info=error)

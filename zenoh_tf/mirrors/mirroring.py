@@ -47,7 +47,7 @@ _MAX_NUMBERS: Final = 1 << 24
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class MirrorRequest:
     """A query to send: its type and body, and the number under which to give the reply back."""
 
     request_type: str  # "snapshot" or "missed"
@@ -265,14 +265,14 @@ class Mirroring:
         else:
             self._advance()
 
-    def requests(self) -> list[Request]:
+    def requests(self) -> list[MirrorRequest]:
         """The requests to send now. Each is given once, until it is answered or has failed."""
         if self._wants_plan:
             # Until it is answered, nothing else is worth asking.
             body = wire.snapshot_request(None, self._interest)
             return [] if self._requests else [self._request("snapshot", None, body)]
         copy = self._copy
-        found: list[Request] = []
+        found: list[MirrorRequest] = []
         if copy is None:
             return found
         while copy.pieces and len(self._requests) < _IN_FLIGHT:
@@ -341,10 +341,12 @@ class Mirroring:
         """The copy that messages belong to."""
         return None if self._wants_plan else self._next or self._live
 
-    def _request(self, request_type: str, piece: _Piece | None, body: wire.Message) -> Request:
+    def _request(
+        self, request_type: str, piece: _Piece | None, body: wire.Message
+    ) -> MirrorRequest:
         self._number += 1
         self._requests[self._number] = piece
-        return Request(request_type, body, self._number)
+        return MirrorRequest(request_type, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
         tree = self._make_tree(plan.settings, instance)

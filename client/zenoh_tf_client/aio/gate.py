@@ -30,7 +30,7 @@ from zenoh_tf.gate_queue import (
 log = logging.getLogger("zenoh_tf.client")
 
 
-class Source(Protocol):
+class GateLookups(Protocol):
     """What a gate looks up in: a client or a mirror."""
 
     async def lookup_transform(
@@ -61,7 +61,12 @@ class AsyncGate:
     """
 
     def __init__(
-        self, source: Source, target: str, queue_size: int, timeout_s: float, on_drop: OnDrop | None
+        self,
+        source: GateLookups,
+        target: str,
+        queue_size: int,
+        timeout_s: float,
+        on_drop: OnDrop | None,
     ) -> None:
         """Use `AsyncTransformClient.gate` instead.
 

@@ -15,7 +15,7 @@ from zenoh_tf import TransformException
 from zenoh_tf_client.mirror.mirror import Mirror
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
-from zenoh_tf_tools.viewer.source import Source
+from zenoh_tf_tools.viewer.source import ViewedTree
 
 _PERIOD_S: Final = 0.02
 #: Times at which a recording is asked.
@@ -105,7 +105,7 @@ def replayed(recording: RecordedSource, target: str, source: str) -> PairHistory
     return _history(times_s.tolist(), answers.poses.tolist(), ages_s, failure)
 
 
-def _age_s(source: Source, chain: Sequence[str], time_ns: int) -> float:
+def _age_s(source: ViewedTree, chain: Sequence[str], time_ns: int) -> float:
     """The greatest age of the links between the frames of a chain; NaN if all are static."""
     links = [source.link(name, time_ns) for name in chain]
     ages = []

@@ -52,7 +52,7 @@ class Lookups(Protocol):
     ) -> TransformArray: ...
 
 
-class Source(Protocol):
+class ViewedTree(Protocol):
     """A tree to show. Only the viewer's thread calls it."""
 
     @property

@@ -17,7 +17,7 @@ from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.viewer.panel import Panel, figures_html, look_from, status_html
 from zenoh_tf_tools.viewer.placement import Placement, place, roots_by_size
 from zenoh_tf_tools.viewer.scene import Scene
-from zenoh_tf_tools.viewer.source import Link, Source
+from zenoh_tf_tools.viewer.source import Link, ViewedTree
 from zenoh_tf_tools.viewer.trails import trail_segments
 
 _PERIOD_S: Final = 0.05
@@ -82,7 +82,7 @@ def close_server(server: viser.ViserServer) -> None:
 class Viewer:
     """Draws a source until it is closed. One thread calls its methods."""
 
-    def __init__(self, source: Source, server: viser.ViserServer, options: Options) -> None:
+    def __init__(self, source: ViewedTree, server: viser.ViserServer, options: Options) -> None:
         self._source = source
         self._server = server
         self._options = options

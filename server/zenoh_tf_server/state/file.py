@@ -56,7 +56,7 @@ class Table(Enum):
     REMOVED_LINKS = "removed_links"
 
 
-class Link(NamedTuple):
+class StoredLink(NamedTuple):
     """A transform without the name of its child frame, and its publisher."""
 
     parent: str
@@ -67,15 +67,15 @@ class Link(NamedTuple):
 
 
 #: What is to be stored under (table, child): a link, the number of a removal, or None for nothing.
-Changes = Mapping[tuple[Table, str], Link | int | None]
+Changes = Mapping[tuple[Table, str], StoredLink | int | None]
 
 
 @dataclass(slots=True)
 class Stored:
     """All that a file holds."""
 
-    static_links: dict[str, Link] = field(default_factory=dict)
-    last_poses: dict[str, Link] = field(default_factory=dict)
+    static_links: dict[str, StoredLink] = field(default_factory=dict)
+    last_poses: dict[str, StoredLink] = field(default_factory=dict)
     removed_links: dict[str, int] = field(default_factory=dict)
 
 
@@ -235,10 +235,10 @@ class StateFile:
         number: int = self._database.execute(statement).fetchone()[0]
         return number
 
-    def _links(self, table: Table) -> Iterator[tuple[str, Link]]:
+    def _links(self, table: Table) -> Iterator[tuple[str, StoredLink]]:
         for row in self._database.execute(f"SELECT * FROM {table.value} ORDER BY child"):
             child, parent, stamp_ns, *pose, authority, by_call, _ = row
-            link = Link(parent, stamp_ns, tuple(pose), authority, bool(by_call))
+            link = StoredLink(parent, stamp_ns, tuple(pose), authority, bool(by_call))
             self._check_row(table, row, functools.partial(_row, child, link))
             yield child, link
 
@@ -280,7 +280,7 @@ class StateFile:
                 yield path
 
 
-def _row(child: str, link: Link) -> tuple[str | int | float, ...]:
+def _row(child: str, link: StoredLink) -> tuple[str | int | float, ...]:
     """A link as a row of its table. SQLite has no -0.0, hence the sum."""
     pose = tuple(value + 0.0 for value in link.pose)
     names = "\0".join((child, link.parent, link.authority)).encode()

@@ -12,7 +12,7 @@ from zenoh_tf import TransformTree
 from zenoh_tf.errors import TransformException
 from zenoh_tf.threads import Periodic
 
-from .file import Link, Stored, Table
+from .file import Stored, StoredLink, Table
 from .static_links import Changed, StaticLinks
 from .writer import STORE_TIMEOUT_S, StateWriter
 
@@ -34,7 +34,7 @@ class LastPoses:
         self._frames = frames
         self._links = links
         self._writer = writer
-        self._stored: dict[str, Link] = dict(stored.last_poses)
+        self._stored: dict[str, StoredLink] = dict(stored.last_poses)
         # Frames that are no longer to be remembered.
         self._put({frame: None for frame in self._stored.keys() - set(frames)})
         self._thread = Periodic("last poses", self._store, _PERIOD_S, at_end=True)
@@ -49,7 +49,7 @@ class LastPoses:
             poses = {frame: self._newest(frame) for frame in self._frames}
             self._put({f: link for f, link in poses.items() if link != self._stored.get(f)})
 
-    def _put(self, changed: dict[str, Link | None]) -> None:
+    def _put(self, changed: dict[str, StoredLink | None]) -> None:
         if not changed:
             return
         changes: Changed = {(Table.LAST_POSES, frame): link for frame, link in changed.items()}
@@ -60,7 +60,7 @@ class LastPoses:
                 self._stored[frame] = link
         self._writer.put(changes)
 
-    def _newest(self, frame: str) -> Link | None:
+    def _newest(self, frame: str) -> StoredLink | None:
         """The newest sample of a frame; None if it has none, or a static link."""
         try:
             while True:
@@ -71,6 +71,6 @@ class LastPoses:
                 found = self._tree.lookup_latest_transform(parent, frame)
                 if self._tree._frame_record(frame)["parent"] == parent:
                     pose = tuple(float(value) for value in found.transform.pose())
-                    return Link(parent, found.newest_stamp_ns, pose, record["authority"])
+                    return StoredLink(parent, found.newest_stamp_ns, pose, record["authority"])
         except TransformException:  # unknown, or it changed between the calls
             return None

@@ -13,7 +13,7 @@ from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
 
 from ..limits import Limits
-from .file import Link, StateError, StateFile, Stored, Sync
+from .file import StateError, StateFile, Stored, StoredLink, Sync
 from .remember import LastPoses
 from .static_links import StaticLinks
 from .tree_commits import apply
@@ -114,7 +114,7 @@ class State:
 
 def _restore(tree: TransformTree, stored: Stored, settings: StateSettings, path: Path) -> None:
     """Commit what is stored to an empty tree, each link as its authority."""
-    by_authority: dict[str, dict[str, Link]] = {}
+    by_authority: dict[str, dict[str, StoredLink]] = {}
     for child, link in stored.static_links.items():
         by_authority.setdefault(link.authority, {})[child] = link
     try:
@@ -148,6 +148,6 @@ def _restore_last_poses(tree: TransformTree, stored: Stored, settings: StateSett
     return restored
 
 
-def _commit(links: dict[str, Link], authority: str, *, static: bool) -> wire.Commit:
+def _commit(links: dict[str, StoredLink], authority: str, *, static: bool) -> wire.Commit:
     rows = ((link.parent, child, link.stamp_ns, link.pose) for child, link in links.items())
     return wire.Commit(TransformRows.of_tuples(rows), authority, static)

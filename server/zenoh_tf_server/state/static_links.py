@@ -25,7 +25,7 @@ from zenoh_tf.errors import LookupException, TransactionConflict, TransformExcep
 
 from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
-from .file import Link, Stored, Table
+from .file import Stored, StoredLink, Table
 from .tree_commits import Stores, apply, last_links
 from .writer import StateWriter
 
@@ -36,7 +36,7 @@ _MAX_SINGLE_ROWS: Final = 4096
 #: A ticket of nothing.
 NO_TICKET: Final = 0
 
-Changed = dict[tuple[Table, str], Link | int | None]
+Changed = dict[tuple[Table, str], StoredLink | int | None]
 
 
 class StaticLinks:

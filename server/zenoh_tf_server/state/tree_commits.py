@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from zenoh_tf import TransformTree, wire
 
-from .file import Link
+from .file import StoredLink
 
 #: What became of each row: (n,) uint8.
 Stores = NDArray[np.uint8]
@@ -28,10 +28,10 @@ def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = N
     )
 
 
-def last_links(commit: wire.Commit, *, by_call: bool) -> dict[str, Link]:
+def last_links(commit: wire.Commit, *, by_call: bool) -> dict[str, StoredLink]:
     """The link of each child as the tree has it after a static commit: of several rows of one child
     it applies the one with the highest stamp last, and the last of those."""
-    links: dict[str, Link] = {}
+    links: dict[str, StoredLink] = {}
     names = commit.rows.names
     columns = zip(
         commit.rows.parent.tolist(),
@@ -43,7 +43,7 @@ def last_links(commit: wire.Commit, *, by_call: bool) -> dict[str, Link]:
     for parent, child, stamp_ns, pose in columns:
         before = links.get(names[child])
         if before is None or stamp_ns >= before.stamp_ns:
-            links[names[child]] = Link(
+            links[names[child]] = StoredLink(
                 names[parent], stamp_ns, tuple(pose), commit.authority, by_call
             )
     return links

@@ -14,7 +14,7 @@ from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.errors import extra
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
-from zenoh_tf_tools.viewer.source import Source
+from zenoh_tf_tools.viewer.source import ViewedTree
 
 
 def add(commands: Commands) -> None:
@@ -105,14 +105,14 @@ def _view(args: argparse.Namespace) -> int:
     return 0
 
 
-def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> Source:
+def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> ViewedTree:
     if args.file is not None:
         return recorded(args)
     tf = stack.enter_context(connect(args))
     return LiveSource(stack.enter_context(tf.mirror()))
 
 
-def _at_ns(args: argparse.Namespace, source: Source) -> int:
+def _at_ns(args: argparse.Namespace, source: ViewedTree) -> int:
     """The time of a recording to begin at; 0 of a server."""
     range_ns = source.range_ns or (0, 0)
     return recordings.stamp_ns("--at", args.at, range_ns, range_ns[0], inside=True)
