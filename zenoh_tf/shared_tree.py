@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = ["AskServer", "RegionRefused", "SharedTree"]
 
-# Transforms are true. So one branch shows that there is no answer; the type would take 20 ns.
-setattr(AskServer, "__bool__", lambda _: False)  # noqa: B010
+# Transforms are true. So one branch shows that there is no answer; the type would take 20 ns. A
+# class is no method, so it is called without arguments: `bool()` is False, without a Python frame.
+setattr(AskServer, "__bool__", bool)  # noqa: B010
 # Members are compared by identity. That of `Enum` is in Python, and takes as long as a lookup.
 setattr(AskServer, "__hash__", object.__hash__)  # noqa: B010
 

@@ -136,11 +136,11 @@ def test_another_instance_is_greeted_before_the_next_write() -> None:
 
 def test_the_clock_is_asked_for_now_and_then() -> None:
     exchange = greeted()
-    exchange._next_hello_s = 0.0
+    exchange.next_hello_s = 0.0
     script = Script(done(["map"]), hello())
     assert script.run(exchange.call(info.frames())) == ["map"]
     assert script.keys == ["info", "hello"]
-    exchange._next_hello_s = 0.0
+    exchange.next_hello_s = 0.0
     script = Script(hello(), done(seq=1))
     script.run(exchange.call(WRITE))
     assert script.keys == ["hello", "admin"]
@@ -264,13 +264,13 @@ def test_a_write_for_one_instance_goes_to_no_other() -> None:
 def test_rights_are_checked_before_a_request_is_sent(clock: Clock) -> None:
     exchange = Exchange("main", "tcp/127.0.0.1:1", "ada", TIMEOUT_S)
     Script(hello_at(clock, access=DENIED), clock=clock).run(exchange.hello())
-    exchange._next_hello_s = 1e9
+    exchange.next_hello_s = 1e9
     for request in (WRITE, info.frames()):
         with pytest.raises(AccessDenied, match="user 'ada' may not"):
             Script().run(exchange.call(request))
     rights = {"may": ["clear", "read"], "publish": []}
     Script(hello_at(clock, access=rights), clock=clock).run(exchange.hello())
-    exchange._next_hello_s = 1e9
+    exchange.next_hello_s = 1e9
     read, write = Script(done(["map"]), clock=clock), Script(done(), clock=clock)
     read.run(exchange.call(info.frames()))
     write.run(exchange.call(WRITE))

@@ -246,7 +246,7 @@ def test_a_client_without_a_replica_finds_one_that_comes(clock: Clock) -> None:
     for has_one in (False, True):
         exchange = beside_replica(clock) if has_one else new(clock)
         exchange.router = lambda: "0af3"
-        exchange._next_hello_s = clock.now_s
+        exchange.next_hello_s = clock.now_s
         behind = [failed(ReplicaBehind("not yet"))] * 4 if has_one else []
         greeting = [] if has_one else [hello_at(clock)]
         script = Script(*behind, done(["map"]), hello_at(clock), *greeting, clock=clock)

@@ -298,12 +298,21 @@ def test_authorities_with_the_same_label_share_a_series() -> None:
     assert [counts["stored"] for counts in found.values()] == [6]
 
 
-def test_durations_fall_into_the_right_bucket() -> None:
+def end(counters: RequestCounters, begun_ns: int) -> None:
+    counters.begin(begun_ns).end("lookup")
+
+
+def serve(counters: RequestCounters, begun_ns: int) -> None:
+    counters.served("lookup", begun_ns)
+
+
+@pytest.mark.parametrize("count", [end, serve])
+def test_durations_fall_into_the_right_bucket(
+    count: Callable[[RequestCounters, int], None],
+) -> None:
     counters = RequestCounters()
     for duration_s in (0.0, 0.02, 0.3, 20.0):
-        counts = counters.begin()
-        counts.begun_ns -= round(duration_s * 1e9)
-        counts.end("lookup")
+        count(counters, time.perf_counter_ns() - round(duration_s * 1e9))
     pairs, sum_s = buckets(counters.total().ok["lookup"])
     by_bound = dict(pairs)
     assert (by_bound["0.01"], by_bound["0.25"], by_bound["10.0"], by_bound["+Inf"]) == (1, 2, 3, 4)
@@ -314,7 +323,7 @@ def test_threads_that_end_keep_their_counts_but_no_table() -> None:
     counters = RequestCounters()
 
     def serve() -> None:
-        counts = counters.begin()
+        counts = counters.begin(time.perf_counter_ns())
         counters.failed("ServerBusy")
         counts.end("lookup")
 

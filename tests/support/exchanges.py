@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+import zenoh
 
 from zenoh_tf import wire
 from zenoh_tf._net.queries import NoReply
@@ -94,14 +95,16 @@ class Script:
                 outcome = None
                 continue
             assert isinstance(step, Ask)
-            self.asked.append(
-                (str(step.key).removeprefix("tf/v1/main/"), wire.unpack(step.payload))
-            )
-            self.timeouts_s.append(step.timeout_s)
-            if self._clock is not None:
-                self._clock.now_s += self._clock.QUERY_S
-            reply = self._replies.pop(0)
-            outcome = wire.pack(reply) if isinstance(reply, dict) else reply
+            outcome = self.ask(step.key, step.payload, step.timeout_s)
+
+    def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | NoReply:
+        """Answer a query, as `Queries.ask`."""
+        self.asked.append((str(key).removeprefix("tf/v1/main/"), wire.unpack(payload)))
+        self.timeouts_s.append(timeout_s)
+        if self._clock is not None:
+            self._clock.now_s += self._clock.QUERY_S
+        reply = self._replies.pop(0)
+        return wire.pack(reply) if isinstance(reply, dict) else reply
 
     @property
     def keys(self) -> list[str]:
@@ -112,7 +115,7 @@ def greeted(**limits: Any) -> Exchange:
     """An exchange that knows its server, and when it last asked for the clock."""
     exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
     Script(hello(**limits)).run(exchange.hello())
-    exchange._next_hello_s = time.monotonic() + 1000
+    exchange.next_hello_s = time.monotonic() + 1000
     return exchange
 
 
@@ -127,7 +130,7 @@ def new(clock: Clock, **limits: Any) -> Exchange:
     """An exchange that has just greeted its server. The clock of the server is far ahead."""
     exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
     Script(hello_at(clock, **limits), clock=clock).run(exchange.hello())
-    exchange._next_hello_s = 1e9
+    exchange.next_hello_s = 1e9
     return exchange
 
 

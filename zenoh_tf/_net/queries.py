@@ -66,9 +66,8 @@ class Queries:
                     consolidation=_EACH_REPLY,
                 ):
                     sample = reply.ok
-                    if parts is None and sample is not None and sample.attachment is None:
-                        data = sample.payload.to_bytes()  # the common case
-                        break
+                    if sample is not None and sample.attachment is None:  # the common case
+                        return sample.payload.to_bytes()
                     parts = parts or ReplyParts()
                     data = parts.add(reply)
                     if data is not None:

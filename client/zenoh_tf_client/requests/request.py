@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
 from zenoh_tf import Transform, wire
-from zenoh_tf._core import parse_single_answer
+from zenoh_tf._core import pack_single_lookup, parse_single_answer
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 
 from . import columns
@@ -124,7 +124,7 @@ class Read(Request[T]):
     def payload(self) -> bytes:
         if self.wait_s:
             return wire.pack(self.body())
-        return wire.pack_one_read(*self.row)
+        return pack_single_lookup(*self.row) or wire.pack(self.body())
 
     def parse_plain(self, reply: bytes, instance: str) -> tuple[T] | None:
         answer = parse_single_answer(reply, instance)

@@ -23,7 +23,6 @@ from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import (
-    LimitExceeded,
     OutcomeUnknown,
     ServerBusy,
     ServerRestarted,
@@ -36,7 +35,7 @@ from ..requests.request import Request
 from .access import Access
 from .seen_states import SeenStates
 from .server_info import Replica, ServerInfo, parse_server_info
-from .steps import Ask, Pause, Steps, decode
+from .steps import Ask, Pause, ReadQuery, Steps, decode
 
 T = TypeVar("T")
 
@@ -68,10 +67,10 @@ class Exchange:
         self._user = user
         self._timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
-        self._keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
+        self.keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
         #: By what the server distinguishes clients; known once the session is open.
         self.client_id: str | None = None
-        #: The server that answered last; None if it is not known, or may have been replaced.
+        #: The server that answered last; None if that is not known, or it may have gone.
         self.server: ServerInfo | None = None
         #: The id of the router that the client sits on; the connection knows it.
         self.router: Callable[[], str | None] = lambda: None
@@ -87,7 +86,7 @@ class Exchange:
         #: What this client may do; None if the server has no access rules.
         self.access: Access | None = None
         self._round_trip_ns: int | None = None  # of the last hello
-        self._next_hello_s = 0.0
+        self.next_hello_s = 0.0
         self._id_prefix = os.urandom(8)  # of a request id, followed by a count
         self._id_count = itertools.count()
 
@@ -96,11 +95,11 @@ class Exchange:
 
         Raises ServerUnavailable if it does not answer within `timeout_s`, or the usual time-out.
         """
-        self._next_hello_s = time.monotonic() + self._clock_period_s()
+        self.next_hello_s = time.monotonic() + self._clock_period_s()
         request = self._hello_request()
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
-        reply = decode((yield Ask(self._keys["hello"], payload, timeout_s or self._timeout_s)))
+        reply = decode((yield Ask(self.keys["hello"], payload, timeout_s or self._timeout_s)))
         self._check_instance(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
@@ -187,12 +186,18 @@ class Exchange:
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
         seen = self.seen.least
         if self.access is None and not self.reads_may_be_old:  # the common case
-            key, payload = self._keys[request.request_type], request.payload()
+            key, payload = self.keys[request.request_type], request.payload()
         else:
             body = request.body()
             key = self._key(request.request_type, body)
             payload = wire.pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
-        reply: bytes | NoReply = yield Ask(key, self._check_size(payload), timeout_s)
+        query = ReadQuery(key, self._check_size(payload), timeout_s, deadline_s, behind, seen)
+        return (yield from self.finish_read(request, query, (yield query)))
+
+    def finish_read(
+        self, request: Request[T], query: ReadQuery, reply: bytes | NoReply
+    ) -> Steps[T]:
+        """Continue after the reply to the query of a read."""
         if (server := self.server) is not None and type(reply) is bytes:
             plain = request.parse_plain(reply, server.instance)
             if plain is not None:  # the common case
@@ -201,16 +206,17 @@ class Exchange:
                 return plain[0]
         message = decode(reply)
         if not self._is_final(message):
-            message = yield from self._until_served(message, key, payload, deadline_s)
+            key, payload = query.key, query.payload
+            message = yield from self._until_served(message, key, payload, query.deadline_s)
             if isinstance(message, NoReply):
-                if behind is not None:
-                    wire.raise_error(behind)
+                if query.behind is not None:
+                    wire.raise_error(query.behind)
                 if message.at_once:
                     yield from self._check_new_rules(request)
                 raise ServerUnavailable(message.reason)
         self.replica_age_s = None
         if self.reads_may_be_old and type(message.get("seq")) is int:
-            self.seen.record_server(wire.text(message, "instance"), message["seq"], seen)
+            self.seen.record_server(wire.text(message, "instance"), message["seq"], query.seen)
             if self.replica is not None:
                 self.seen.await_replica()
         yield from self._keep_in_touch()
@@ -219,7 +225,7 @@ class Exchange:
 
     def _keep_in_touch(self) -> Steps[None]:
         """Say hello again if it is time for it, after a read that was answered."""
-        if time.monotonic() < self._next_hello_s:
+        if time.monotonic() < self.next_hello_s:
             return
         with contextlib.suppress(TransformException):
             yield from self.hello(_HELLO_TIMEOUT_S)
@@ -293,7 +299,7 @@ class Exchange:
 
     def _write_once(self, request: Request[Any]) -> Steps[wire.Message]:
         server = self.server
-        if server is None or time.monotonic() >= self._next_hello_s:
+        if server is None or time.monotonic() >= self.next_hello_s:
             server = yield from self.hello()  # for an expiry by the clocks as they are now
         body = request.body()
         key = self._key(request.request_type, body)
@@ -324,7 +330,7 @@ class Exchange:
         """The key of a request. Raises AccessDenied if the server's rules do not allow it."""
         access = self.access
         if access is None:
-            return self._keys[request_type]
+            return self.keys[request_type]
         return zenoh.KeyExpr(access.key(request_type, body))
 
     def _check_new_rules(self, request: Request[Any]) -> Steps[None]:
@@ -389,12 +395,4 @@ class Exchange:
     def _check_size(self, payload: bytes) -> bytes:
         """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
         server = self.server
-        if server is not None and len(payload) > server.message_bytes:
-            raise LimitExceeded(
-                f"a message of {len(payload):,} bytes exceeds the server's limit of "
-                f"{server.message_bytes:,} bytes (--limit message_bytes=N)",
-                field="message_bytes",
-                limit=server.message_bytes,
-                value=len(payload),
-            )
-        return payload
+        return payload if server is None else server.check_size(payload)

@@ -152,6 +152,8 @@ class LocalRequests:
         self._count = 0  # of connections, also while they are opened
         self._closed = False
         self._next_try_s = 0.0
+        #: A server that is on another host.
+        self._far: ServerInfo | None = None
         #: Replies that came through the socket. A lost count does no harm.
         self.replies = 0
 
@@ -161,6 +163,7 @@ class LocalRequests:
         """As `Queries.ask`. `server`: the one that answered last; None if that is not known."""
         if (
             server is None
+            or server is self._far
             or server.offer is None
             or not server.offer.requests
             or len(payload) > MAX_REQUEST_BYTES
@@ -231,6 +234,7 @@ class LocalRequests:
         peer = None
         try:
             if offer.host != handover.boot_id():
+                self._far = server
                 raise RegionRefused("the server is on another host")
             connection = handover.connect(offer, self._tree, server.instance, _OPEN_S)
             peer = _Peer(connection, server.instance)

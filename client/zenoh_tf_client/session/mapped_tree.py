@@ -145,11 +145,12 @@ class MappedTree:
 
     def request_update(self, why: AskServer) -> None:
         """Let the thread map the tree of a new server, if there is one."""
-        if self._is_on and (
-            why is AskServer.LAPSED or self._connection.known_instance != self._settled
-        ):
-            self._follow()
-            self._wanted.set()
+        if self._is_on:
+            server = self._connection.known_server
+            instance = None if server is None else server.instance
+            if why is AskServer.LAPSED or instance != self._settled:
+                self._follow()
+                self._wanted.set()
 
     def stats(self) -> dict[str, int]:
         """The counters of this client: how it reads, how often not so, and why."""

@@ -9,6 +9,7 @@ import zenoh
 
 from zenoh_tf import wire
 from zenoh_tf._net import handover
+from zenoh_tf.errors import LimitExceeded
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,18 @@ class ServerInfo:
     rows: int  # transforms in one message
     offer: handover.Offer | None = None  # of its tree's memory
     seq: int | None = None  # the number of its last commit, when it replied
+
+    def check_size(self, payload: bytes) -> bytes:
+        """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
+        if len(payload) > self.message_bytes:
+            raise LimitExceeded(
+                f"a message of {len(payload):,} bytes exceeds the server's limit of "
+                f"{self.message_bytes:,} bytes (--limit message_bytes=N)",
+                field="message_bytes",
+                limit=self.message_bytes,
+                value=len(payload),
+            )
+        return payload
 
 
 @dataclass(frozen=True, slots=True)

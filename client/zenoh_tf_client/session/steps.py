@@ -11,6 +11,8 @@ import zenoh
 from zenoh_tf import wire
 from zenoh_tf._net.queries import NoReply
 
+from ..requests.receipt import Receipt
+
 T = TypeVar("T")
 
 
@@ -21,6 +23,15 @@ class Ask:
     key: zenoh.KeyExpr
     payload: bytes
     timeout_s: float
+
+
+@dataclass(slots=True)
+class ReadQuery(Ask):
+    """The query of a read to the server, with what its reply is judged by."""
+
+    deadline_s: float
+    behind: wire.Message | None = None  # the refusal of a replica that was asked before
+    seen: Receipt | None = None  # when the query was made
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,12 +77,19 @@ class RequestCounters:
         self._running: list[tuple[threading.Thread, ThreadCounts]] = []
         self._ended = ThreadCounts()  # of threads that have ended
 
-    def begin(self) -> ThreadCounts:
-        """A request begins on the calling thread, which calls `end` of what this returns."""
+    def begin(self, begun_ns: int) -> ThreadCounts:
+        """A request has begun on the calling thread, which calls `end` of what this returns."""
         counts = self._local.counts or self._add_thread()
         counts.error = None
-        counts.begun_ns = perf_counter_ns()
+        counts.begun_ns = begun_ns
         return counts
+
+    def served(self, request_type: str, begun_ns: int) -> None:
+        """Count a request without an error, which the calling thread has served."""
+        duration_ns = perf_counter_ns() - begun_ns
+        counts = (self._local.counts or self._add_thread()).ok[request_type]
+        counts[bisect_left(_BOUNDS_NS, duration_ns)] += 1
+        counts[-1] += duration_ns
 
     def failed(self, error: str) -> None:
         """The request of the calling thread fails with an error of this class."""

@@ -109,14 +109,15 @@ class Service(Handler):
     def handle(
         self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
-        counts = self.requests.begin()
+        begun_ns = time.perf_counter_ns()
+        if request_type == "lookup":
+            reply = reply_to_lookup(self.tree, payload, self._instance)
+            if reply is not None:  # the common case
+                reply_to(reply, False)
+                self.requests.served(request_type, begun_ns)
+                return
+        counts = self.requests.begin(begun_ns)
         try:
-            if request_type == "lookup":
-                reply = reply_to_lookup(self.tree, payload, self._instance)
-                if reply is not None:  # the common case
-                    reply_to(reply, False)
-                    counts.end(request_type)
-                    return
             message = self.limits.unpack(payload, request_type == "batch")
             if request_type in self.guard.checked:
                 self.guard.check(request_type, chunk, message)

@@ -76,15 +76,14 @@ class Reply:
         self,
         query: zenoh.Query,
         key: zenoh.KeyExpr,
-        client: str,
-        takes_parts: bool,
+        sender: tuple[str, bool],
         request_bytes: int,
         replies: Replies,
     ) -> None:
+        """`sender`: the id of the client, and whether it joins parts."""
         self._query = query
         self._key = key
-        self.client = client
-        self.in_parts = takes_parts
+        self.client, self.in_parts = sender
         self._request_bytes = request_bytes
         self._replies = replies
         self._start = 0
@@ -214,9 +213,7 @@ class Replies:
 
     def refusal(self, client: str) -> TransformException | None:
         """Why a new request of the client must be refused: so many bytes of replies wait for the
-        client, or for all. None: nothing stands against it."""
-        if not self.unread.total:  # the common case
-            return None
+        client, or for all. None: nothing stands against it, as long as `unread.total` is 0."""
         with self._lock:
             held = self.unread.held(client)
             if not held or self.unread.admit(client, 0):

@@ -131,8 +131,7 @@ class Workers:
         """The ReplyCallback of a query with `size` bytes."""
         # A reply's key must lie within its query's key.
         key = query.key_expr if request_type in self.keyed else self.keys[request_type]
-        client, takes_parts = self._sender(query)
-        return Reply(query, key, client, takes_parts, size, self._replies)
+        return Reply(query, key, self._sender(query), size, self._replies)
 
     def _sender(self, query: zenoh.Query) -> tuple[str, bool]:
         """The client that sent a query, and whether it accepts parts."""
@@ -160,12 +159,13 @@ class Workers:
                 payload = query.payload
                 data = payload.to_bytes() if payload is not None else b""
             reply_to = self._reply_to(query, request_type, len(data))
-            refusal = self._replies.refusal(reply_to.client)
-            if refusal is None:
-                chunk = keys.subject(str(query.key_expr)) if request_type in self.keyed else None
-                self._service.handle(request_type, data, reply_to, chunk)
-            else:
-                reply_to(self._service.error(refusal), True)
+            if self._replies.unread.total:  # not the common case
+                refusal = self._replies.refusal(reply_to.client)
+                if refusal is not None:
+                    reply_to(self._service.error(refusal), True)
+                    return
+            chunk = keys.subject(str(query.key_expr)) if request_type in self.keyed else None
+            self._service.handle(request_type, data, reply_to, chunk)
         except Exception:  # no query may end a worker
             log.exception("internal error while serving %s", request_type)
             query.drop()
