@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterator
 
 from .public_members import parsed
@@ -33,14 +34,17 @@ EXTRAS = {
     "xxhash": "zenoh_tf",
 }
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
+#: Files of a folder, and those that have more, with the reason.
+MAX_FILES = 15
+LARGE_FOLDERS = {"docs/explanation/decisions": "one record for each decision"}
 MAX_LINES = 400
 MAX_FUNCTION_LINES = 60
 #: Files that still have a longer one.
 LONG_FUNCTIONS = {
-    "tests/core/test_concurrent_change_log.cpp",
-    "tests/core/test_concurrent_freed_names.cpp",
-    "tests/core/test_concurrent_interest_reader.cpp",
-    "tests/core/test_history.cpp",
+    "tests/core/replication/test_concurrent_change_log.cpp",
+    "tests/core/commits/test_concurrent_freed_names.cpp",
+    "tests/core/replication/test_concurrent_interest_reader.cpp",
+    "tests/core/records/test_history.cpp",
 }
 TREE = "zenoh_tf/core/tree_state.hpp"
 #: peer.py and ros2_robot.py stand for programs that share no code with this project.
@@ -48,13 +52,14 @@ OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "ros2_robot.py")
 #: Words of our own, with the field's. Only those that no sentence needs.
 PLAIN = {
     r"told|tells": "sent, reported, returned, published",
+    r"taken not to": "assumed not to",
     r"makes? no sense": "is corrupt, is invalid",
     r"means? nothing": "is unspecified",
-    r"anew|begins? again": "again, retry",
+    r"anew|beg[ai]ns? again": "again, retry",
     r"signs? of life": "heartbeat",
     r"as ever": "nothing",
     r"believes?|in its right mind": "what is checked",
-    r"goes? on": "continues",
+    r"go(es)? on|going on": "continues",
 }
 #: How a block begins that is part of a function, or has functions.
 NO_FUNCTION = re.compile(
@@ -95,6 +100,15 @@ def sizes(repository: Repository) -> Iterator[Violation]:
         if lines > MAX_LINES:
             problem = f"has {lines} lines, of at most {MAX_LINES}: split it by subject"
             yield Violation(path, MAX_LINES + 1, problem)
+
+
+def folders(repository: Repository) -> Iterator[Violation]:
+    """A folder of more than 15 files has more than one subject."""
+    files = repository.files(".py", ".pyi", ".cpp", ".hpp", ".md")
+    for folder, count in Counter(path.rpartition("/")[0] for path in files).items():
+        if count > MAX_FILES and folder not in LARGE_FOLDERS:
+            problem = f"has {count} files, of at most {MAX_FILES}: split it by subject"
+            yield Violation(folder, 1, f"{problem}, or give the reason in LARGE_FOLDERS")
 
 
 def functions(repository: Repository) -> Iterator[Violation]:

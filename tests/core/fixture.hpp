@@ -24,7 +24,25 @@ struct SetOptions {
   bool is_static = false;
   bool drop_old = false;
   std::vector<std::pair<std::string, Version>> reads = {};
+  std::int64_t expires_ns = kNeverExpires;
+  Stamp max_stamp = std::numeric_limits<Stamp>::max();
 };
+
+// Calls body() and returns why it was rejected, if it was.
+template <class Body>
+std::optional<Rejected> rejection(Body&& body) {
+  try {
+    body();
+  } catch (Rejected& rejected) {
+    return std::move(rejected);
+  }
+  return std::nullopt;
+}
+
+template <class Number>
+std::string nth(const std::string& prefix, Number n) {
+  return prefix + std::to_string(n);
+}
 
 inline Pose at_x(double x) { return {x, 0, 0, 0, 0, 0, 1}; }
 
@@ -72,15 +90,13 @@ class World {
       read_versions.push_back(version);
     }
     std::vector<std::uint8_t> flags(sets.size());
-    try {
+    auto rejected = rejection([&] {
       tree.commit({names, rows, options.authority, options.is_static, options.drop_old, read_names,
-                   read_versions},
+                   read_versions, options.expires_ns, options.max_stamp},
                   flags);
-    } catch (Rejected& refused) {
-      return std::move(refused);
-    }
-    if (stored) *stored = flags;
-    return std::nullopt;
+    });
+    if (stored && !rejected) *stored = flags;
+    return rejected;
   }
   // Returns true if the row was stored, false if it was dropped as too old. Fails the test
   // otherwise.
@@ -96,8 +112,32 @@ class World {
     const auto refused = commit(sets, options);
     return refused ? refused->code : Code::ok;
   }
+  // Returns why the removal was rejected, if it was.
+  std::optional<Rejected> remove(std::string_view name, bool subtree = false) {
+    return rejection([&] { tree.remove_frame(name, subtree); });
+  }
+  // Fails the test if the commit is rejected.
+  void accept(const std::vector<Set>& sets, const SetOptions& options = {},
+              const char* file = __builtin_FILE(), int line = __builtin_LINE()) {
+    if (const auto refused = commit(sets, options)) check::fail(file, line, refused->message);
+  }
 
   [[nodiscard]] FrameId id(const std::string& name) const { return tree.find(name); }
+  [[nodiscard]] FrameInfo info(const std::string& name) const { return tree.info(id(name)); }
+  [[nodiscard]] Version version(const std::string& name) const { return tree.version(id(name)); }
+  [[nodiscard]] const FrameEvents& events(const std::string& name) const {
+    return tree.events(id(name));
+  }
+  // All of a tree that a rejected commit must leave unchanged. Hangs if a frame was left locked.
+  [[nodiscard]] std::string state() const {
+    std::ostringstream text;
+    for (FrameId id = 1; id <= tree.size(); ++id) {
+      const FrameInfo i = tree.info(id);
+      text << tree.name(id) << ' ' << i.parent << ' ' << i.is_static << ' ' << i.samples << ' '
+           << i.oldest << ' ' << i.newest << ' ' << i.version << ' ' << i.authority << '\n';
+    }
+    return text.str();
+  }
   [[nodiscard]] Query query(Op op, const std::string& target, const std::string& source,
                             Stamp stamp = kNoStamp) const {
     return {op, id(target), id(source), stamp};
@@ -133,10 +173,34 @@ class World {
   }
 };
 
+// A parked lookup that counts how often it is woken.
+class CountingWaiter final : public Waiter {
+ public:
+  CountingWaiter(const World& w, Op op, std::string_view target, std::string_view source,
+                 Stamp stamp = kNoStamp)
+      : Waiter({op, 0, 0, stamp}, target, source), tree_(w.tree) {}
+  ~CountingWaiter() override { cancel(); }
+
+  bool lookup_or_park() { return tree_.lookup_or_park(*this); }
+  bool cancel() { return tree_.wait_list().cancel(*this); }
+  [[nodiscard]] Code code() const { return answer().failure.code; }
+  int woken = 0;
+
+ private:
+  void notify() noexcept override { ++woken; }
+  const Tree& tree_;
+};
+
 template <class Body>
 void for_each_concurrency(Body&& body) {
   for (const auto c : {Concurrency::optimistic, Concurrency::two_phase, Concurrency::giant})
     body(c);
 }
+
+// A test that runs in each mode of concurrency control, `c`.
+#define TEST_EACH_MODE(name)                                                                   \
+  static void name(Concurrency);                                                               \
+  static const check::Registered registered_##name(#name, [] { for_each_concurrency(name); }); \
+  static void name([[maybe_unused]] Concurrency c)
 
 }  // namespace ztf

@@ -17,6 +17,13 @@ class ThreadGroup {
     backgrounds_.emplace_back([this, body = std::move(body)] { body(stop_); });
   }
   void foreground(std::function<void()> body) { foregrounds_.emplace_back(std::move(body)); }
+  // The same in several threads: body(thread, stop) and body(thread), with 0, 1, ...
+  void background(int threads, std::function<void(int, const std::atomic<bool>&)> body) {
+    for (int i = 0; i < threads; ++i) background([i, body](const auto& stop) { body(i, stop); });
+  }
+  void foreground(int threads, std::function<void(int)> body) {
+    for (int i = 0; i < threads; ++i) foreground([i, body] { body(i); });
+  }
 
   // Waits for the foreground, then ends the background.
   void join() {

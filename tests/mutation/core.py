@@ -1,4 +1,4 @@
-"""The mutations of the core: each one is one decision that is taken otherwise.
+"""The mutations of the core: each one is one decision that is made otherwise.
 
 `old` is in the file once. `tests` are the C++ tests of the decision's subject, in the order in
 which they are asked. `survives` says of a known survivor why, or what else finds it.
@@ -185,7 +185,7 @@ MUTANTS = (
     ),
     replay(
         "new names are seen before their frames",
-        "id = table.insert_hidden(name);",
+        "id = table.insert_removed(name);",
         "id = table.insert(name);",
     ),
     replay(

@@ -14,7 +14,8 @@ namespace ztf {
 // Runs `body`; never returns if Python ends this thread in it.
 //
 // At shutdown Python ends daemon threads that take the GIL, by unwinding their stacks. nanobind
-// takes that for an exception of its own and aborts the process, so such a thread sleeps instead.
+// mistakes that for an exception of its own and aborts the process, so such a thread sleeps
+// instead.
 template <class Body>
 void block_if_thread_ends(Body&& body) {
 #if defined(__GLIBCXX__)

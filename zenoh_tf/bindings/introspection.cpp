@@ -161,7 +161,7 @@ nb::list authority_records(const Tree& tree) {
   }
   nb::list out;
   for (AuthorityId id = 1; id <= n; ++id) {
-    if (tree.forgotten(id)) continue;
+    if (tree.freed(id)) continue;
     const AuthorityCounts counts = tree.authority_counts(id);
     nb::dict record;
     record["name"] = str_of(tree.authority(id));

@@ -29,7 +29,7 @@ struct Doc {
 
 
 def signature(function: ast.FunctionDef) -> str:
-    """The function's signature on one line, as nanobind's nb::sig takes it."""
+    """The function's signature on one line, as nanobind's nb::sig expects it."""
     returns = f" -> {ast.unparse(function.returns)}" if function.returns else ""
     return f"def {function.name}({ast.unparse(function.args)}){returns}"
 

@@ -118,8 +118,8 @@ class Tree : private TreeState {
   }
   // The highest id of an authority so far. Not all below it need to be in use.
   [[nodiscard]] AuthorityId authorities() const noexcept { return TreeState::authorities.size(); }
-  [[nodiscard]] bool forgotten(AuthorityId id) const noexcept {
-    return TreeState::authorities.hidden(id);
+  [[nodiscard]] bool freed(AuthorityId id) const noexcept {
+    return TreeState::authorities.removed(id);
   }
   [[nodiscard]] AuthorityCounts authority_counts(AuthorityId id) const noexcept {
     return authority_counters.sum(id);

@@ -25,7 +25,7 @@
 //   freed    0       any name may has a new version, and no   to live by a commit of the name, with
 //                    get it       sample refers to it         another id
 // commits/remove.cpp removes names, commits/freed_names.cpp frees all removed ones at once, and
-// commits/names.hpp makes names live. Authorities are live or freed (commits/authorities.cpp).
+// commits/names.hpp makes names live. Authorities are live or freed (free_authorities())
 // Invariants
 // 1. Frames are never freed or moved: an id stays valid for the tree's life. It may pass from a
 //    freed name to a new one, which is_current() notices.
@@ -64,7 +64,7 @@ struct TreeState {
   [[nodiscard]] Version version(FrameId frame) const noexcept {
     return frames[frame].version.current();
   }
-  [[nodiscard]] bool removed(FrameId id) const noexcept { return names.hidden(id); }
+  [[nodiscard]] bool removed(FrameId id) const noexcept { return names.removed(id); }
   // Throws bad_alloc, as does authority().
   [[nodiscard]] std::string name(FrameId id) const { return names.name(id); }
   [[nodiscard]] std::string authority(AuthorityId id) const {
@@ -103,7 +103,7 @@ struct TreeState {
   TopologyIndex topology_index;  // guarded by the topology mutex
   AuthorityCounters authority_counters;
   std::atomic<bool>& ever_reparented;  // some frame once had samples of two parents
-  // Counts how often ids of removed names or forgotten authorities were freed. It is incremented
+  // Counts how often ids of removed names or authorities were freed. It is incremented
   // under the topology mutex, once no frame refers to such an id, and before any passes on. Lies
   // beside words that every lookup reads, and that hardly ever change.
   std::atomic<std::uint64_t>& ids_freed;

@@ -30,8 +30,8 @@ inline nb::list texts_of(std::span<const std::string_view> texts) {
   return out;
 }
 
-// What ChangeReplay::apply() takes: (names, authorities, kind, frame, version, parent, authority,
-// stamp, pose, lost).
+// The arguments of ChangeReplay::apply(): (names, authorities, kind, frame, version, parent,
+// authority, stamp, pose, lost).
 inline nb::object python_of(const ChangeTable& t) {
   return nb::make_tuple(texts_of(t.names), texts_of(t.authorities), kinds_of(t.kind),
                         array_of(t.frame), array_of(t.version), array_of(t.parent),
@@ -39,7 +39,7 @@ inline nb::object python_of(const ChangeTable& t) {
                         array_of(t.lost));
 }
 
-// What ChangeReplay::load() takes.
+// The arguments of ChangeReplay::load().
 inline nb::object python_of(const FrameTable& t) {
   return nb::make_tuple(texts_of(t.names), texts_of(t.authorities), array_of(t.frame),
                         array_of(t.version), array_of(t.is_static), array_of(t.authority),

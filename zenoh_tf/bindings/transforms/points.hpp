@@ -1,4 +1,4 @@
-// Arrays of points from Python, as the core's kernels take them.
+// Arrays of points from Python, as the core's kernels accept them.
 //
 // Thread safety: everything here requires the GIL, except where it says "needs no GIL".
 #pragma once

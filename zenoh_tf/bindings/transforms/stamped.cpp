@@ -18,7 +18,7 @@ bool equal(const StampedTransform& a, const StampedTransform& b) {
          a.parent_frame.equal(b.parent_frame) && a.child_frame.equal(b.child_frame);
 }
 
-// The arguments that both constructors share, as eval() takes them.
+// The arguments that both constructors share, as eval() accepts them.
 std::string repr_of_arguments(const StampedTransform& s) {
   return nb::cast<std::string>(nb::repr(s.parent_frame)) + ", " +
          nb::cast<std::string>(nb::repr(s.child_frame)) + ", stamp_ns=" + std::to_string(s.stamp) +

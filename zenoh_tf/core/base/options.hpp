@@ -24,7 +24,7 @@ struct Options {
   // The most links between a frame and its root: a commit that puts a frame deeper is rejected. It
   // also ends lookups at past times, whose links may form a loop. 0: no limit.
   std::uint32_t max_depth = 1000;
-  // If there are more, those that own no frame are forgotten, the least recently used first.
+  // If there are more, those that own no frame are freed, the least recently used first.
   std::uint16_t max_authorities = 4096;
   // Most bytes of all rings of samples; 0: no limit. A ring that is not used any more counts until
   // a frame needs one of its capacity.

@@ -98,14 +98,14 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
   const bool is_static = plan_.request().is_static;
   FrameEvents& events = tree_.events[group.child];
   Change change = Change::none;
-  const auto note = [&](std::atomic<std::uint64_t>& counter, Change what) {
+  const auto record = [&](std::atomic<std::uint64_t>& counter, Change what) {
     increment(counter);
     change = what;
   };
   const bool had_data = parent_before != 0;
   if (group.frame->authority.load(std::memory_order_relaxed) != authority) {
     if (had_data) {
-      note(events.authority_changes, Change::authority);
+      record(events.authority_changes, Change::authority);
       ++tally_.conflicts;
       tree_.event_log.add(
           {.kind = TreeEvent::Kind::conflict,
@@ -115,9 +115,9 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
     }
     group.frame->authority.store(authority, release);
   }
-  if (had_data && static_before != is_static) note(events.switched, Change::switched);
+  if (had_data && static_before != is_static) record(events.switched, Change::switched);
   if (had_data && group.new_parent != 0) {
-    note(events.reparented, Change::reparented);
+    record(events.reparented, Change::reparented);
     tree_.event_log.add({.kind = TreeEvent::Kind::reparented,
                          .frame = group.child,
                          .authority = authority,

@@ -51,4 +51,10 @@ class CommitExecution {
   CommitTally tally_;
 };
 
+// Fills the ticket's entry with one change without data for each of these frames that has a name
+// (commits/log.cpp). Requires the topology mutex and the frames' write locks, and that nothing is
+// written yet. Throws bad_alloc.
+void log_frames(const TreeState& tree, LogTicket& ticket, const WriteLocks& locks, ChangeKind kind,
+                const FrameList& frames);
+
 }  // namespace ztf

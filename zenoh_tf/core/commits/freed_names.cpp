@@ -2,10 +2,10 @@
 //
 // A removed frame keeps its id at first, so that its name can come back to it. Once a commit needs
 // more ids than are left, all removed names lose theirs at once. This may take a while, but readers
-// go on meanwhile: they wait only for frames that no name has, and for those whose past parents
+// continue meanwhile: they wait only for frames that no name has, and for those whose past parents
 // are replaced.
 //
-// Why nobody takes the next owner of an id for the last one
+// Why nobody mistakes the next owner of an id for the last one
 // 1. Data. A frame's samples, FrameEvents and the event log may hold ids of removed parents. They
 //    are replaced by 0, under the frame's write lock and with a new version, before an id passes
 //    on. A past link to such a parent then ends at its child, as if that were a root. Until the
@@ -46,7 +46,7 @@ namespace {
 // commits may take such ids away, but add none.
 bool refers_to_removed(const TreeState& tree, FrameId id) noexcept {
   const auto acquire = std::memory_order_acquire;
-  const auto is_removed = [&](FrameId other) { return other != 0 && tree.names.hidden(other); };
+  const auto is_removed = [&](FrameId other) { return other != 0 && tree.names.removed(other); };
   if (is_removed(tree.events[id].parent_before.load(acquire))) return true;
   const Frame& frame = tree.frames[id];
   // All its samples have one parent, and only a commit with the mutex adds one of another.
@@ -66,8 +66,8 @@ bool refers_to_removed(const TreeState& tree, FrameId id) noexcept {
 void forget_removed_parents(TreeState& tree, FrameId id) noexcept {
   const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
   std::atomic<FrameId>& parent_before = tree.events[id].parent_before;
-  if (tree.names.hidden(parent_before.load(relaxed))) parent_before.store(0, release);
-  const auto is_removed = [&](FrameId parent) { return tree.names.hidden(parent); };
+  if (tree.names.removed(parent_before.load(relaxed))) parent_before.store(0, release);
+  const auto is_removed = [&](FrameId parent) { return tree.names.removed(parent); };
   if (forget_parents(tree.frames[id], is_removed)) increment(tree.edits[id]);
 }
 
@@ -83,7 +83,7 @@ void list_removed_parents(const TreeState& tree, FrameId id, std::vector<FrameId
   FrameId last = 0;  // samples in a row mostly have one parent
   for (std::uint32_t i = 0; i < count; ++i) {
     const FrameId parent = ring.parent(first + i);
-    if (parent != last && parent != 0 && tree.names.hidden(parent)) parents.push_back(parent);
+    if (parent != last && parent != 0 && tree.names.removed(parent)) parents.push_back(parent);
     last = parent;
   }
   std::sort(parents.begin(), parents.end());
@@ -97,7 +97,7 @@ void log_orphans(const TreeState& tree, LogTicket& ticket, const WriteLocks& loc
   if (!ticket.wants_entry()) return;
   Version base = tree.version_base;
   for (const FrameId id : locks.frames())
-    if (tree.names.hidden(id)) base = std::max(base, locks.version_after(id));
+    if (tree.names.removed(id)) base = std::max(base, locks.version_after(id));
   struct Orphan {
     FrameId id, lost;  // lost: 0 if only the version changes
   };
@@ -110,7 +110,7 @@ void log_orphans(const TreeState& tree, LogTicket& ticket, const WriteLocks& loc
   };
   std::vector<FrameId> lost;
   for (const FrameId id : locks.frames()) {
-    if (tree.names.hidden(id)) continue;
+    if (tree.names.removed(id)) continue;
     list_removed_parents(tree, id, lost);
     if (lost.empty()) add(id, 0);
     for (const FrameId parent : lost) add(id, parent);
@@ -134,12 +134,12 @@ void log_orphans(const TreeState& tree, LogTicket& ticket, const WriteLocks& loc
 }  // namespace
 
 void free_removed_names(TreeState& tree) {
-  if (tree.names.hidden_names() == 0) return;
+  if (tree.names.removed_names() == 0) return;
   LongWait::announce();
   const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
   FrameList frames;  // those without a name, and those that refer to one
   for (FrameId id = 1; id <= tree.names.size(); ++id)
-    if (tree.names.hidden(id) || refers_to_removed(tree, id)) frames.push_back(id);
+    if (tree.names.removed(id) || refers_to_removed(tree, id)) frames.push_back(id);
   {
     LogTicket ticket(tree.change_log.get());
     WriteLocks locks(tree, frames);
@@ -149,7 +149,7 @@ void free_removed_names(TreeState& tree) {
     auto& freed = tree.totals_of_freed;
     freed.moves.fetch_add(1, std::memory_order_seq_cst);
     for (const FrameId id : frames) {
-      if (!tree.names.hidden(id)) {
+      if (!tree.names.removed(id)) {
         forget_removed_parents(tree, id);
         continue;
       }
@@ -164,7 +164,7 @@ void free_removed_names(TreeState& tree) {
       tree.names.expire_refs(id);
     }
     freed.moves.fetch_add(1, std::memory_order_seq_cst);
-    tree.event_log.forget([&](FrameId id) { return tree.names.hidden(id); });
+    tree.event_log.forget([&](FrameId id) { return tree.names.removed(id); });
     tree.ids_freed.fetch_add(1, std::memory_order_seq_cst);
     locks.release_from(tree.version_base);
     ticket.publish();
@@ -172,7 +172,46 @@ void free_removed_names(TreeState& tree) {
   // Few: no ids are freed while as many are left as the commit may need. No thread knows them.
   for (FrameId id = tree.names.size() + 1; id <= tree.names.max_size(); ++id)
     tree.frames[id].version.unlock_changed(tree.version_base - SeqLock::kIncrement);
-  tree.names.remove_hidden();
+  tree.names.free_removed();
+}
+
+// Authorities that are freed, so that others can take their places.
+//
+// All frames are locked meanwhile. A commit that has looked up an id before, and locks its frames
+// afterwards, sees that ids_freed has changed, and looks it up again. No commit
+// therefore stores the id of an authority that was freed.
+void free_authorities(TreeState& tree) {
+  FrameList all;
+  tree.list_frames(all);
+  // Readers continue, except those of a tree with one frame: its lock begins the write
+  // (commits/write_locks.hpp).
+  const WriteLocks locks(tree, all);
+
+  const auto relaxed = std::memory_order_relaxed;
+  std::vector<bool> owns(tree.authorities.size() + 1);
+  for (const FrameId id : all)
+    if (tree.frames[id].parent.load(relaxed) != 0)
+      owns[tree.frames[id].authority.load(relaxed)] = true;
+
+  std::vector<std::pair<std::uint64_t, AuthorityId>> idle;  // by last use
+  for (AuthorityId id = 1; id <= tree.authorities.size(); ++id)
+    if (!owns[id]) idle.emplace_back(tree.authority_counters.sum(id).last_used, id);
+  std::sort(idle.begin(), idle.end());
+  idle.resize(std::min<std::size_t>(idle.size(), (tree.authorities.size() + 1) / 2));
+  if (idle.empty()) return;
+
+  std::vector<bool> is_freed(tree.authorities.size() + 1);
+  for (const auto& [last_used, id] : idle) is_freed[id] = true;
+  // No word may keep an id that another authority will get.
+  for (const FrameId id : all) {
+    if (is_freed[tree.frames[id].authority.load(relaxed)])
+      tree.frames[id].authority.store(0, std::memory_order_release);
+    if (std::atomic<AuthorityId>& last = tree.events[id].change_authority;
+        is_freed[last.load(relaxed)])
+      last.store(0, std::memory_order_release);
+  }
+  tree.ids_freed.fetch_add(1, std::memory_order_seq_cst);
+  for (const auto& [last_used, id] : idle) tree.authorities.free(id);
 }
 
 }  // namespace ztf

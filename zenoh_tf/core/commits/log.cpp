@@ -3,7 +3,6 @@
 #include <vector>
 
 #include "commits/apply.hpp"
-#include "commits/log.hpp"
 
 namespace ztf {
 
@@ -32,7 +31,7 @@ void CommitExecution::log(LogTicket& ticket, const WriteLocks& locks) const {
   std::vector<std::pair<std::string, Version>> others;  // that only get a new version
   if (plan_.is_first_reparenting())
     for (const FrameId id : locks.frames())
-      if (!plan_.group_of(id) && !tree_.names.hidden(id))
+      if (!plan_.group_of(id) && !tree_.names.removed(id))
         others.emplace_back(tree_.name(id), locks.version_after(id));
 
   std::size_t changes = created.size() + others.size(), bytes = request.authority.size();

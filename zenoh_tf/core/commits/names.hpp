@@ -74,7 +74,7 @@ class CommitNames {
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
   // False if the id of a name or of the authority may have passed to another one since it was
   // found. Requires the write locks of the frames that get samples; while they are held, no id
-  // that the commit may store passes on (the invariant above, commits/authorities.cpp).
+  // that the commit may store passes on (the invariant above, commits/freed_names.cpp).
   [[nodiscard]] bool are_ids_current() const noexcept {
     return tree_.ids_freed.load(std::memory_order_acquire) == ids_freed_;
   }
@@ -106,7 +106,7 @@ class CommitNames {
     if (new_authority_)
       tree_.authority_counters.start(tree_.authorities.insert(request_.authority));
     if (!new_) return;
-    for (const FrameId id : new_->returning) tree_.names.show(id);
+    for (const FrameId id : new_->returning) tree_.names.restore(id);
     for (const auto& [id, name] : new_->created) {
       SeqLock& version = tree_.frames[id].version;
       // If the id is used for the first time, no other thread knows it, so a store suffices.
@@ -134,7 +134,7 @@ class CommitNames {
     authority_ = authorities.find(request_.authority);
     if (authority_ != 0) return true;
     if (!may_add) return false;
-    if (authorities.left() == 0) forget_authorities(tree_);
+    if (authorities.left() == 0) free_authorities(tree_);
     if (authorities.left() == 0) reject_authority(request_.authority, authorities.max_size());
     authority_ = authorities.next_id();
     new_authority_ = true;

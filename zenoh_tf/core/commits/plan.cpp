@@ -181,8 +181,8 @@ bool CommitPlan::restarts_history(const FrameWrites& group) const noexcept {
          (tree_.options.clear_on_time_jump || is_ahead_of_clock(newest, limits_.cache_ns));
 }
 
-// Notes that the rows of a group are too old, so that the next ones may confirm a time jump.
-void CommitPlan::note_late(const FrameWrites& group, Stamp newest) const noexcept {
+// Records that the rows of a group are too old, so that the next ones may confirm a time jump.
+void CommitPlan::record_late(const FrameWrites& group, Stamp newest) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
   FrameEvents& events = tree_.events[group.child];
   const Stamp stamp = writes_[group.end - 1].stamp;
@@ -226,7 +226,7 @@ void CommitPlan::decide_rows(FrameWrites& group) {
   group.wakes_all = request_.is_static || was_static || group.restarts;
   if (has_samples && !request_.is_static &&
       too_old(writes_[group.end - 1].stamp, newest, limits_.cache_ns))
-    note_late(group, newest);
+    record_late(group, newest);
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     RowWrite& write = writes_[i];
     const RowFate fate = fate_of(write, has_samples, newest, oldest);

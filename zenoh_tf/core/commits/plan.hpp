@@ -7,7 +7,8 @@
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
 // 1. After a retry all steps run again.
-// 2. Planning changes nothing that readers can see. It notes late samples (FrameEvents), also for a
+// 2. Planning changes nothing that readers can see. It records late samples (FrameEvents), also for
+// a
 //    commit that is then rejected. It changes the topology index, until undo_links().
 #pragma once
 
@@ -110,7 +111,7 @@ class CommitPlan {
   [[nodiscard]] PreparedRing& prepared_ring(const FrameWrites& group) noexcept {
     return prepared_rings_[group.ring - 1];
   }
-  // True if planning takes so long that readers should go on meanwhile.
+  // True if planning takes so long that readers should continue meanwhile.
   [[nodiscard]] bool is_long() const noexcept { return writes_.size() > kLong; }
   // How many rows are dropped because they are later than the request's max_stamp.
   [[nodiscard]] std::uint32_t from_future() const noexcept { return from_future_; }
@@ -129,7 +130,7 @@ class CommitPlan {
   void sort_rows();
   void group_rows();
   [[nodiscard]] bool restarts_history(const FrameWrites& group) const noexcept;
-  void note_late(const FrameWrites& group, Stamp newest) const noexcept;
+  void record_late(const FrameWrites& group, Stamp newest) const noexcept;
   [[nodiscard]] bool is_append(const FrameWrites& group) const noexcept;
   void decide_rows(FrameWrites& group);
   [[nodiscard]] RowFate fate_of(const RowWrite& write, bool has_samples, Stamp newest,

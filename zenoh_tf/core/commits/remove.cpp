@@ -1,9 +1,8 @@
 // The writes that drop samples or frames: clear(), reset() and remove_frame().
 #include <algorithm>
 
+#include "commits/apply.hpp"
 #include "commits/commit.hpp"
-#include "commits/log.hpp"
-#include "commits/validation.hpp"
 #include "histories/insert.hpp"
 
 namespace ztf {
@@ -60,7 +59,7 @@ void drop_frames(TreeState& tree, const FrameList& frames, std::int64_t expires_
       rings.push_back(ring);
       frame.ring.store(Ring(), std::memory_order_release);
     }
-    tree.names.hide(id);
+    tree.names.remove(id);
   }
   locks.release(frames);
   ticket.publish();

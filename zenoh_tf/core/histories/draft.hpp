@@ -4,7 +4,7 @@
 // their readers wait only while the drafts are published.
 //
 // Thread safety: one thread, the only one that writes the frame between construction and publish().
-// Readers of the frame go on until publish().
+// Readers of the frame continue until publish().
 // Invariant: the frame's own ring is only read. The first sample that is stored moves the draft to
 // a ring of its own, which nobody else knows.
 #pragma once

@@ -128,7 +128,7 @@ class HistoryCursor {
     if (history_.contains(time) &&
         (steps_ ? step_to(time, interval) : history_.find(time, interval))) [[likely]]
       return true;
-    return find_anew(time, interval);
+    return find_again(time, interval);
   }
 
  private:
@@ -141,7 +141,7 @@ class HistoryCursor {
       if (history_.find_in_slot(slot_, time, interval)) return true;
     return false;
   }
-  [[gnu::noinline]] bool find_anew(Stamp time, SampleInterval& interval) noexcept {
+  [[gnu::noinline]] bool find_again(Stamp time, SampleInterval& interval) noexcept {
     const bool found =
         find_link(frame_, history_.ring(), time, interval).status == LinkLookup::Status::ok;
     slot_ = history_.ring().index_of(*interval.older);

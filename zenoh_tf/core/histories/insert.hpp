@@ -111,14 +111,14 @@ inline bool needs_larger_ring(const Frame& frame, std::uint64_t kept, std::uint3
 }
 
 // Returns a larger ring with the frame's samples, with room for `extra` more. Requires the write
-// lock; readers may go on. Throws RingArena::Full and bad_alloc.
+// lock; readers may continue. Throws RingArena::Full and bad_alloc.
 PreparedRing grown_ring(const Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
                         RingArena& memory);
 
 // Returns a ring in which the new samples are merged with the frame's, or with none if `cleared`:
 // as if they were inserted one by one, but in one pass. Requires the write lock, new samples by
 // stamp (the last of equal ones wins), and that none is too old for the frame, nor older than all
-// samples of a full one. Readers may go on. Throws RingArena::Full and bad_alloc.
+// samples of a full one. Readers may continue. Throws RingArena::Full and bad_alloc.
 PreparedRing merged_ring(const Frame& frame, bool cleared, std::span<const NewSample> samples,
                          const HistoryLimits& limits, RingArena& memory);
 

@@ -1,8 +1,8 @@
 // The one writer of histories, for commits and for replays: how samples of one frame are stored.
 //
 // prepare_ring() makes the ring that the samples need, if any. Many late ones are merged with the
-// frame's own in one pass, while readers go on. A HistoryWriter then publishes the ring and stores
-// what it does not hold yet.
+// frame's own in one pass, while readers continue. A HistoryWriter then publishes the ring and
+// stores what it does not hold yet.
 //
 // Thread safety: as histories/insert.hpp. prepare_ring() requires the frame's write lock, or that
 // nobody else writes the tree; a HistoryWriter that readers wait, too.

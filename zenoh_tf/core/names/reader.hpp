@@ -90,17 +90,17 @@ class NameReader {
         max_names_(max_names),
         memory_(memory) {}
 
-  // Returns the name's id; 0 if there is no such name, or it is hidden.
+  // Returns the name's id; 0 if there is no such live name.
   [[nodiscard]] NameId find(std::string_view name) const noexcept { return find_ref(name).id; }
   [[nodiscard]] NameRef find_ref(std::string_view name) const noexcept {
     return find<NameEntry::kLive>(table(), hash_(name), name);
   }
-  // The same, hidden or not. Requires the mutex of the table.
+  // The same, live or removed. Requires the mutex of the table.
   [[nodiscard]] NameId find_any(std::string_view name) const noexcept {
     return find<0>(table(), hash_(name), name).id;
   }
-  // Returns whether the id has had the name of this NameRef all the time since it was found, hidden
-  // or not. One without an id is always current. If the caller has acquired anything that was
+  // Returns whether the id has had the name of this NameRef all the time since it was found, live
+  // or removed. One without an id is always current. If the caller has acquired anything that was
   // stored after another name got the id, it is not: the insertion is sequenced before that store.
   // The load is a hit, as find_ref() has compared the name in the same cache line.
   [[nodiscard]] ZTF_ALWAYS_INLINE bool is_current(NameRef ref) const noexcept {
@@ -149,7 +149,7 @@ class NameReader {
     }
     return false;
   }
-  [[nodiscard]] bool hidden(NameId id) const noexcept {
+  [[nodiscard]] bool removed(NameId id) const noexcept {
     return !(entries_[id].state.load(std::memory_order_acquire) & NameEntry::kLive);
   }
   [[nodiscard]] const NameEntry* entries() const noexcept { return entries_; }

@@ -3,7 +3,7 @@
 // It may include base, records.
 //
 // A hash table from names to dense ids, with open addressing. Ids of removed names are used again.
-// A hidden name cannot be found, but keeps its id until it is removed.
+// A name is live, removed or freed (tree_state.hpp has the table of these states).
 //
 // Thread safety: what names/reader.hpp has, from any thread, without locks. The rest from one
 // thread at a time (the tree's topology mutex).
@@ -41,9 +41,9 @@ class NameTable : private NameReader<> {
   using NameReader::find_any;
   using NameReader::find_each;
   using NameReader::find_ref;
-  using NameReader::hidden;
   using NameReader::is_current;
   using NameReader::max_size;
+  using NameReader::removed;
   using NameReader::size;
 
   // Returns the name that an id has, or had last if it was removed. Throws bad_alloc.
@@ -53,27 +53,27 @@ class NameTable : private NameReader<> {
     return text;
   }
 
-  // Hides a name, or shows it again. Both require the mutex. Both do nothing to a name that is
-  // hidden, or shown, already, and hide() does nothing to an id that has no name.
-  void hide(Id id) noexcept {
-    if (hidden(id)) return;
+  // Removes a name, which keeps its id, or makes it live again. Both require the mutex. Both do
+  // nothing to a name that is removed, or live, already, and remove() nothing to an id without one.
+  void remove(Id id) noexcept {
+    if (removed(id)) return;
     set_state(id, names_[id].state & ~NameEntry::kLive);
-    ++hidden_;
+    ++removed_;
   }
-  void show(Id id) noexcept {
-    if (!hidden(id)) return;
+  void restore(Id id) noexcept {
+    if (!removed(id)) return;
     set_state(id, names_[id].state | NameEntry::kLive);
-    --hidden_;
+    --removed_;
   }
-  // Makes all Refs of an id without a name, or with a hidden one, lose their validity, before the
-  // id passes to another name. Requires the mutex.
+  // Makes all Refs of an id without a live name lose their validity, before the id passes to
+  // another name. Requires the mutex.
   void expire_refs(Id id) noexcept { set_state(id, names_[id].state + NameEntry::kIncrement); }
-  // How many names are neither hidden nor removed. Requires the mutex.
+  // How many names are live. Requires the mutex.
   [[nodiscard]] std::size_t live_names() const noexcept {
-    return size() - free_ids_.size() - hidden_;
+    return size() - free_ids_.size() - removed_;
   }
-  // How many names are hidden. Requires the mutex.
-  [[nodiscard]] std::size_t hidden_names() const noexcept { return hidden_; }
+  // How many names are removed. Requires the mutex.
+  [[nodiscard]] std::size_t removed_names() const noexcept { return removed_; }
 
   // How many slots the table has, and how many of them are not empty. Both require the mutex.
   [[nodiscard]] std::size_t slots() const noexcept { return slots_.size(); }
@@ -104,19 +104,19 @@ class NameTable : private NameReader<> {
   // Adds a name and returns its id. Requires a new name, and that left() is not 0. Throws
   // bad_alloc, unless reserve() has made room.
   Id insert(std::string_view name) { return insert(name, NameEntry::kLive); }
-  // The same, but the name is hidden from the start: no find() ever returns it before show().
-  Id insert_hidden(std::string_view name) {
+  // The same, but the name is removed from the start: no find() returns it before restore().
+  Id insert_removed(std::string_view name) {
     const Id id = insert(name, 0);
-    ++hidden_;
+    ++removed_;
     return id;
   }
-  // Removes a name, so that another may get its id. Requires a name that is in the table. Throws
+  // Frees a name, so that another may get its id. Requires a name that is in the table. Throws
   // bad_alloc, and then changes nothing.
-  void remove(Id id) {
+  void free(Id id) {
     std::size_t i = hash_(name(id));
     free_ids_.push_back(id);
-    hide(id);
-    --hidden_;
+    remove(id);
+    --removed_;
     while (static_cast<Id>(slot(slots_, i).load(std::memory_order_relaxed)) != id) ++i;
     slot(slots_, i).store(kTombstone, std::memory_order_release);
     if (slot(slots_, i + 1).load(std::memory_order_relaxed) != 0) return;
@@ -125,11 +125,11 @@ class NameTable : private NameReader<> {
       --used_slots_;
     }
   }
-  // Removes all hidden names. Throws bad_alloc; then some may still be hidden.
-  void remove_hidden() {
+  // Frees all removed names. Throws bad_alloc; then some may still be removed.
+  void free_removed() {
     const std::vector<bool> is_free = free_ids();
     for (Id id = 1; id <= size(); ++id)
-      if (!is_free[id] && hidden(id)) remove(id);
+      if (!is_free[id] && removed(id)) free(id);
   }
 
  private:
@@ -177,7 +177,7 @@ class NameTable : private NameReader<> {
     publish(bigger);
   }
 
-  // `live`: NameEntry::kLive, or 0 for a hidden name.
+  // `live`: NameEntry::kLive, or 0 for a removed name.
   Id insert(std::string_view name, std::uint32_t live) {
     reserve(1, name.size());
     const Id id = next_id();
@@ -248,7 +248,7 @@ class NameTable : private NameReader<> {
   Region& region_;
   Slots slots_;
   std::vector<Id> free_ids_;
-  std::size_t hidden_ = 0;
+  std::size_t removed_ = 0;
   std::size_t used_slots_ = 0;              // of the last table: names and tombstones
   std::span<NameWord> free_;                // of the piece that texts are taken from
   std::array<NameWord*, 64> free_texts_{};  // by size class

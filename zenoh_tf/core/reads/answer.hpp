@@ -3,11 +3,33 @@
 // Thread safety: functions of their arguments.
 #pragma once
 
+#include <algorithm>
+#include <limits>
+
 #include "reads/query.hpp"
-#include "reads/stamp_range.hpp"
 #include "reads/walk.hpp"
 
 namespace ztf {
+
+// The oldest and the newest of some links' stamps; static links have none.
+class StampRange {
+ public:
+  void include(Stamp stamp) noexcept {
+    if (stamp == kNoStamp) return;
+    oldest_ = std::min(oldest_, stamp);
+    newest_ = std::max(newest_, stamp);
+  }
+  // True if no stamp was included; then oldest() and newest() are unspecified.
+  [[nodiscard]] bool empty() const noexcept { return newest_ == kNoStamp; }
+  [[nodiscard]] Stamp oldest() const noexcept { return oldest_; }
+  [[nodiscard]] Stamp newest() const noexcept { return newest_; }
+  // True if all included stamps are equal, or none was included.
+  [[nodiscard]] bool all_equal() const noexcept { return oldest_ >= newest_; }
+
+ private:
+  Stamp oldest_ = std::numeric_limits<Stamp>::max();
+  Stamp newest_ = kNoStamp;
+};
 
 inline Code code_of(LinkLookup::Status status) noexcept {
   switch (status) {

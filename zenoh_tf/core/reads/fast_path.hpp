@@ -7,7 +7,7 @@
 // Thread safety: any reader, under a guard of its own (reads/guards.hpp).
 #pragma once
 
-#include "reads/stamp_range.hpp"
+#include "reads/answer.hpp"
 #include "reads/walk.hpp"
 
 namespace ztf {

@@ -141,7 +141,7 @@ class ChangeLog {
   [[nodiscard]] Seq last_drawn() const noexcept { return drawn_.load(std::memory_order_acquire); }
 
   // The consumer's part.
-  // Begins, or restarts: the next entry is the first whose number is drawn after this call.
+  // Starts, or restarts: the next entry is the first whose number is drawn after this call.
   // Returns the number before it.
   Seq start() noexcept;
   // Entries are lost until the next start().

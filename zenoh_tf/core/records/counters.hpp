@@ -84,7 +84,7 @@ class AuthorityCounters {
     add(shard.conflicts, tally.conflicts);
   }
 
-  // Begins to count for a new authority, which may have the id of one that was forgotten.
+  // Begins to count for a new authority, which may have the id of one that was freed.
   void start(AuthorityId id) noexcept {
     const std::uint64_t now = now_.fetch_add(1, std::memory_order_relaxed) + 1;
     for (std::size_t i = 0; i < kShards; ++i) {

@@ -19,7 +19,7 @@ namespace ztf {
 struct TreeEvent {
   enum class Kind : std::uint8_t {
     late,        // a sample was older than the newest by more than the cache time, and not stored
-    time_jump,   // a frame's history was cleared and began again at an earlier time
+    time_jump,   // a frame's history was cleared and restarted at an earlier time
     conflict,    // a frame was taken over from another authority
     reparented,  // a frame's newest parent changed
   };

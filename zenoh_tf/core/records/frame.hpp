@@ -13,7 +13,7 @@
 // 2. A dynamic frame has `count` samples in its ring, from index `first` on, with strictly
 //    increasing stamps. `latest` and `parent` repeat the newest sample, `oldest_stamp` the oldest.
 // 3. Where `parent_changes` is 0, all samples have the parent `parent`, and the ring's own parents
-//    are meaningless. A sample that is not the newest has parent 0 if its parent was removed
+//    are unspecified. A sample that is not the newest has parent 0 if its parent was removed
 //    (commits/freed_names.cpp).
 // 4. `samples_per_ns` is 0 unless parent_changes is 0 and count at least 2.
 // 5. A frame that is not static and has count 0 has no parent: it is a root, new, or cleared.

@@ -61,7 +61,7 @@ struct alignas(128) RegionHeader {
   alignas(64) std::atomic<std::int64_t> lease_ns;
   // What walks and names rest on.
   alignas(64) std::atomic<bool> ever_reparented;  // some frame once had samples of two parents
-  // Counts how often ids of removed names or forgotten authorities were freed.
+  // Counts how often ids of removed names or authorities were freed.
   std::atomic<std::uint64_t> ids_freed;
   NameRoot names, authorities;
 };

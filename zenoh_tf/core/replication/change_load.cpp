@@ -44,7 +44,7 @@ void ChangeReplay::load_frame(const FrameColumns& frames, std::size_t i, std::si
   frame.authority.store(authority_ids_[frames.authority[i]], std::memory_order_release);
   if (frame.parent_changes.load(std::memory_order_relaxed) != 0 && count > 1)
     tree_.ever_reparented.store(true);
-  tree_.names.show(id);
+  tree_.names.restore(id);
   frame.version.unlock_changed(frames.version[i] - SeqLock::kIncrement);
   if (replaced) replaced.give_back(tree_.ring_arena);
 }

@@ -39,7 +39,7 @@ void ChangeReplay::apply(const ChangeColumns& changes, Seq last) {
   for (const std::string_view name : changes.names) list.notify_name(name);
 }
 
-// Finds the names' ids, or adds the names. A name that is added is hidden until a change says that
+// Finds the names' ids, or adds the names. A name that is added is removed until a change says that
 // its frame exists: it may be a past parent that was removed.
 void ChangeReplay::find_names(std::span<const std::string_view> names) {
   NameTable& table = tree_.names;
@@ -51,7 +51,7 @@ void ChangeReplay::find_names(std::span<const std::string_view> names) {
   ids_.clear();
   for (const std::string_view name : names) {
     FrameId id = table.find_any(name);
-    if (id == 0) id = table.insert_hidden(name);
+    if (id == 0) id = table.insert_removed(name);
     ids_.push_back(id);
   }
 }
@@ -61,7 +61,7 @@ void ChangeReplay::find_authorities(std::span<const std::string_view> authoritie
   std::size_t unknown = 0;
   for (const std::string_view name : authorities)
     if (!name.empty() && table.find(name) == 0) ++unknown;
-  if (unknown > table.left()) forget_authorities(tree_);
+  if (unknown > table.left()) free_authorities(tree_);
   authority_ids_.clear();
   for (const std::string_view name : authorities) {
     AuthorityId id = name.empty() ? 0 : table.find(name);
@@ -243,8 +243,8 @@ void ChangeReplay::write(const ChangeColumns& changes, const Target& target,
   history.finish();
 }
 
-// Returns whether the changes of a frame take so long that its readers should go on meanwhile: they
-// store many samples from nothing, or move many more than they store (should_merge()).
+// Returns whether the changes of a frame take so long that its readers should continue meanwhile:
+// they store many samples from nothing, or move many more than they store (should_merge()).
 bool ChangeReplay::needs_draft(const ChangeColumns& changes, const Target& target) const {
   constexpr std::uint32_t kFew = 16, kMoves = 4;
   if (target.samples <= kFew) return false;
@@ -324,10 +324,10 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
     }
     frame.authority.store(target.authority, release);
     if (target.is_live) {
-      tree_.names.show(target.id);
+      tree_.names.restore(target.id);
       continue;
     }
-    tree_.names.hide(target.id);
+    tree_.names.remove(target.id);
     replaced(frame.ring.load(std::memory_order_relaxed));
     frame.ring.store(Ring(), release);
   }

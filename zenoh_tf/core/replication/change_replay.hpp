@@ -23,7 +23,7 @@
 // How long readers wait: all frames of a message are locked at once. Histories that take long to
 // write are therefore written before, as drafts; short changes are made in place.
 //
-// Thread safety: one thread at a time replays. Lookups go on meanwhile, as in any tree.
+// Thread safety: one thread at a time replays. Lookups continue meanwhile, as in any tree.
 // Invariant: nobody else writes the tree. Links are not checked for cycles, since the original has
 // done that, and the index of children is not kept.
 #pragma once

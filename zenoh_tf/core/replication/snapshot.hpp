@@ -4,7 +4,7 @@
 // some instant after that commit. Replaying the change log from S on makes it the tree's state
 // (replication/change_replay.hpp).
 //
-// Thread safety: every function, from any thread. Readers and writers go on meanwhile.
+// Thread safety: every function, from any thread. Readers and writers continue meanwhile.
 // Invariant: whatever a commit up to S has done is in the snapshot, unless a later one undid it.
 // Such a commit may still be in progress. Then readers wait for its frames, and it holds the
 // topology mutex if it adds or removes names.

@@ -89,7 +89,7 @@ class SharedTree {
     if (failure.ids_freed != ids_freed_.load(std::memory_order_acquire)) name.clear();
     return name;
   }
-  [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.hidden(id); }
+  [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.removed(id); }
   [[nodiscard]] std::uint32_t size() const noexcept { return names_.size(); }
   [[nodiscard]] const Options& options() const noexcept { return region_.options(); }
 
