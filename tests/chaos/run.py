@@ -169,7 +169,7 @@ class Chaos:
     # --- servers
 
     def _start_server(self) -> None:
-        """Start a server and make its tree; both may need several tries while faults go on."""
+        """Start a server and make its tree; both may need several tries while there are faults."""
         with self.log.open("a") as log:
             command = [*self._command, "--listen", self._endpoint, *_FLAGS]
             self._server = Process(command, log)

@@ -101,7 +101,7 @@ def test_as_if_it_happened_now(run: Run, tmp_path: Path) -> None:
 
 
 def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -> None:
-    """The stamps continue after the last turn's: the tree would take no older ones."""
+    """The stamps continue after the last turn's: the tree would accept no older ones."""
     path = str(write(tmp_path / "log"))
     options = ("--connect", server.endpoint, "replay", path, "--loop", "--rate", "10")
     with forks.Popen(

@@ -125,7 +125,7 @@ def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) ->
             assert x_of(tf, "own") == 1
             assert "statics of 'urdf': announced again, but 3 left out" in server.log
             tf.set_transform(link("base", "radar", 2), authority="slam")
-        tf.reset()  # as new: the next server takes all
+        tf.reset()  # as new: the next server accepts all
         server.kill()
         server = start()
         until_informed(urdf, server)
@@ -185,7 +185,7 @@ def test_which_announcements_are_applied(server: ServerProcess, client: Transfor
     tf = client
 
     def put(*rows: StampedTransform, announce: bool = True) -> None:
-        """Put an announcement, or new transforms, and wait until the server has taken it."""
+        """Put an announcement, or new transforms, and wait until the server has it."""
         puts = sum(tf.stats()[name] for name in ("puts", "bad_puts"))
         key = keys.put("main", "urdf", static=True)
         tf._connection.session.put(key, message(rows, announce=announce))

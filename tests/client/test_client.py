@@ -346,30 +346,19 @@ def test_a_batch_that_writes_and_waits(client: TransformClient) -> None:
 
 
 def test_waiting_lookups(any_server: ServerProcess) -> None:
-    import threading  # noqa: PLC0415
-
-    with any_server.connect() as tf, any_server.connect() as other:
+    with (
+        any_server.connect() as tf,
+        any_server.connect() as other,
+        ThreadPoolExecutor(20) as pool,  # more than the server has workers
+    ):
         fill(tf)
-        answers: list[Any] = []
-        waiting = [
-            threading.Thread(
-                target=lambda row=row: answers.append(
-                    tf.lookup_transform("map", f"late{row % 4}", timeout_s=20.0)
-                )
-            )
-            for row in range(20)  # more than the server has workers
-        ]
-        for thread in waiting:
-            thread.start()
+        late = [f"late{row % 4}" for row in range(20)]
+        answers = [pool.submit(tf.lookup_transform, "map", each, timeout_s=20.0) for each in late]
         while other.stats()["waiters"] < 20:
             pass
         assert other.can_transform("map", "base")  # a worker is free
         other.set_transforms_xact([link("map", f"late{row}", 1 * S) for row in range(4)])
-        for thread in waiting:
-            thread.join(10)
-        assert sorted(answer.child_frame for answer in answers) == sorted(
-            ["late0", "late1", "late2", "late3"] * 5
-        )
+        assert [answer.result(10).child_frame for answer in answers] == late
         assert other.stats()["waiters"] == 0
         with pytest.raises(LookupException):
             tf.lookup_transform("map", "nowhere", timeout_s=0.2)
@@ -380,16 +369,12 @@ def test_waiting_lookups(any_server: ServerProcess) -> None:
 
 def test_more_waiters_than_allowed(start_server: StartServer) -> None:
     server = start_server("--limit", "waiters=1")
-    import threading  # noqa: PLC0415
-
-    with server.connect() as tf:
-        waiting = threading.Thread(target=lambda: tf.can_transform("a", "b", timeout_s=60.0))
-        waiting.start()
+    with server.connect() as tf, ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(tf.can_transform, "a", "b", timeout_s=60.0)
         while tf.stats()["waiters"] < 1:
             pass
         with pytest.raises(ServerBusy) as caught:
             tf.lookup_transform("a", "b", timeout_s=0.1)
         assert (caught.value.field, caught.value.limit) == ("waiters", 1)
         tf.set_transform(link("a", "b", 1 * S))
-        waiting.join(10)
-        assert not waiting.is_alive()
+        assert waiting.result(10)

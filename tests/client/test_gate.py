@@ -128,7 +128,7 @@ def test_a_full_gate_drops_the_new_item(tree: TransformTree) -> None:
             gate.put(number, "base", 250)
         while gate.stats()["ready"] < 3:
             time.sleep(0.005)
-        gate.put(3, "base", 250)  # those that nobody has taken count, too
+        gate.put(3, "base", 250)  # those that nobody has fetched count, too
         assert drops.reasons() == {"full": 3}
     assert drops.reasons() == {"full": 3, "closed": 3}
 

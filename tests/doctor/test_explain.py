@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -250,21 +250,19 @@ def test_it_is_of_one_instant(concurrency: Any) -> None:
     tree = TransformTree(concurrency=concurrency)
     put(tree, "map", "a", 0)
     put(tree, "map", "b", 0)
-    done = threading.Event()
 
     def write() -> None:
         for n in range(1, 3000):
             rows = [StampedTransform("map", f, NOW_NS + n, Transform()) for f in "ab"]
             tree.set_transforms_xact(rows)
-        done.set()
 
-    writer = threading.Thread(target=write)
-    writer.start()
-    while not done.is_set():
-        found = tree.explain("a", "b")
-        assert len({link.newest_stamp_ns for link in found.links}) == 1
-        assert found.possible
-    writer.join()
+    with ThreadPoolExecutor(1) as pool:
+        writing = pool.submit(write)
+        while not writing.done():
+            found = tree.explain("a", "b")
+            assert len({link.newest_stamp_ns for link in found.links}) == 1
+            assert found.possible
+        writing.result()
 
 
 @needs_recording

@@ -129,7 +129,7 @@ def play(
     tf: TransformClient, session: zenoh.Session, count: int, part: str = "first"
 ) -> tuple[int, int, int]:
     """Send messages, and wait until the server has had them. Returns how many of /tf it must have
-    taken for messages, how many attachments were bad, and how many keys."""
+    mistaken for messages, how many attachments were bad, and how many keys."""
     draw = Draw(f"{SEED} {part}")
     moving = bad_attachments = bad_keys = 0
     subscribed = [

@@ -4,8 +4,8 @@ the mirror of everything."""
 from __future__ import annotations
 
 import random
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -154,7 +154,6 @@ def test_equal_to_the_mirror_of_everything(start_server: StartServer, seed: int)
     chance = random.Random(seed)
     clients = [server.connect(20) for _ in range(2)]
     traffics = [Traffic(tf, seed + i) for i, tf in enumerate(clients)]
-    threads = [threading.Thread(target=traffic.run, args=(400,)) for traffic in traffics]
     pairs = [(chance.choice(NAMES), chance.choice(NAMES)) for _ in range(3)]
     with server.connect(20) as tf:
         mirrors = [
@@ -163,15 +162,15 @@ def test_equal_to_the_mirror_of_everything(start_server: StartServer, seed: int)
             tf.mirror([("map", name) for name in NAMES]),
         ]
         full = tf.mirror()
-        for thread in threads:
-            thread.start()
-        while any(thread.is_alive() for thread in threads):
-            for m in mirrors:
-                for a, b in pairs:
-                    m.can_transform(a, b)
-            time.sleep(0.02)
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor() as pool:
+            running = [pool.submit(traffic.run, 400) for traffic in traffics]
+            while not all(each.done() for each in running):
+                for m in mirrors:
+                    for a, b in pairs:
+                        m.can_transform(a, b)
+                time.sleep(0.02)
+        for each in running:
+            each.result()
         wait_until_quiet(tf)
         tf.set_transform(stamped("last", 1), static=True)
         stamps = np.array(sorted(set().union(*(traffic.stamps for traffic in traffics))))

@@ -18,6 +18,7 @@ from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from tests.support.raw import raw
+from tests.support.threads import together
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys
@@ -193,11 +194,7 @@ def test_transactions_lose_no_update(server: ServerProcess, client: TransformCli
         tx.set_transform(stamped("a", stamp, x))
         tx.set_transform(stamped("b", stamp, x))
 
-    running = [threading.Thread(target=increment) for _ in range(threads)]
-    for thread in running:
-        thread.start()
-    for thread in running:
-        thread.join()
+    together(*threads * [increment])
     assert client.lookup_transform("map", "b").transform.translation[0] == threads * rounds
 
 

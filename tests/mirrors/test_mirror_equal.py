@@ -3,9 +3,11 @@ the traffic, what the mirror reads are states that the server has had, in order.
 
 from __future__ import annotations
 
+import functools
 import random
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.support.concurrency import FRAME_LOCKS
+from tests.support.threads import beside, together
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Mirror, TransformClient
@@ -123,13 +126,12 @@ def test_equal_after_random_traffic(start_server: StartServer, concurrency: str)
     clients = [server.connect(20) for _ in range(3)]
     traffics = [Traffic(tf, seed + i) for i, tf in enumerate(clients)]
     early = clients[0].mirror()
-    threads = [threading.Thread(target=traffic.run, args=(500,)) for traffic in traffics]
-    for thread in threads:
-        thread.start()
-    time.sleep(0.3)
-    late = clients[1].mirror()  # its snapshot is taken while others write
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor() as pool:
+        running = [pool.submit(traffic.run, 500) for traffic in traffics]
+        time.sleep(0.3)
+        late = clients[1].mirror()  # its snapshot is taken while others write
+    for each in running:
+        each.result()
     with server.connect(20) as tf:
         wait_until_quiet(tf)
         stamps = sorted(set().union(*(traffic.stamps for traffic in traffics)))
@@ -182,40 +184,28 @@ def test_reads_are_a_prefix_in_order(server: ServerProcess) -> None:
     writers = [server.connect(20) for _ in range(2)]
     writers[0].set_transforms_xact(numbered(1))
     by_seq: dict[int, int] = {}  # the number of each commit, by its receipt
-    done = threading.Event()
     seen: list[tuple[int, int, int]] = []
-    failures: list[str] = []
 
-    def read(m: Mirror) -> None:
+    def read(m: Mirror, ending: threading.Event) -> None:
         last = 0
-        while not done.is_set():
+        while not ending.is_set():
             before = m.seq
             found = m.lookup_latest_transforms_xact([("map", name) for name in NUMBERED])
             numbers = {one.stamp_ns for one in found}
             number = found[0].stamp_ns
-            if len(numbers) != 1:
-                failures.append(f"torn: {numbers}")
-            if number < last:
-                failures.append(f"{number} after {last}")
+            assert len(numbers) == 1, "torn"
+            assert number >= last
             seen.append((before, number, m.seq))
             last = number
             time.sleep(0.0005)
 
     mirrors = [server.connect(20).mirror() for _ in range(2)]
-    readers = [threading.Thread(target=read, args=(m,)) for m in mirrors]
-    writing = [threading.Thread(target=count_up, args=(tf, by_seq)) for tf in writers]
-    for thread in (*readers, *writing):
-        thread.start()
-    for thread in writing:
-        thread.join()
-    for m in mirrors:
-        for tf in writers:
-            m.wait_for(tf.last_receipt, DEADLINE_S)
-        assert m.lookup_transform("map", "frame0").stamp_ns == max(by_seq.values())
-    done.set()
-    for thread in readers:
-        thread.join()
-    assert not failures, failures[:5]
+    with beside(*(functools.partial(read, m) for m in mirrors)):
+        together(*(functools.partial(count_up, tf, by_seq) for tf in writers))
+        for m in mirrors:
+            for tf in writers:
+                m.wait_for(tf.last_receipt, DEADLINE_S)
+            assert m.lookup_transform("map", "frame0").stamp_ns == max(by_seq.values())
     # A receipt's number is not below its commit's: what `seq` has reached must be read.
     receipts = sorted(by_seq)
     for before, number, _ in seen:

@@ -14,6 +14,7 @@ from tests.conftest import StartServer
 from tests.processes.mirror_process import MirrorProcess, versions
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
+from tests.support.threads import beside
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
@@ -31,24 +32,17 @@ def step(stamp: int) -> list[StampedTransform]:
 @contextmanager
 def load(server: ServerProcess) -> Iterator[list[int]]:
     """Commits of all frames, one after another; yields the stamps that are there."""
-    stamps: list[int] = [0]
-    ending = threading.Event()
-
-    def write(tf: TransformClient) -> None:
-        while not ending.wait(0.002):
-            tf.set_transforms_xact(step(stamps[-1] + 1))
-            stamps.append(stamps[-1] + 1)
-
     with server.connect(20) as tf:
         tf.set_transforms_xact(step(1))  # mirrors that begin from now on have it
-        stamps.append(1)
-        writer = threading.Thread(target=write, args=(tf,))
-        writer.start()
-        try:
+        stamps = [0, 1]
+
+        def write(ending: threading.Event) -> None:
+            while not ending.wait(0.002):
+                tf.set_transforms_xact(step(stamps[-1] + 1))
+                stamps.append(stamps[-1] + 1)
+
+        with beside(write):
             yield stamps
-        finally:
-            ending.set()
-            writer.join()
 
 
 def is_equal(server: ServerProcess, found: dict[str, int]) -> bool:
@@ -66,7 +60,7 @@ def check_whole(mirror: Mirror) -> int:
 
 @pytest.mark.slow
 def test_a_stopped_mirror(server: ServerProcess) -> None:
-    """Others go on meanwhile, and it is right again soon."""
+    """Others continue meanwhile, and it is right again soon."""
     with (
         load(server) as stamps,
         server.connect(20) as tf,
@@ -106,7 +100,7 @@ def test_a_mirror_behind_a_broken_link(server: ServerProcess, fault: str) -> Non
             else:
                 getattr(proxy, fault)()
             at = stamps[-1]
-            wait_until(lambda at=at: check_whole(m) > at, "it does not go on")  # type: ignore[misc]
+            wait_until(lambda at=at: check_whole(m) > at, "it does not continue")  # type: ignore[misc]
             assert m.instance == instance
         wait_until(lambda: m.age_s < 1, "it stays old")
 

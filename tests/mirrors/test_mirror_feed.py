@@ -86,7 +86,7 @@ def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCapture
         feed.wait_for_copy(10)
         assert feed.state.tree is received[2]
         assert len(set(map(id, received))) == len(received) == feed.snapshots == 3
-        wait_until(lambda: feed.state.synced, "it does not go on")
+        wait_until(lambda: feed.state.synced, "it does not continue")
         assert [record.exc_text is not None for record in caplog.records] == [True, True]
     finally:
         feed.close()

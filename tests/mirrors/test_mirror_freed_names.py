@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import random
 import threading
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.support.logged_trees import Mirror, make_tree, state
+from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import ChangeLog
 from zenoh_tf.errors import TransformException
@@ -250,14 +252,8 @@ def test_mirrors_made_beside_a_client_that_frees_names(start_server: StartServer
                 rows = [link("R", child, 30 * SECOND + i) for i in range(first, first + 1000)]
                 writer.set_transforms_xact(rows)
         for _ in range(40):
-            stop = threading.Event()
-            thread = threading.Thread(target=churn, args=(writer, stop))
-            thread.start()
-            try:
+            with beside(functools.partial(churn, writer)):
                 mirror = reader.mirror()
-            finally:
-                stop.set()
-                thread.join()
             with mirror:
                 mirror.wait_for(writer.last_receipt)
                 assert sorted(mirror.frames()) == sorted(writer.frames())

@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import TracebackType
 from typing import Any, Self
 
 from zenoh_tf import TransformException
@@ -36,12 +35,7 @@ class MirrorProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.process.send_signal(signal.SIGCONT)
         assert self.process.stdin is not None
         assert self.process.stdout is not None

@@ -11,7 +11,6 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Coroutine
-from types import TracebackType
 from typing import Any, Self
 
 _CHUNK = 1 << 16
@@ -45,12 +44,7 @@ class TcpProxy:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def delay(self, seconds: float) -> None:
@@ -66,7 +60,7 @@ class TcpProxy:
         self._call(self._flows.clear)
 
     def release(self) -> None:
-        """Forward what was held, and go on."""
+        """Forward what was held, and continue."""
         self._call(self._flows.set)
 
     def cut(self) -> None:

@@ -13,6 +13,7 @@ import zenoh
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
+from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerBusy, ServerUnavailable
@@ -200,20 +201,12 @@ def test_hello_is_served_beside_long_requests(start_server: StartServer) -> None
     server = start_server("--workers", "1")
     with server.connect(60.0) as busy_one, server.connect(60.0) as tf:
         fill(tf)
-        stop = threading.Event()
 
-        def work() -> None:
-            while not stop.is_set():
+        def work(ending: threading.Event) -> None:
+            while not ending.is_set():
                 busy_one.sample("map", "base", np.arange(100_000))
 
-        workers = [threading.Thread(target=work) for _ in range(4)]
-        for worker in workers:
-            worker.start()
-        try:
+        with beside(*4 * [work]):
             for _ in range(20):
                 tf._connection.hello(10.0)
                 assert tf.can_transform("map", "base")
-        finally:
-            stop.set()
-            for worker in workers:
-                worker.join()

@@ -1,4 +1,4 @@
-"""A server does not take a network's silence for the word that a tree is free."""
+"""A network's silence does not mean that a tree is free."""
 
 from __future__ import annotations
 

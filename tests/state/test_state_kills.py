@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import random
 import subprocess
@@ -20,6 +21,7 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from tests.support.seed import seed
+from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import LookupException, OutcomeUnknown, ServerUnavailable
 from zenoh_tf_client import TransformClient
@@ -115,15 +117,9 @@ def test_acknowledged_statics_survive_kills(start_server: StartServer, tmp_path:
         with server.connect() as tf:
             for writer in writers:
                 writer.check(tf)
-            killed = threading.Event()
-            threads = [threading.Thread(target=w.run, args=(tf, killed)) for w in writers]
-            for thread in threads:
-                thread.start()
-            time.sleep(chance.random() * 0.3)
-            server.kill()
-            killed.set()
-            for thread in threads:
-                thread.join()
+            with beside(*(functools.partial(writer.run, tf) for writer in writers)):
+                time.sleep(chance.random() * 0.3)
+                server.kill()
         if chance.random() < 0.1:
             kill_at_start(endpoint, flags, chance.random())  # while it restores
     with start_server(*flags, endpoint=endpoint).connect() as tf:

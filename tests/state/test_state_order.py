@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import random
-import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import pytest
 
 from tests.support.concurrency import CONTROLS
+from tests.support.threads import switching, together
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import NotDurable, TransformException
@@ -74,7 +74,8 @@ def test_the_file_has_what_the_tree_has(tmp_path: Path, concurrency: str) -> Non
         service = Service(tree, "main", "instance", limits, loop, state.links)
         state.links.reset(NEVER)
         seeds = range(chance + THREADS * round_, chance + THREADS * (round_ + 1))
-        together([partial(write_at_random, service, state, seed) for seed in seeds])
+        with switching(1e-6):  # so that threads meet between any two steps
+            together(*(partial(write_at_random, service, state, seed) for seed in seeds))
         expected = statics(tree)
         service.close()
         state.close()
@@ -85,19 +86,6 @@ def test_the_file_has_what_the_tree_has(tmp_path: Path, concurrency: str) -> Non
             name: (link.authority, link.stamp_ns, link.pose[0]) for name, link in stored.items()
         } == expected
     loop.close()
-
-
-def together(calls: Sequence[Callable[[], None]]) -> None:
-    threads = [threading.Thread(target=call) for call in calls]
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)  # so that threads meet between any two steps
-    try:
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(before_s)
 
 
 class OvertakenTree:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import pytest
 
 from tests.support.concurrency import CONTROLS
 from tests.support.logged_trees import FEW_FRAMES, Mirror, Writer, logged, make_tree, state
+from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
@@ -89,19 +90,10 @@ def test_the_changes_before_a_snapshot_do_no_harm() -> None:
 @pytest.mark.parametrize("concurrency", CONTROLS)
 def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> None:
     tree, log = logged(concurrency, max_frames)
-    stop = threading.Event()
-
-    def write(seed: int) -> None:
-        writer = Writer(tree, seed, visits=max_frames == FEW_FRAMES)
-        while not stop.is_set():
-            writer.write()
-
     position = log.start()
-    threads = [threading.Thread(target=write, args=(seed,)) for seed in range(3)]
-    for thread in threads:
-        thread.start()
+    writers = [Writer(tree, seed, visits=max_frames == FEW_FRAMES) for seed in range(3)]
     mirrors: list[Mirror] = []
-    try:
+    with beside(*(writer.write_until for writer in writers)):
         for _ in range(4):
             mirror = Mirror()
             _, complete = mirror.load(log, 256, lambda: None)
@@ -116,10 +108,6 @@ def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> N
                         each.replay.apply(last, *changes)
                 else:
                     log.wait(0.1)
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
     while position < log.last:
         _, position, lost, changes = log.take(1 << 14)
         assert not lost
@@ -136,27 +124,14 @@ def test_mirrors_made_while_writers_free_ids(concurrency: str) -> None:
     """They are compared at once: the samples that lose parents are soon pruned."""
     for seed in range(12):
         tree, log = logged(concurrency, FEW_FRAMES)
-        stop = threading.Event()
-
-        def write(number: int, tree: TransformTree = tree, stop: threading.Event = stop) -> None:
-            writer = Writer(tree, number, visits=True)
-            while not stop.is_set():
-                writer.write()
-
         position = log.start()
-        threads = [threading.Thread(target=write, args=(3 * seed + i,)) for i in range(3)]
-        for thread in threads:
-            thread.start()
+        writers = [Writer(tree, 3 * seed + i, visits=True) for i in range(3)]
         mirrors = []
-        try:
+        with beside(*(writer.write_until for writer in writers)):
             for _ in range(6):
                 mirror = Mirror()
                 seq, _ = mirror.load(log, 256, lambda: None)
                 mirrors.append((mirror, seq))
-        finally:
-            stop.set()
-            for thread in threads:
-                thread.join()
         while position < log.last:
             _, position, lost, changes = log.take(1)
             assert not lost
@@ -264,17 +239,13 @@ def test_a_waiting_lookup_is_woken_by_a_replay() -> None:
     tree, log = logged()
     mirror = Mirror()
     position = log.start()
-    found: list[StampedTransform] = []
-    thread = threading.Thread(
-        target=lambda: found.append(mirror.tree.lookup_transform("map", "base", timeout_s=30))
-    )
-    thread.start()
-    tree.set_transform(StampedTransform("map", "base", 7, Transform((1, 2, 3))))
-    while mirror.tree.stats()["waiters"] == 0:
-        pass
-    drain(log, mirror.replay, position)
-    thread.join(30)
-    assert [each.stamp_ns for each in found] == [7]
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(mirror.tree.lookup_transform, "map", "base", timeout_s=30)
+        tree.set_transform(StampedTransform("map", "base", 7, Transform((1, 2, 3))))
+        while mirror.tree.stats()["waiters"] == 0:
+            pass
+        drain(log, mirror.replay, position)
+        assert found.result(30).stamp_ns == 7
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import sys
 import threading
 import time
 from itertools import pairwise
@@ -24,6 +23,7 @@ from tests.support.logged_trees import (
     logged,
     state,
 )
+from tests.support.threads import beside, switching
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader
 from zenoh_tf.errors import ExtrapolationException, TransformException
@@ -304,9 +304,8 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
 
     tree.set_transforms_xact([*links(1, "a"), StampedTransform("root", "a", 1, Transform())])
     tree.set_transform(StampedTransform("root", "b", 1, Transform()), static=True)
-    ending = threading.Event()
 
-    def write() -> None:
+    def write(ending: threading.Event) -> None:
         number = 1
         while not ending.is_set():
             number += 1
@@ -320,9 +319,7 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
     reader = InterestReader(tree, [("root", "f5"), ("a", "nobody")], False)
     mirror = Mirror(max_frames=4096)
     follow(mirror, reader, begin=True)
-    writer = threading.Thread(target=write)
-    writer.start()
-    try:
+    with beside(write):
         last = 0
         seen: set[int] = set()
         end_s = time.monotonic() + 60
@@ -336,9 +333,6 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
             stamps = {state_now[name][3][-1][0] for name in linked}
             assert len(stamps) <= 1, stamps
             seen |= stamps
-    finally:
-        ending.set()
-        writer.join()
     follow(mirror, reader)
     assert mirror_state(mirror) == {name: state(tree)[name] for name in state(mirror.tree)}
 
@@ -356,19 +350,14 @@ def test_what_is_sent_beside_writers_has_a_new_number() -> None:
     reader = InterestReader(tree, [(name, "root") for name in names], False)
     mirror = Mirror(max_frames=4096)
     last = follow(mirror, reader, begin=True)
-    ending = threading.Event()
 
-    def write() -> None:
+    def write(ending: threading.Event) -> None:
         number = 0
         while not ending.is_set():
             number += 1
             tree.set_transform(link(names[number % len(names)], number), static=True)
 
-    writer = threading.Thread(target=write)
-    interval_s = sys.getswitchinterval()
-    sys.setswitchinterval(1e-5)
-    writer.start()
-    try:
+    with switching(1e-5), beside(write):
         end_s = time.monotonic() + 1
         while time.monotonic() < end_s:
             seq, _, changes, _ = reader.read(False, MANY)
@@ -376,9 +365,5 @@ def test_what_is_sent_beside_writers_has_a_new_number() -> None:
             if changes is not None:
                 mirror.replay.apply(seq, *changes)
             last = seq
-    finally:
-        ending.set()
-        writer.join()
-        sys.setswitchinterval(interval_s)
     assert follow(mirror, reader) == log.last
     assert mirror_state(mirror) == state(tree)

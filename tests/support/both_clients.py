@@ -1,6 +1,6 @@
 """Runs a module's tests over both clients: over the asynchronous one through a blocking shell.
 
-A test module takes the fixture in: ``pytestmark = pytest.mark.usefixtures("either_client")``.
+A test module uses the fixture: ``pytestmark = pytest.mark.usefixtures("either_client")``.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import asyncio
 import inspect
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 from zenoh_tf_client import (
@@ -62,13 +61,8 @@ class Blocking:
         self._thread.run(self._target.__aenter__())
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._thread.run(self._target.__aexit__(kind, error, traceback))
+    def __exit__(self, *error: object) -> None:
+        self._thread.run(self._target.__aexit__(*error))
 
     def __getattr__(self, name: str) -> Any:
         return self._shown(getattr(self._target, name))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import threading
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -146,6 +147,10 @@ class Writer:
             self._link(FRAMES[0], other)
             self.tree.remove_frame(other, subtree=True)
         self._link(FRAMES[0], visitor)
+
+    def write_until(self, ending: threading.Event) -> None:
+        while not ending.is_set():
+            self.write()
 
     def _link(self, parent: str, child: str) -> None:
         self.now += self.random.randrange(3)

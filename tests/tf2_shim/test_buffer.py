@@ -31,7 +31,7 @@ def test_a_lookup_is_a_transform_stamped(buffer: tf2.Buffer) -> None:
         "camera",
         tf2.Transform(tf2.Vector3(15.0, 0.0, 0.5), tf2.Quaternion(0.0, 0.0, 0.0, 1.0)),
     )
-    assert type(got.transform.translation.x) is float  # ROS's messages take nothing else
+    assert type(got.transform.translation.x) is float  # ROS's messages accept nothing else
 
 
 @pytest.mark.parametrize(

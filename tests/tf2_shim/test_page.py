@@ -55,7 +55,7 @@ def test_every_command_runs(shared_server: Any) -> None:
         words = shlex.split(command)[1:]
         if words[0] in ("replay", "static"):  # a recording that is not here; no arguments
             words[1:] = ["--help"]
-        if words[0] in ("echo", "monitor", "top"):  # they go on
+        if words[0] in ("echo", "monitor", "top"):  # they continue
             words += ["--count", "1"]
         done = run("-m", "zenoh_tf_tools", "--connect", shared_server.endpoint, *words)
         assert (done.returncode, done.stderr) == (0, ""), command

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.support.threads import switching
 from zenoh_tf import InvalidArgumentException, Transform
 
 Array = NDArray[np.float64]
@@ -104,12 +104,8 @@ def test_other_threads_run_meanwhile(method: str, field: str, tail: tuple[int, .
 
     thread = threading.Thread(target=other)
     thread.start()
-    interval_s = sys.getswitchinterval()
-    sys.setswitchinterval(1000.0)  # from here on no thread is asked to release the GIL
-    try:
+    with switching(1000.0):  # from here on no thread is asked to release the GIL
         go.set()
         while not ran.is_set():  # never ends if the call keeps the GIL
             bound(method)(values)
-    finally:
-        sys.setswitchinterval(interval_s)
     thread.join()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
+from tests.support.threads import beside
 from zenoh_tf import (
     BackwardExtrapolationException,
     ConnectivityException,
@@ -267,23 +268,17 @@ def test_all_poses_are_of_one_state() -> None:
         tree.set_transforms_xact(rows)
 
     shift(0)
-    stop = threading.Event()
 
-    def write() -> None:
+    def write(ending: threading.Event) -> None:
         x = 0
-        while not stop.is_set():
+        while not ending.is_set():
             shift(x := x + 1)
 
-    writer = threading.Thread(target=write)
-    writer.start()
-    try:
+    with beside(write):
         points = np.zeros((5_000, 3))
         stamps = np.linspace(0, 490 * MS, 5_000).astype(np.int64)
         for _ in range(200):
             assert not tree.deskew(points, stamps, "lidar", "map", 100 * MS).any()
-    finally:
-        stop.set()
-        writer.join()
 
 
 # --- on a connection

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable, Iterator
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import LendServer
+from tests.support.threads import beside
 from zenoh_tf import (
     ConnectivityException,
     LimitExceeded,
@@ -126,12 +128,10 @@ def test_lookups_never_find_another_names_pose() -> None:
     tree = TransformTree(max_frames=5)
     rounds = 3000
     now = 0
-    done = threading.Event()
     found = [0, 0]
-    wrong: list[str] = []
 
-    def read(reader: int) -> None:
-        while not done.is_set() or found[reader] == 0:
+    def read(reader: int, ending: threading.Event) -> None:
+        while not ending.is_set() or found[reader] == 0:
             index = now
             parent, child = f"parent {index}", f"child {index}"
             try:
@@ -145,19 +145,12 @@ def test_lookups_never_find_another_names_pose() -> None:
             except (LookupException, ConnectivityException):
                 continue
             found[reader] += 1
-            if x != index:
-                wrong.append(f"{child}: {x}")
+            assert x == index, child
 
-    threads = [threading.Thread(target=read, args=(reader,)) for reader in range(2)]
     tree.set_transform(pose("parent 0", "child 0", 1, 0.0))
-    for thread in threads:
-        thread.start()
-    for index in range(1, rounds):
-        tree.set_transform(pose(f"parent {index}", f"child {index}", 1, float(index)))
-        now = index
-        tree.remove_frame(f"parent {index - 1}", subtree=True)
-    done.set()
-    for thread in threads:
-        thread.join(60)
-    assert not wrong
+    with beside(functools.partial(read, 0), functools.partial(read, 1)):
+        for index in range(1, rounds):
+            tree.set_transform(pose(f"parent {index}", f"child {index}", 1, float(index)))
+            now = index
+            tree.remove_frame(f"parent {index - 1}", subtree=True)
     assert min(found) > 0

@@ -33,7 +33,7 @@ def test_a_closed_queue_keeps_no_tree_alive() -> None:
             set_base(tree, WANTED_NS)  # the row is in the queue
         queue.close()
         if not commits_before_close:
-            set_base(tree, WANTED_NS)  # the row is woken, but nobody will take it
+            set_base(tree, WANTED_NS)  # the row is woken, but nobody will read it
         lookups.cancel()
         alive = weakref.ref(tree)
         del lookups, tree

@@ -17,6 +17,7 @@ import pytest
 from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
 from tests.support.command_line import call, documented
+from tests.support.threads import beside
 from zenoh_tf import LookupException, StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import TransformClient
@@ -45,20 +46,16 @@ def published(server: ServerProcess) -> Iterator[TransformClient]:
     with server.connect() as tf:
         old_ns = time.time_ns() - 5 * S
         tf.set_transform(StampedTransform("base_link", "stopped", old_ns, Transform((0, 3, 0))))
-        end = threading.Event()
 
-        def publish() -> None:
+        def publish(ending: threading.Event) -> None:
             sensor = tf.broadcaster("sensor")
-            while not end.wait(0.01):
+            while not ending.wait(0.01):
                 sensor.send(StampedTransform("map", "base_link", time.time_ns(), Transform()))
 
-        thread = threading.Thread(target=publish)
-        thread.start()
-        while not tf.can_transform("map", "base_link"):
-            time.sleep(0.01)
-        yield tf
-        end.set()
-        thread.join()
+        with beside(publish):
+            while not tf.can_transform("map", "base_link"):
+                time.sleep(0.01)
+            yield tf
         tf.clear(keep_static=False)
 
 
