@@ -179,7 +179,7 @@ class _Maker:
                 self._applied[call_name] += 1
                 edits.replace(*edits.span(node), sync_texts.CALLS[call_name])
             case ast.Import(names=[ast.alias(name="asyncio")]):
-                # What of both is not used is taken out afterwards.
+                # What of both is not used is removed afterwards.
                 edits.replace(*edits.span(node), "import time")
             case ast.ImportFrom(level=level) if level:
                 start, _ = edits.span(node)

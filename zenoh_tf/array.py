@@ -45,7 +45,7 @@ class TransformArray:
     targets: Names = None
     sources: Names = None
 
-    # Without this NumPy would take `ndarray @ self` for a product of object arrays.
+    # Without this NumPy would treat `ndarray @ self` as a product of object arrays.
     __array_ufunc__ = None
 
     @property

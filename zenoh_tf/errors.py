@@ -116,6 +116,11 @@ class InvalidArgumentException(TransformException, ValueError):
     code = 4
 
 
+def must_be(field: str, expected: str, value: object) -> InvalidArgumentException:
+    """The error of an argument that is not as expected."""
+    return InvalidArgumentException(f"{field} must be {expected}, not {value!r}", field=field)
+
+
 class TimeoutException(TransformException, TimeoutError):
     """There was no answer in time. Also a TimeoutError."""
 

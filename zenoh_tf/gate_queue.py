@@ -23,10 +23,10 @@ from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import (
     BackwardExtrapolationException,
-    InvalidArgumentException,
     LookupException,
     ServiceException,
     TransformException,
+    must_be,
 )
 
 T = TypeVar("T")
@@ -103,14 +103,9 @@ class GateQueue(Generic[T]):
 
     def __init__(self, target: str, queue_size: int, timeout_s: float) -> None:
         if not isinstance(queue_size, int) or not 1 <= queue_size <= MAX_QUEUE_SIZE:
-            raise InvalidArgumentException(
-                f"queue_size must be from 1 to {MAX_QUEUE_SIZE:,}, not {queue_size!r}",
-                field="queue_size",
-            )
+            raise must_be("queue_size", f"from 1 to {MAX_QUEUE_SIZE:,}", queue_size)
         if not 0 < timeout_s <= 3600:
-            raise InvalidArgumentException(
-                f"timeout_s must be above 0 and at most 3600, not {timeout_s!r}", field="timeout_s"
-            )
+            raise must_be("timeout_s", "above 0 and at most 3600", timeout_s)
         self.target = target
         self.ready: deque[Passed[T]] = deque()
         #: Drops that are not reported yet.
@@ -132,7 +127,7 @@ class GateQueue(Generic[T]):
         return self._held
 
     def put(self, item: T, frame: str, stamp_ns: int, now_s: float) -> bool:
-        """Take an item. True: the caller has to begin a round for its frame, or `not_begun`."""
+        """Hold an item. True: the caller has to begin a round for its frame, or `not_begun`."""
         held = Held(item, frame, stamp_ns, now_s + self._timeout_s, next(self._numbers))
         if self.closed:
             self._report(held, "closed")
@@ -152,7 +147,7 @@ class GateQueue(Generic[T]):
         return False
 
     def not_begun(self, frame: str) -> None:
-        """Take back the last `put`, whose round could not begin: nobody would serve its item."""
+        """Undo the last `put`, whose round could not begin: nobody would serve its item."""
         self._end_look(frame)
         self._remove(next(reversed(self._frames[frame].values())))
 
@@ -161,7 +156,7 @@ class GateQueue(Generic[T]):
         return sorted(self._frames.get(frame, {}).values(), key=lambda held: held.stamp_ns)
 
     def looked_up(self, items: Iterable[Held[T]], answers: TransformArray) -> bool:
-        """Take the answers of a lookup of several items. False: none was found."""
+        """Apply the answers of a lookup of several items. False: none was found."""
         found = False
         for row, held in enumerate(items):
             if not answers.status[row]:
@@ -185,7 +180,7 @@ class GateQueue(Generic[T]):
             self._report(held, reason, error)
 
     def failed(self, held: Held[T], error: TransformException, *, for_good: bool) -> None:
-        """Note why an item's lookup failed. `for_good`: it can never succeed."""
+        """Record why an item's lookup failed. `for_good`: it can never succeed."""
         if held.frame in self._frames:
             self._errors[held.frame] = error
         if isinstance(error, LookupException):
@@ -272,13 +267,9 @@ def portions(items: list[Held[T]]) -> Iterable[list[Held[T]]]:
 def check_item(frame: object, stamp_ns: object) -> None:
     """Raise InvalidArgumentException for what no lookup accepts."""
     if not isinstance(frame, str) or not frame or frame.startswith("/"):
-        raise InvalidArgumentException(
-            f"frame must be the name of a frame, without '/' in front, not {frame!r}", field="frame"
-        )
+        raise must_be("frame", "the name of a frame, without '/' in front", frame)
     if not isinstance(stamp_ns, int) or not -(1 << 63) < stamp_ns < 1 << 63:
-        raise InvalidArgumentException(
-            f"stamp_ns must be an int of nanoseconds, not {stamp_ns!r}", field="stamp_ns"
-        )
+        raise must_be("stamp_ns", "an int of nanoseconds", stamp_ns)
 
 
 class FirstError:
@@ -289,7 +280,7 @@ class FirstError:
 
     def __init__(self, to: logging.Logger) -> None:
         self._log = to
-        self._is_told = False
+        self._is_logged = False
 
     @contextmanager
     def converted(self) -> Iterator[None]:
@@ -299,8 +290,8 @@ class FirstError:
         except TransformException:
             raise
         except Exception as error:
-            if not self._is_told:  # else twenty times a second
-                self._is_told = True
+            if not self._is_logged:  # else twenty times a second
+                self._is_logged = True
                 self._log.exception("a lookup of a gate has failed; the gate tries again")
             raise ServiceException(f"the lookup has failed: {error!r}") from error
 

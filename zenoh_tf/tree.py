@@ -255,7 +255,7 @@ class TransformTree(_core.Tree):
         Args:
             target: Frame to express coordinates in.
             queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has taken yet. It drops further ones as `"full"`.
+                nobody has fetched yet. It drops further ones as `"full"`.
             timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
             on_drop: Called with each item that is dropped, and the reason; see `Dropped`. On a
                 thread of the gate, or of the caller of `put` or `close`.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.errors import must_be
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,8 +73,5 @@ def interval_ns(averaging_interval_s: float) -> int:
         InvalidArgumentException: The interval is out of that range.
     """
     if not 1e-9 <= averaging_interval_s <= 1e9:
-        raise InvalidArgumentException(
-            f"averaging_interval_s must be from 1e-9 to 1e9 seconds, not {averaging_interval_s!r}",
-            field="averaging_interval_s",
-        )
+        raise must_be("averaging_interval_s", "from 1e-9 to 1e9 seconds", averaging_interval_s)
     return round(averaging_interval_s * 1e9)

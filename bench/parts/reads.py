@@ -89,7 +89,7 @@ def embedded(report: Report) -> None:
 
 
 def reads(report: Report) -> None:
-    """Microseconds a call; all ways of reading take turns, with the same answers."""
+    """Microseconds a call; all modes of reading take turns, with the same answers."""
     embedded = TransformTree()
     with (
         Server() as server,

@@ -156,7 +156,7 @@ def _waiter(server: Server) -> Iterator[Callable[[str, Callable[[zenoh.Reply], N
 
         # Lookups of clients that the server knows may wait for long.
         with client.liveliness().declare_token(keys.client("main", zid)):
-            time.sleep(0.5)  # the server takes tokens on another thread than queries
+            time.sleep(0.5)  # the server gets tokens on another thread than queries
             yield wait
 
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from zenoh_tf import Dropped
@@ -127,12 +126,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -184,7 +178,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         Args:
             target: Frame to express coordinates in.
             queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has taken yet. It drops further ones as `"full"`.
+                nobody has fetched yet. It drops further ones as `"full"`.
             timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
             on_drop: Called with each item that is dropped, and the reason; see
                 `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.

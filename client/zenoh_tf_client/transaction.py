@@ -20,7 +20,6 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Self, TypeVar
 
 import numpy as np
@@ -32,6 +31,7 @@ from zenoh_tf.errors import (
     ServerRestarted,
     ServerUnavailable,
     TransactionConflict,
+    must_be,
 )
 
 from .requests import columns, lookups, writes
@@ -83,12 +83,7 @@ class Transaction:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self.commit()
 
@@ -243,9 +238,7 @@ def repeat(
 ) -> T:
     """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:
-        raise InvalidArgumentException(
-            f"attempts must be at least 1, not {attempts}", field="attempts"
-        )
+        raise must_be("attempts", "at least 1", attempts)
     longest_s = FIRST_PAUSE_S
     attempt = 1
     while True:

@@ -21,7 +21,7 @@ from .repository import Repository, Violation
 CHECKS: tuple[Callable[[Repository], Iterator[Violation]], ...] = (
     docstrings.docstrings,
     *(source_rules.imports, source_rules.sizes, source_rules.actors, source_rules.configurations),
-    *(source_rules.functions, source_rules.words, source_rules.lock_order),
+    *(source_rules.folders, source_rules.functions, source_rules.words, source_rules.lock_order),
     *(core_rooms.core_rooms, made_files.made_files),
     *(packaging.make_targets, packaging.readme, packaging.metadata, packaging.extras),
     *(pages.links, pages.named_files, pages.architecture, pages.shown_examples),

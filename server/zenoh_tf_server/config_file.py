@@ -27,7 +27,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.errors import InvalidArgumentException, must_be
 
 from . import limit_flags
 from .security import access_rules
@@ -209,5 +209,5 @@ def _single(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any
 def _checked(flag: str, value: Any, kind: type | tuple[type, ...], meaning: str) -> Any:
     is_number_for_bool = isinstance(value, bool) and kind is not bool
     if is_number_for_bool or not isinstance(value, kind):
-        raise InvalidArgumentException(f"{flag} must be {meaning}, not {value!r}", field=flag)
+        raise must_be(flag, meaning, value)
     return value

@@ -285,7 +285,7 @@ def page() -> Iterator[str]:
     yield "their own time. If the host has no memory left for a shared tree, a write gets"
     yield "`LimitExceeded` with the field `host_memory`. Each robot of a site has a share of the"
     yield "`frames` ([federation](../how-to/federation.md#a-share-of-the-frames)), with the field"
-    yield "`max-frames`. The embedded `TransformTree` takes the first five limits as"
+    yield "`max-frames`. The embedded `TransformTree` has the first five limits as"
     yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
     yield "`max_memory_bytes`. For the last two 0 means no limit there."
     yield "What an `AsyncTransformClient` has under way is limited in the client: see"

@@ -1,6 +1,6 @@
 """What is fuzzed without a network: decoder, request handler, keys and configuration.
 
-Each target takes any bytes, and raises AssertionError if something is wrong with what came of them.
+Each target accepts any bytes, and raises AssertionError if what came of them is wrong.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the benchmark keeps, under which conditions, and what the documentation takes from it."""
+"""What the benchmark keeps, under which conditions, and what the documentation quotes of it."""
 
 from __future__ import annotations
 

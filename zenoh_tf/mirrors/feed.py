@@ -3,7 +3,7 @@
 Mirrors of clients, replicas of servers and trees of robots share it; each adds a `Source`, which
 listens and asks.
 
-One thread takes the messages from Zenoh and applies them. Zenoh's own threads only put them into a
+One thread receives the messages from Zenoh and applies them. Zenoh's threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
 Each request has a thread of its own while it is under way, so that the stream does not wait for it.
 Another thread compares the clocks, and subscribes again if the stream is silent though the server
@@ -46,7 +46,7 @@ log = logging.getLogger("zenoh_tf.mirror")
 
 #: Messages between Zenoh and the thread. A server's message has 256 kB, or one commit.
 _RING_MESSAGES: Final = 256
-#: Messages that are taken at once: a busy program lets the thread run only now and then.
+#: Messages that are applied at once: a busy program lets the thread run only now and then.
 _BATCH_MESSAGES: Final = 16
 #: A request that failed is repeated after a pause, which doubles.
 _FIRST_PAUSE_S: Final = 0.05
@@ -268,7 +268,7 @@ class MirrorFeed:
             try:
                 self._on_copy(tree, self._mirroring.instance)
             except Exception:  # the thread must not end: nobody else would make a copy
-                log.exception("internal error while a new copy was taken; it is made again")
+                log.exception("internal error while a new copy was loaded; it is loaded again")
                 self._refused = tree
                 self._mirroring.restart()  # its request waits for its turn
         return tree is not self._refused or tree is None
@@ -294,7 +294,7 @@ class MirrorFeed:
         return True
 
     def _ask(self, request: MirrorRequest) -> None:
-        """Send a request, and take its reply."""
+        """Send a request, and apply its reply."""
         is_plan = request.request_type == "snapshot" and "piece" not in request.body
         if is_plan and not self._wait_for_turn(request):
             return

@@ -1,6 +1,6 @@
 """Messages with transforms as columns: ROS 2 and ROS 1 TFMessage, Foxglove's FrameTransforms.
 
-A decoder takes the bytes of many messages and returns their rows.
+A decoder turns the bytes of many messages into their rows.
 Messages that cannot be decoded have no rows, and are counted.
 """
 

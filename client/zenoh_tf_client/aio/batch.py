@@ -8,7 +8,6 @@ camera.result(), stored.result()
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from zenoh_tf.errors import TransformException
@@ -53,12 +52,7 @@ class AsyncBatch(BatchOperations):
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, kind: object, *_: object) -> None:
         if kind is None:
             await self.send()
 

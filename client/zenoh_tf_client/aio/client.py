@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from zenoh_tf import Dropped
@@ -130,12 +129,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def close(self) -> None:
@@ -190,7 +184,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
         Args:
             target: Frame to express coordinates in.
             queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has taken yet. It drops further ones as `"full"`.
+                nobody has fetched yet. It drops further ones as `"full"`.
             timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
             on_drop: Called with each item that is dropped, and the reason; see
                 `zenoh_tf.Dropped`. On the event loop.

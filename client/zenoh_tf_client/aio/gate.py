@@ -8,7 +8,6 @@ import logging
 import threading
 import time
 from collections.abc import AsyncIterator
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 from zenoh_tf import threads
@@ -90,12 +89,7 @@ class AsyncGate:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self.close()
 
     async def __aiter__(self) -> AsyncIterator[Passed[Any]]:

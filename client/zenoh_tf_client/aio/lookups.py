@@ -81,7 +81,7 @@ class AsyncLookups:
             source: The frame whose pose is asked for.
             source_stamp_ns: The time of `source` in nanoseconds; None for the latest common time
                 of `source` and `fixed_frame`.
-            fixed_frame: The frame that is taken not to move between the two times.
+            fixed_frame: The frame that is assumed not to move between the two times.
             timeout_s: How long the server may wait for writes that make the lookup possible, in
                 seconds from 0 to 3600.
 

@@ -7,7 +7,6 @@ import contextlib
 import functools
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, TransformArray, wire
@@ -89,12 +88,7 @@ class AsyncMirror(MirrorCopy):
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def close(self) -> None:

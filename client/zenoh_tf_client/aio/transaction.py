@@ -18,7 +18,6 @@ import asyncio
 import contextlib
 import random
 from collections.abc import Awaitable, Callable, Sequence
-from types import TracebackType
 from typing import Self, TypeVar
 
 import numpy as np
@@ -30,6 +29,7 @@ from zenoh_tf.errors import (
     ServerRestarted,
     ServerUnavailable,
     TransactionConflict,
+    must_be,
 )
 
 from ..requests import columns, lookups, writes
@@ -81,12 +81,7 @@ class AsyncTransaction:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, kind: object, *_: object) -> None:
         if kind is None:
             await self.commit()
 
@@ -241,9 +236,7 @@ async def repeat(
 ) -> T:
     """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:
-        raise InvalidArgumentException(
-            f"attempts must be at least 1, not {attempts}", field="attempts"
-        )
+        raise must_be("attempts", "at least 1", attempts)
     longest_s = FIRST_PAUSE_S
     attempt = 1
     while True:

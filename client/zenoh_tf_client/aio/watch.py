@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator
-from types import TracebackType
 from typing import Self
 
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
@@ -23,7 +22,7 @@ class AsyncWatch:
     """Reports how the pose of a pair of frames changes; made by `AsyncTransformClient.watch`.
 
     The server pushes the changes into a mirror of the pair, and does its part once for all who
-    watch the same pair at the same rate. Nothing queues up: each event is made when it is taken,
+    watch the same pair at the same rate. Nothing queues up: each event is made when it is read,
     and has the newest pose. An asynchronous context manager, which closes itself at the end.
 
     Concurrency: all methods, from any task of the client's event loop. Each event goes to one of
@@ -55,12 +54,7 @@ class AsyncWatch:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def __aiter__(self) -> AsyncIterator[PoseEvent]:

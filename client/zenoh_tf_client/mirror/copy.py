@@ -7,12 +7,7 @@ import weakref
 from typing import ClassVar, Final
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf.errors import (
-    InvalidArgumentException,
-    ServerRestarted,
-    ServerUnavailable,
-    TimeoutException,
-)
+from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException, must_be
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.text import quoted
 
@@ -38,9 +33,7 @@ class MirrorCopy(MirrorReads):
     ) -> None:
         """Wait for the first copy; see `TransformClient.mirror` for the errors."""
         if not 0 < timeout_s < 1e6:
-            raise InvalidArgumentException(
-                f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
-            )
+            raise must_be("timeout_s", "positive", timeout_s)
         self._tree_name = connection.tree
         self._interest = interest
         self._current: TransformTree | None = None  # None: closed, or forked

@@ -16,6 +16,7 @@ from zenoh_tf.errors import (
     InvalidArgumentException,
     LookupException,
     TransformException,
+    must_be,
 )
 from zenoh_tf.text import quoted
 
@@ -49,10 +50,8 @@ def interest_of(
     if max_rate_hz is not None:
         rate = float(max_rate_hz)
         if not (math.isfinite(rate) and _LOWEST_HZ <= rate <= _HIGHEST_HZ):
-            raise InvalidArgumentException(
-                f"max_rate_hz must be from {_LOWEST_HZ:g} to {_HIGHEST_HZ:g}, not {max_rate_hz!r}",
-                field="max_rate_hz",
-            )
+            limits = f"from {_LOWEST_HZ:g} to {_HIGHEST_HZ:g}"
+            raise must_be("max_rate_hz", limits, max_rate_hz)
         period_ns = round(1e9 / rate)
     if max_delay_s is not None and (pairs is None or period_ns):
         raise InvalidArgumentException(
@@ -62,10 +61,7 @@ def interest_of(
         return None
     delay_s = _DELAY_S if max_delay_s is None else float(max_delay_s)
     if not 0 <= delay_s <= _LONGEST_DELAY_S:
-        raise InvalidArgumentException(
-            f"max_delay_s must be from 0 to {_LONGEST_DELAY_S:g}, not {max_delay_s!r}",
-            field="max_delay_s",
-        )
+        raise must_be("max_delay_s", f"from 0 to {_LONGEST_DELAY_S:g}", max_delay_s)
     return wire.Interest.of(pairs or (), period_ns, 0 if period_ns else round(delay_s * 1e9))
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Self
 
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
@@ -21,7 +20,7 @@ class Watch:
     """Reports how the pose of a pair of frames changes; made by `TransformClient.watch`.
 
     The server pushes the changes into a mirror of the pair, and does its part once for all who
-    watch the same pair at the same rate. Nothing queues up: each event is made when it is taken,
+    watch the same pair at the same rate. Nothing queues up: each event is made when it is read,
     and has the newest pose. A context manager, which closes itself at the end.
 
     Thread safety: all methods. Each event goes to one of the threads that wait.
@@ -48,12 +47,7 @@ class Watch:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __iter__(self) -> Iterator[PoseEvent]:

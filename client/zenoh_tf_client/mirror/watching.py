@@ -11,12 +11,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from zenoh_tf import LatestTransform, Transform
-from zenoh_tf.errors import (
-    ConnectivityException,
-    InvalidArgumentException,
-    LookupException,
-    ServerUnavailable,
-)
+from zenoh_tf.errors import ConnectivityException, LookupException, ServerUnavailable, must_be
 
 from .copy import MirrorCopy
 
@@ -60,15 +55,10 @@ class Terms:
     def __post_init__(self) -> None:
         for field in ("min_translation_m", "min_rotation_rad"):
             if not getattr(self, field) >= 0:
-                raise InvalidArgumentException(
-                    f"{field} must be 0 or more, not {getattr(self, field)!r}", field=field
-                )
+                raise must_be(field, "0 or more", getattr(self, field))
         if not _SHORTEST_S <= self.heartbeat_s <= _LONGEST_S:
-            raise InvalidArgumentException(
-                f"heartbeat_s must be from {_SHORTEST_S:g} to {_LONGEST_S:g}, not "
-                f"{self.heartbeat_s!r}",
-                field="heartbeat_s",
-            )
+            limits = f"from {_SHORTEST_S:g} to {_LONGEST_S:g}"
+            raise must_be("heartbeat_s", limits, self.heartbeat_s)
 
     def is_outside(self, last: Transform, now: Transform) -> bool:
         """Whether a pose is outside the dead-band around the last one."""

@@ -39,7 +39,7 @@ _PERIOD_S: Final = 0.2
 _QUEUED_REPORTS: Final = 64
 #: An announcement that failed is repeated after this time at most.
 _MAX_RETRY_S: Final = 5.0
-#: A message of an announcement, even if the server takes more.
+#: A message of an announcement, even if the server accepts more.
 _MESSAGE_BYTES: Final = 1 << 20
 _MESSAGE_ROWS: Final = 4096
 

@@ -72,7 +72,7 @@ def undeclare_unless_closed(undeclare: Callable[[], object], calls: SessionCalls
 def message(stampeds: Sequence[StampedTransform], *, announce: bool = False) -> bytes:
     """The bytes of one put.
 
-    Raises LimitExceeded if they are more than any server takes by default.
+    Raises LimitExceeded if they are more than any server accepts by default.
     """
     commit = columns.commit(stampeds)
     commit.announce = announce

@@ -96,7 +96,7 @@ class Buffer(WaitingLookups):
             target_time: The time of `target_frame`.
             source_frame: The frame whose pose is asked for.
             source_time: The time of `source_frame`.
-            fixed_frame: The frame that is taken not to move between the two times.
+            fixed_frame: The frame that is assumed not to move between the two times.
             timeout: How long to wait for writes that make the lookup succeed.
 
         Returns:
@@ -194,7 +194,7 @@ class Buffer(WaitingLookups):
     ) -> Any:
         """Transform a stamped message to another frame at `target_time`; see `transform`.
 
-        The message is taken not to move in `fixed_frame` between its time and `target_time`.
+        The message is assumed not to move in `fixed_frame` between its time and `target_time`.
         """
         header = object_stamped.header
         return do_transform(

@@ -8,7 +8,7 @@ from zenoh_tf import FrameInfo
 from zenoh_tf.errors import LookupException
 from zenoh_tf_client.client import TransformClient
 
-#: tf2 takes a shorter history for this long, so a single sample has a rate of 10 kHz.
+#: tf2 counts a shorter history as this long, so a single sample has a rate of 10 kHz.
 _SHORTEST_NS = 100_000
 
 

@@ -14,7 +14,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from types import TracebackType
 from typing import Any, Final, Self
 
 from zenoh_tf.errors import (
@@ -25,6 +24,7 @@ from zenoh_tf.errors import (
     ServerUnavailable,
     ServiceException,
     TransformException,
+    must_be,
 )
 from zenoh_tf_client.requests.lookups import MAY_SUCCEED_LATER
 
@@ -109,9 +109,7 @@ class TransformFilter:
         buffer_timeout: Any = None,
     ) -> None:
         if queue_size < 1:
-            raise InvalidArgumentException(
-                f"queue_size must be positive, not {queue_size!r}", field="queue_size"
-            )
+            raise must_be("queue_size", "positive", queue_size)
         wait_loop()
         self._is_single = isinstance(target_frame, str)
         self._targets = (target_frame,) if isinstance(target_frame, str) else tuple(target_frame)
@@ -136,12 +134,7 @@ class TransformFilter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def connectInput(self, input_filter: Any) -> None:

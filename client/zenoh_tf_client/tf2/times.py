@@ -1,6 +1,6 @@
 """`Time` and `Duration`: the fields of builtin_interfaces, and the arguments of rclpy.
 
-Arguments of the shim may be any object that `nanoseconds` takes, such as ROS's own times.
+Arguments of the shim may be any object that `nanoseconds` accepts, such as ROS's own times.
 """
 
 from __future__ import annotations

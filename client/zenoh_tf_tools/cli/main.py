@@ -37,9 +37,9 @@ from zenoh_tf_tools.cli.show import view as viewer
 from zenoh_tf_tools.cli.tree import doctor, explain, follow, inspect, lookups, static, write
 from zenoh_tf_tools.errors import CommandError
 
-# argparse takes "-1e-3" and "-5." for options, but "-0.001" for a number.
+# argparse reads "-1e-3" and "-5." as options, but "-0.001" as a number.
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
-# argparse takes a time such as "-1s" for an option, too.
+# argparse reads a time such as "-1s" as an option, too.
 _NEGATIVE_TIME = re.compile(r"-\.?\d[\w.]*")
 
 _EPILOG = """\
@@ -113,7 +113,7 @@ def _fail_json(code: int, kind: str, message: str, fields: dict[str, object]) ->
 
 
 def _for_argparse(given: Sequence[str]) -> list[str]:
-    """Rewrite negative numbers and times so that argparse does not take them for options."""
+    """Rewrite negative numbers and times so that argparse does not read them as options."""
     arguments: list[str] = []
     for argument in given:
         if _NEGATIVE_NUMBER.fullmatch(argument):

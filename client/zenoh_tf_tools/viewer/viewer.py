@@ -57,7 +57,7 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     Raises:
         CommandError: It cannot listen on this address.
     """
-    # viser takes the next port if one is taken, and waits for ever if none can be had.
+    # viser uses the next port if one is in use, and waits for ever if none can be had.
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:

@@ -58,7 +58,7 @@ class AuthoritySeries:
             for field, value in counts.items():
                 if FROM_AUTHORITIES[field].kind == "counter":
                     grown = value - before.get(field, 0.0)
-                    # Less than before: the authority was forgotten, and began again.
+                    # Less than before: it was freed, and its name came back.
                     _add(self._other, {field: grown if grown >= 0 else value})
                 elif field not in NOT_SUMMED:
                     _add(gauges, {field: value})

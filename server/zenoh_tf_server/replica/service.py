@@ -235,7 +235,7 @@ class _Guard(RequestGuard):
         return self._access()
 
     def check(self, request_type: str, chunk: str | None, message: wire.Message) -> None:
-        """Check a request, and take from it what it must see at least."""
+        """Check a request, and return what it must see at least."""
         if wire.LEAST_SEQ in message:
             instance, seq = (
                 wire.text(message, wire.LEAST_INSTANCE),

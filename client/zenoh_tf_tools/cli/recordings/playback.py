@@ -26,7 +26,7 @@ _MAX_WAIT_S: Final = 1e9
 class Playback:
     """Plays the messages of a recording, once or again and again.
 
-    Every turn's stamps follow those of the turn before: a tree takes no stamps that go back.
+    Every turn's stamps follow those of the turn before: a tree accepts no stamps that go back.
     """
 
     rate: float = 0.0  # times real speed; 0: without waiting

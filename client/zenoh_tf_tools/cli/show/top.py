@@ -130,7 +130,7 @@ def _table(*titles: str) -> Any:
 
 
 def _name(text: str) -> Any:
-    """A name as it is: rich would take brackets for markup."""
+    """A name as it is: rich would read brackets as markup."""
     from rich.text import Text  # noqa: PLC0415
 
     return Text(printable(text))

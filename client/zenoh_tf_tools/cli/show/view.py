@@ -69,7 +69,7 @@ def add(commands: Commands) -> None:
         default=300,
         help="most frames that are drawn (default 300); the page says how many more there are",
     )
-    add_listen(view, 8080, "if it is taken, the next free one")
+    add_listen(view, 8080, "if it is in use, the next free one")
 
 
 def _view(args: argparse.Namespace) -> int:
