@@ -11,11 +11,11 @@ from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
 from zenoh_tf.gate import Gate
+from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
 from .introspection import Introspection
 from .lookups import Lookups
-from .mirror.interest import interest_of
 from .mirror.mirror import Mirror
 from .mirror.watch import Watch
 from .mirror.watching import Terms

@@ -118,7 +118,7 @@ class Recorder:
             raise self._error
         self._writer.close()
 
-    # --- what the feed calls, under its lock; see `mirroring.Observer`
+    # --- what the feed calls, under its lock; see `mirrors.copy.Observer`
 
     def begin(self, instance: str, seq: int) -> None:
         """A new snapshot begins; one that was not complete is given up."""

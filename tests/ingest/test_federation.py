@@ -239,7 +239,7 @@ def test_a_link_names_an_endpoint_and_a_tree() -> None:
     )
     line = [word for text in texts for word in ("--mirror-of", text)]
     links = flags.parse(line).mirror_of
-    assert [(each.name, each.endpoint, each.tree, each.max_frames) for each in links] == [
+    assert [(each.name, each.endpoint, each.tree, each.share.max_frames) for each in links] == [
         ("r1", "tcp/[::1]:7447", "main", 500),
         ("r2", "tls/host:1", "a/b", None),
         ("r3", "tcp/h:1", "main", 7),

@@ -38,7 +38,8 @@ from ..errors import (
     TransformException,
 )
 from ..tree import TransformTree
-from .mirroring import MakeTree, Mirroring, MirrorRequest, Observer, make_tree
+from .copy import Observer
+from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
 from .source import Source, State
 from .stream_guard import Alarm, StreamSenders, is_ahead
 
@@ -75,6 +76,8 @@ class MirrorFeed:
         interest: wire.Interest | None = None,
         make_tree: MakeTree = make_tree,
         observer: Observer | None = None,
+        *,
+        keeps_tree: bool = True,
     ) -> None:
         """Begin to listen. Calls `on_copy` with each new copy of the tree and its instance, before
         `state` has it, and with None at the end.
@@ -87,7 +90,9 @@ class MirrorFeed:
         self.on_change: Callable[[], object] = lambda: None
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring(make_tree, interest=interest, observer=observer)
+        self._mirroring = Mirroring(
+            make_tree, interest=interest, observer=observer, keeps_tree=keeps_tree
+        )
         self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
         #: It listens no more, as it or the connection was closed.

@@ -19,8 +19,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from .. import wire
 from .._core import ChangeReplay
@@ -33,6 +32,7 @@ from ..errors import (
     TransformException,
 )
 from ..tree import TransformTree
+from .copy import Copy, Observer, Piece
 
 #: Requests for pieces that are under way at once.
 _IN_FLIGHT: Final = 2
@@ -55,26 +55,6 @@ class MirrorRequest:
     number: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    number: int
-    after: int
-    until: int
-
-
-class Observer(Protocol):
-    """Receives all that copies are made of, in order; `recorder.py` records it. Must not wait."""
-
-    def begin(self, instance: str, seq: int) -> None:
-        """A copy begins: of a server's instance, as it was after the commit `seq` or later."""
-
-    def load(self, frames: wire.Frames) -> None:
-        """Some frames of a snapshot, with their histories."""
-
-    def apply(self, message: wire.StreamMessage) -> None:
-        """Changes, after all frames of the snapshot. Some may be in the snapshot already."""
-
-
 #: Makes an empty tree with the settings of a server's, for the copy of an instance.
 MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
 
@@ -91,74 +71,6 @@ def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> Tra
     )
 
 
-class _Copy:
-    """One copy of the tree, from its snapshot on."""
-
-    def __init__(
-        self,
-        instance: str,
-        plan: wire.SnapshotPlan,
-        tree: TransformTree,
-        observer: Observer | None,
-    ) -> None:
-        self.observer = observer
-        if observer is not None:
-            observer.begin(instance, plan.seq)
-        self.instance = instance
-        self.tree = tree
-        self.replay = ChangeReplay(tree)
-        if plan.ever_reparented:
-            self.replay.set_ever_reparented()
-        self.begin = plan.seq  # a snapshot may overtake messages of up to this number
-        #: The number of the last commit that `tree` has, and of the last that it may have in part.
-        self.position = self.reach = plan.seq
-        #: Of the last reply with missed messages: the hash of each by its last number.
-        self.repeats: dict[int, int] = {}
-        self.complete_at = plan.seq
-        self.clock_ns = plan.clock_ns
-        bounds = [int(bound) for bound in plan.bounds]
-        self.pieces = deque(
-            _Piece(number, after, until) for number, (after, until) in enumerate(pairwise(bounds))
-        )
-        self.loading = len(self.pieces)  # pieces that are not loaded yet
-        if plan.changes is not None:
-            self.replay.apply(plan.seq, *plan.changes)
-
-    @property
-    def is_complete(self) -> bool:
-        return not self.loading and self.position >= self.complete_at
-
-    def load(self, piece: _Piece, loaded: wire.SnapshotPiece) -> None:
-        """Add a piece's frames; ask for its rest if it was cut short."""
-        self.replay.load(*loaded.frames)
-        if self.observer is not None:
-            self.observer.load(loaded.frames)
-        self.complete_at = max(self.complete_at, loaded.last)
-        if loaded.reached < piece.until:
-            self.pieces.append(_Piece(piece.number, max(loaded.reached, piece.after), piece.until))
-        else:
-            self.loading -= 1
-
-    def apply(self, message: wire.StreamMessage) -> None:
-        """Apply a message that begins at most one after the last one."""
-        if message.changes is not None and message.last > self.position:
-            self.reach = max(self.reach, message.last)
-            self.replay.apply(message.last, *message.changes)
-            if self.observer is not None:
-                self.observer.apply(message)
-        self.position = self.reach = max(self.position, message.last)
-        self.clock_ns = max(self.clock_ns, message.clock_ns)
-
-    def contradicts(self, message: wire.StreamMessage, data: bytes) -> bool:
-        """Whether a message cannot be of the server that the copy is of, if all others are: it
-        comes twice only if a reply with missed messages overtakes it, and then the same bytes."""
-        if not self.begin < message.first <= self.position:  # else it may have been overtaken
-            return False
-        if message.last < message.first:  # a heartbeat
-            return not self.repeats
-        return self.repeats.get(message.last) != hash(data)
-
-
 class Mirroring:
     """A copy of a server's tree, and how it is made and kept."""
 
@@ -168,16 +80,20 @@ class Mirroring:
         max_waiting_bytes: int = MAX_WAITING_BYTES,
         interest: wire.Interest | None = None,
         observer: Observer | None = None,
+        *,
+        keeps_tree: bool = True,
     ) -> None:
+        """With `keeps_tree` False, trees stay empty: what comes goes to the observer alone."""
         self._observer = observer
+        self._keeps_tree = keeps_tree
         self._make_tree = make_tree
         self._interest = interest
         self._max_waiting_bytes = max_waiting_bytes
-        self._live: _Copy | None = None  # the last complete copy
-        self._next: _Copy | None = None  # that replaces it
+        self._live: Copy | None = None  # the last complete copy
+        self._next: Copy | None = None  # that replaces it
         self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
         self._waiting_bytes = 0
-        self._requests: dict[int, _Piece | None] = {}  # under way; None: the plan, or missed ones
+        self._requests: dict[int, Piece | None] = {}  # under way; None: the plan, or missed ones
         self._number = 0
         self._wants_plan, self._wants_missed = True, False
         self._snapshots = 0
@@ -337,20 +253,22 @@ class Mirroring:
     # --- how a copy proceeds
 
     @property
-    def _copy(self) -> _Copy | None:
+    def _copy(self) -> Copy | None:
         """The copy that messages belong to."""
         return None if self._wants_plan else self._next or self._live
 
-    def _request(
-        self, request_type: str, piece: _Piece | None, body: wire.Message
-    ) -> MirrorRequest:
+    def _request(self, request_type: str, piece: Piece | None, body: wire.Message) -> MirrorRequest:
         self._number += 1
         self._requests[self._number] = piece
         return MirrorRequest(request_type, body, self._number)
 
     def _begin(self, instance: str, plan: wire.SnapshotPlan) -> None:
-        tree = self._make_tree(plan.settings, instance)
-        self._next = _Copy(instance, plan, tree, self._observer)
+        if self._keeps_tree:
+            tree = self._make_tree(plan.settings, instance)
+            replay = ChangeReplay(tree)
+        else:
+            tree, replay = TransformTree(max_frames=2), None  # the least
+        self._next = Copy(instance, plan, tree, self._observer, replay)
         self._snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]
@@ -374,7 +292,7 @@ class Mirroring:
                 copy.apply(message)
         self._wants_missed = False
 
-    def _apply(self, copy: _Copy, message: wire.StreamMessage) -> None:
+    def _apply(self, copy: Copy, message: wire.StreamMessage) -> None:
         try:
             copy.apply(message)
         except TransformException:  # the copy cannot hold it: a new one may

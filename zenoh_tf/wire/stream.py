@@ -349,7 +349,7 @@ def parse_snapshot_piece(reply: Message) -> SnapshotPiece:
             indexes(reply, "authority", frame.size, len(authorities)),
             count,
             column(reply, "stamp", I64, samples),
-            column(reply, "parent", U32, samples),
+            _parents(reply, "parent", samples, len(names)),
             column(reply, "pose", F64, samples, 7).reshape(samples, 7),
         ),
     )

@@ -8,8 +8,8 @@ from typing import Any, Self, TypeVar
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
+from zenoh_tf.mirrors.interest import interest_of
 
-from ..mirror.interest import interest_of
 from ..mirror.watching import Terms
 from ..requests.receipt import Receipt
 from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE

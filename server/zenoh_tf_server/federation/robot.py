@@ -8,7 +8,6 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import functools
 import logging
 import threading
 from collections.abc import Iterator
@@ -22,7 +21,6 @@ from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
-from zenoh_tf.mirrors.mirroring import make_tree
 
 from ..ingest.ingest import Ingest
 from ..ingest.put_queues import Put
@@ -37,7 +35,7 @@ from .settings import Link
 
 #: How long one attempt to connect may take.
 CONNECT_TIMEOUT_S: Final = 5.0
-#: A robot's server says something ten times a second.
+#: A robot's server says something ten times a second, but its state has the period's age.
 _SILENT_S: Final = 2.0
 #: The longest age that is reported.
 _MAX_AGE_S: Final = 1e9
@@ -63,6 +61,8 @@ class Robot:
         """`share`: how many frames of the tree it may have, unless its link says so."""
         self.name = link.name
         self._link = link
+        interest = link.share.interest
+        self._silent_s = _SILENT_S + (interest.period_ns / 1e9 if interest else 0.0)
         if zenoh_config.protocol(link.endpoint) not in zenoh_config.TLS_PROTOCOLS:
             credentials = replace(credentials, ca=None, certificate=None, key=None)
         self._credentials = credentials
@@ -76,8 +76,9 @@ class Robot:
         self._session: zenoh.Session | None = None
         self._feed: MirrorFeed | None = None
         # The rest is guarded by the feed's lock.
-        self._quota = FrameQuota(link.name, service.tree, link.max_frames or share)
+        self._quota = FrameQuota(link.name, service.tree, link.share.max_frames or share)
         self._rows = Rows(link.name, shared, limits.rows, self._quota, self._refuse)
+        self._copy_seq = 0  # of the last commit in the copy that began
         self._is_self = False
 
     def start(self, ingest: Ingest) -> None:
@@ -99,7 +100,7 @@ class Robot:
         feed, rows = self._feed, self._rows
         age_s = _MAX_AGE_S if feed is None else min(feed.age_s(), _MAX_AGE_S)
         return {
-            "connected": int(age_s < _SILENT_S),
+            "connected": int(age_s < self._silent_s),
             "age_s": age_s,
             "snapshots": 0 if feed is None else feed.snapshots,
             "received": rows.received,
@@ -143,9 +144,10 @@ class Robot:
         log.warning("robot %r cannot be reached yet, trying on: %s", self.name, failure)
 
     def _listen(self, session: zenoh.Session) -> None:
-        source = Upstream(session, self._link.tree, f"the server of robot {self.name!r}")
-        make = functools.partial(make_tree, max_memory_bytes=self._limits.memory)
-        feed = MirrorFeed(source, self._on_copy, make_tree=make, observer=self)
+        interest = self._link.share.interest
+        name = f"the server of robot {self.name!r}"
+        source = Upstream(session, self._link.tree, name, interest=interest)
+        feed = MirrorFeed(source, self._on_copy, interest, observer=self, keeps_tree=False)
         with self._lock:
             is_late = self._closed.is_set()
             if not is_late:
@@ -159,10 +161,11 @@ class Robot:
             if not self._closed.is_set():
                 log.warning("robot %r has not sent its tree yet, trying on: %s", self.name, error)
 
-    # --- what the feed calls, under its lock; see `mirroring.Observer`
+    # --- what the feed calls, under its lock; see `mirrors.copy.Observer`
 
     def begin(self, instance: str, seq: int) -> None:
         """A snapshot begins."""
+        self._copy_seq = seq
         self._is_self = instance == self._own_instance
         if self._is_self:
             log.error(
@@ -177,7 +180,8 @@ class Robot:
     def apply(self, message: wire.StreamMessage) -> None:
         """Queue the changes of a message."""
         if message.changes is not None:
-            self._add(self._rows.of_changes(message.changes), wait=False)
+            is_copy = message.last <= self._copy_seq  # all that there is of an interest
+            self._add(self._rows.of_changes(message.changes, is_copy=is_copy), wait=is_copy)
 
     def _refuse(self, authority: str, rows: int, error: TransformException) -> None:
         """Count and log rows of frames above the robot's quota."""

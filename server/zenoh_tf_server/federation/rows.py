@@ -60,19 +60,27 @@ class Rows:
     def of_frames(self, frames: wire.Frames) -> Iterator[Put]:
         """Puts of frames with their histories, many frames in each. If one is refused, its frames
         are committed one by one: so one that cannot be stored here keeps no other one back."""
-        samples = self._renamed(wire.samples_of_frames(frames))
-        chosen = self._chosen(samples)
-        # Stable: a frame's rows stay together.
-        order = np.lexsort((samples.static[chosen], samples.authority[chosen]))
-        yield from self._puts(samples, chosen[order], each_frame=True)
+        yield from self._of_copy(self._renamed(wire.samples_of_frames(frames)))
 
-    def of_changes(self, changes: wire.Changes) -> Iterator[Put]:
-        """Puts of a message of the stream: what each authority has committed."""
+    def of_changes(self, changes: wire.Changes, *, is_copy: bool = False) -> Iterator[Put]:
+        """Puts of a message of the stream: what each authority has committed; with `is_copy`, all
+        that there is of an interest, as `of_frames`."""
         self.removals += int(np.isin(changes[2], (CLEARED, REMOVED)).sum())
         samples = self._renamed(wire.samples_of_changes(changes))
+        if is_copy:
+            yield from self._of_copy(samples)
+            return
         chosen = self._chosen(samples)
         order = np.argsort(samples.authority[chosen], kind="stable")
         yield from self._puts(samples, chosen[order], each_frame=False)
+
+    def _of_copy(self, samples: wire.Samples) -> Iterator[Put]:
+        chosen = self._chosen(samples)
+        # Stable: a frame's rows stay together, and in order.
+        order = np.lexsort(
+            (samples.child[chosen], samples.static[chosen], samples.authority[chosen])
+        )
+        yield from self._puts(samples, chosen[order], each_frame=True)
 
     def _renamed(self, samples: wire.Samples) -> wire.Samples:
         return samples._replace(names=self._rename(samples.names))

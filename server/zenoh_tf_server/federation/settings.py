@@ -6,28 +6,43 @@ import argparse
 import re
 from collections import Counter
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
+from zenoh_tf import wire
 from zenoh_tf._net import keys, zenoh_config
-from zenoh_tf.errors import TransformException
+from zenoh_tf.errors import InvalidArgumentException, TransformException
+from zenoh_tf.mirrors.interest import HIGHEST_HZ, LOWEST_HZ, interest_of
 from zenoh_tf.text import quoted
-from zenoh_tf.text.flag_values import frames
+from zenoh_tf.text.flag_values import frames, number, whole
 
+#: Also where a tree is named, a comma begins an option.
 _LINK: Final = re.compile(
     r"(?P<name>[^/:=,\x00-\x20\x7f]+)="
-    r"(?P<endpoint>[a-z]+/(?:\[[^\]/]*\]|[^/:\[\]]+):[0-9]+)(?:/(?P<tree>.+?))?"
-    r"(?:,max-frames=(?P<max_frames>[1-9][0-9]{0,8}))?"
+    r"(?P<endpoint>[a-z]+/(?:\[[^\]/]*\]|[^/:\[\]]+):[0-9]+)(?:/(?P<tree>[^,]+))?"
+    r"(?P<options>(?:,[^,=]+=[^,]*)*)"
 )
+#: A robot has at most so many frames.
+_MAX_FRAMES: Final = 10**9 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """What a robot's tree may be here, and what of it is taken: ``max-frames=N,frames=A:B,rate=HZ``
+    behind a comma."""
+
+    max_frames: int | None = None  # that it may have here; None: an equal share
+    interest: wire.Interest | None = None  # which of its frames, and how often; None: everything
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A robot's tree: ``NAME=ENDPOINT/TREE,max-frames=N``."""
+    """A robot's tree: ``NAME=ENDPOINT/TREE``, and its share."""
 
     name: str  # also the prefix of its frames, and of its authorities
     endpoint: str
     tree: str
-    max_frames: int | None = None  # that it may have here; None: an equal share
+    share: Share = Share()
 
 
 @dataclass(frozen=True)
@@ -48,7 +63,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="LINK",
         help="ingest what is committed to a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE or "
-        "NAME=ENDPOINT, with ,max-frames=N for its share of the frames; repeatable",
+        "NAME=ENDPOINT, with ,frames=map:base_link for the paths between these frames only, "
+        ",rate=10 for the newest samples at that many Hz, and ,max-frames=N for its share of the "
+        "frames; repeatable",
     )
     group.add_argument(
         "--mirror-shared",
@@ -81,16 +98,53 @@ def _link(text: str) -> Link:
     match = _LINK.fullmatch(text)
     if match is None:
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE or ...,max-frames=N, as in "
-            "robot1=tcp/10.0.0.1:7447/main; a name has no '/', ':', '=', ',' or space"
+            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE or ...,OPTION=VALUE, as in "
+            "robot1=tcp/10.0.0.1:7447/main,frames=map:base_link,rate=10; a name has no '/', ':', "
+            "'=', ',' or space"
         )
-    most = match["max_frames"]
-    link = Link(
-        match["name"], match["endpoint"], match["tree"] or "main", int(most) if most else None
-    )
     try:
+        link = Link(
+            match["name"], match["endpoint"], match["tree"] or "main", _share(match["options"])
+        )
         zenoh_config.check_endpoint(link.endpoint)
         keys.server(link.tree, "")
-    except TransformException as error:
+    except (TransformException, argparse.ArgumentTypeError) as error:
         raise argparse.ArgumentTypeError(f"{quoted(text)}: {error}") from error
     return link
+
+
+def _share(options: str) -> Share:
+    """The share that options say, each behind a comma.
+
+    Raises:
+        InvalidArgumentException: One is wrong; `field` is its name.
+    """
+    values: dict[str, str] = {}
+    for option in options.split(",")[1:]:
+        field, _, value = option.partition("=")
+        if field not in ("frames", "rate", "max-frames"):
+            raise InvalidArgumentException(
+                f"unknown option {quoted(field)}: use frames, rate or max-frames", field=field
+            )
+        if field in values:
+            raise InvalidArgumentException(f"{field} is given twice", field=field)
+        values[field] = value
+    try:
+        field = "max-frames"
+        most = whole(1, _MAX_FRAMES)(values[field]) if field in values else None
+        field = "rate"
+        rate = number(LOWEST_HZ, HIGHEST_HZ)(values[field]) if field in values else None
+    except argparse.ArgumentTypeError as error:
+        raise InvalidArgumentException(f"{field}: {error}", field=field) from error
+    pairs = None
+    if "frames" in values:
+        names = values["frames"].split(":")
+        if len(names) < 2 or not all(names):
+            raise InvalidArgumentException(
+                f"frames: {quoted(values['frames'])} is not a list of two or more frames, as in "
+                "map:base_link",
+                field="frames",
+            )
+        # In a tree, the paths between neighbours in the list join all of them.
+        pairs = list(pairwise(names))
+    return Share(most, interest_of(pairs, None, rate))

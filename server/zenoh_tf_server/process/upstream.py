@@ -38,11 +38,13 @@ class Upstream:
         tree: str,
         name: str | None = None,
         user: str | None = None,
+        interest: wire.Interest | None = None,
     ) -> None:
         """Say to the primary that its client is there. `name`: what messages call it. `user`: as
-        whom the session connects."""
+        whom the session connects. `interest`: whose stream is followed; None: everything."""
         self._session = session
         self._tree = tree
+        self._stream = keys.streams(tree, interest.id if interest else "")
         own_id = str(session.zid())
         self._calls: AbstractContextManager[None] = contextlib.nullcontext()
         self._queries = Queries(
@@ -92,7 +94,7 @@ class Upstream:
 
     def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
         """Listen to the stream; see `Source`."""
-        return self._session.declare_subscriber(keys.streams(self._tree), channel)
+        return self._session.declare_subscriber(self._stream, channel)
 
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
         """Undeclare a subscriber; see `Source`."""
