@@ -47,8 +47,8 @@ LONG_FUNCTIONS = {
     "tests/core/records/test_history.cpp",
 }
 TREE = "zenoh_tf/core/tree_state.hpp"
-#: peer.py and ros2_robot.py stand for programs that share no code with this project.
-OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "ros2_robot.py")
+#: The last three stand for programs that share no code with this project.
+OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "protocol_client.py", "ros2_robot.py")
 #: Words of our own, with the field's. Only those that no sentence needs.
 PLAIN = {
     r"told|tells": "sent, reported, returned, published",
